@@ -24,10 +24,10 @@ from twin.core.errors import TwinError
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command and return its exit code."""
     if argv is None and sys.getfilesystemencoding() == "ascii":
-        # LC_ALL=C with PYTHONUTF8=0: USD and mesh libraries could not read such file names.
+        # With LC_ALL=C and PYTHONUTF8=0, USD and mesh libraries cannot read file names that are not ASCII.
         os.execv(sys.executable, [sys.executable, "-X", "utf8", *sys.orig_argv[1:]])
     argv = sys.argv[1:] if argv is None else list(argv)
-    for stream in (sys.stdout, sys.stderr):  # characters that a terminal lacks become question marks
+    for stream in (sys.stdout, sys.stderr):  # print a question mark for unsupported characters
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")
     if not argv:  # no command: print the help, and exit as wrong usage
@@ -38,12 +38,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     except UsageError as error:
         print(error.usage, end="", file=sys.stderr)
         return _failed("usage", str(error), "--json" in argv)
-    # All matrices are small, so that threads of the linear algebra library only slow each other down.
+    # All matrices are small: several threads of the linear algebra library would be slower than one.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    # Child processes must not import a `numpy.py` that is beside a downloaded robot.
+    # Child processes must not import modules (such as a file `numpy.py`) from the folder of a downloaded robot.
     os.environ["PYTHONSAFEPATH"] = "1"
     logging.basicConfig(level=logging.WARNING, format="%(levelname)s: %(message)s")
-    # A note on stderr that a robot's code is run is always printed, also with --quiet and --json.
+    # The note on stderr that a robot's code is executed is always printed, also with --quiet and --json.
     logging.getLogger("twin.robots").setLevel(logging.INFO)
     if args.no_code:
         from twin.robots import NO_CODE
@@ -55,7 +55,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         _settle(args)
         scene.refuse(args)
         code = int(commands.COMMANDS[args.command](args))
-        sys.stdout.flush()  # a broken pipe can still be handled here
+        sys.stdout.flush()  # raises a broken pipe here, where it is handled
         return code
     except TwinError as error:
         if args.debug:
@@ -64,7 +64,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("twin: interrupted", file=sys.stderr)
         return 130
-    except BrokenPipeError:  # the reader of a pipe has seen enough
+    except BrokenPipeError:  # the reader has closed the pipe
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 2
     except Exception as error:
@@ -91,7 +91,7 @@ def _settle(args: argparse.Namespace) -> None:
 
 
 def _failed(kind: str, message: str, as_json: bool) -> int:
-    """Report an error because of which nothing could be checked; return exit code 2."""
+    """Print an error that prevented the check; return exit code 2."""
     if as_json:
         finding = findings.error("error." + kind.removesuffix("Error").lower(), "", message).as_dict()
         out = {"verdict": "unchecked", "error": kind, "message": message, "residuals": [], "findings": [finding]}

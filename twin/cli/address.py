@@ -1,4 +1,4 @@
-"""Address of a server: find a free port, and print the address with its token on the terminal."""
+"""Find a free port for a server, and print the server's address with its token on the terminal."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from twin.core.extras import require
 
 
 def free_port(host: str, port: int) -> int:
-    """Return the port if it is free; for 0 return any free port.
+    """Return the given port if it is free; for 0, return any free port.
 
     Raises:
         TwinError: the port is in use (the message names a free port), or the host is not this machine.
@@ -32,11 +32,11 @@ def free_port(host: str, port: int) -> int:
 
 
 class Address:
-    """The address of a page, as the terminal shows it.
+    """The address of a page, as printed on the terminal.
 
     Attributes:
-        url: for a browser on this machine, or in the network if the server is open to it.
-        title: of the robot or scene that is served.
+        url: address for a browser on this machine or, if the server is open to the network, on another machine.
+        title: title of the served robot or scene.
         advice: text printed if the server is open to the network.
     """
 
@@ -48,7 +48,7 @@ class Address:
         self._first = True
 
     def say(self, token: str) -> None:
-        """Print the address; if it has a token, which is valid for one device, also as a QR code."""
+        """Print the address; if there is a token (valid for one device), also print a QR code."""
         if not token:
             print(f"{self.title}: {self.url}   (Ctrl-C ends it)", flush=True)
             return
@@ -62,7 +62,7 @@ class Address:
         self._first = False
         try:
             require("segno", "a QR code").make(url, error="m").terminal(compact=True)
-        except TwinError as error:  # without the package only the address is printed
+        except TwinError as error:  # without the package for QR codes, only the address is printed
             print(f"  {error}")
         print(f"  {url}", flush=True)
 
@@ -71,7 +71,7 @@ def _reachable() -> str:
     """Return the IP address of this machine in its network."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as s:
         try:
-            s.connect(("192.0.2.1", 9))  # an address for documentation: nothing is sent, only a route is chosen
+            s.connect(("192.0.2.1", 9))  # reserved address: nothing is sent, but the route shows our own address
             return str(s.getsockname()[0])
         except OSError:
             return socket.gethostname()

@@ -22,7 +22,7 @@ def list_robots(args: argparse.Namespace) -> int:
 
 
 def info(args: argparse.Namespace) -> int:
-    """Print joints, limits, frames, degrees of freedom and parameters; of a scene its robots."""
+    """Print joints, limits, frames, degrees of freedom and parameters of a robot, or the robots of a scene."""
     if (file := assets.scene_file(args.robot)) is not None:
         if args.inertia:
             raise TwinError(f"--inertia checks one robot, but {args.robot} is a scene")
@@ -132,7 +132,7 @@ def run(args: argparse.Namespace) -> int:
     for folder in ("usd", *(robot.protocol(p).name for p in chosen)):
         assets.require_writable(root / folder)
     reports, cures = [], Cures(robot)
-    # A stage and the reports on it belong together: they appear in one step.
+    # The stage and its reports must match: they replace earlier files in one step.
     with show.progress(args.quiet or args.json) as progress, assets.atomic_folder(root) as work:
         robot = robot.weighed()
         stage = api.build(robot, work / "usd", protocols=chosen, progress=progress)[0]
@@ -158,12 +158,12 @@ def _protocols(robot: api.Robot, args: argparse.Namespace) -> tuple[str, ...]:
     else:
         chosen = (args.protocol or robot.source.description.default_protocol,)
     for name in chosen:
-        robot.protocol(name)  # invalid values are reported before anything is computed or written
+        robot.protocol(name)  # report invalid values before computing and writing
     return chosen
 
 
 def _variants(robot: api.Robot, texts: Sequence[str]) -> list[dict[str, str] | None]:
-    """Return the variants of the equations to validate; each gets a report."""
+    """Return the variants of the equations to validate, with a report for each."""
     chosen = asked(texts)
     if chosen is None:
         return [None]

@@ -1,4 +1,4 @@
-"""Search for the fix of a disagreement by `explain`, for a few seconds."""
+"""Search for a few seconds for the edit that fixes a disagreement, as in `twin explain`."""
 
 from __future__ import annotations
 
@@ -18,32 +18,34 @@ if TYPE_CHECKING:
 SECONDS = 5.0
 """Time limit in s of the search for a fix; `twin explain` can search longer.
 
-It counts processor time of this thread, so that the result does not depend on the load of the machine; the elapsed time
-is limited to `_PATIENCE` times as much.
+The limit applies to the processor time of this thread, so that the result does not depend on the load of the machine;
+the elapsed time is limited to `_PATIENCE` times this limit.
 """
 
 _PATIENCE = 3.0
 
 _PAIRS = 0.4
-"""Part of that time in s for the search for two edits in one row (one equation compared with the mechanism); the rest
-is for poses, single edits and numbers."""
+"""Part of `SECONDS` for the search for two edits in one row (one equation compared with the mechanism).
+
+The rest of the time is for poses, single edits and numbers.
+"""
 
 Progress = Callable[[str, float], None]
 
 
 class _LateError(BaseException):
-    """Raised to stop a search; a `BaseException`, so that the search does not treat it as an error of an edit."""
+    """Exception that stops a search; a `BaseException`, so that the search does not treat it as an error of an edit."""
 
 
 class Cures:
-    """Fixes of one robot, cached because they do not depend on the protocol."""
+    """Cache of the fixes of a robot, which do not depend on the protocol."""
 
     def __init__(self, robot: api.Robot, seconds: float = SECONDS) -> None:
         self.robot, self.seconds = robot, seconds
         self._known: dict[tuple[object, ...], str] = {}
 
     def of(self, report: Report, protocol: str | Path | None, progress: Progress) -> Report:
-        """Return the report on a protocol, with a fix added if its first cause is in the equations and one is found."""
+        """Return the report on a protocol, with a fix if one is found and the first cause is in the equations."""
         causes = report.causes
         if not causes or causes[0].side != "equations" or causes[0].head.severity != "disagreement":
             return report
@@ -77,7 +79,7 @@ class Cures:
                 budget=_PAIRS * self.seconds,
                 root=Path.cwd(),
             )
-        except (_LateError, TwinError):  # the report is valid even if it cannot be explained
+        except (_LateError, TwinError):  # the report is valid without an explanation
             return ""
         return text(found, report.commands.get("explain", ""))
 
@@ -93,7 +95,7 @@ def tolerance(report: Report) -> tuple[float, float]:
 
 
 def text(found: Explanation, command: str) -> str:
-    """Return the fix of the disagreeing rows (equations compared with the mechanism) in one line, or ""."""
+    """Return the fix of the disagreeing rows (equations compared with the mechanism) in one line; "" without a fix."""
     parts = [*_edits(found, command), *_numbers(found), *dict.fromkeys(c.message for c in found.conventions)]
     if not parts:
         return ""
@@ -102,7 +104,7 @@ def text(found: Explanation, command: str) -> str:
 
 
 def _edits(found: Explanation, command: str) -> list[str]:
-    """Return the edits as text: an edit of several rows once; of equivalent edits only the first."""
+    """Return texts on the edits; an edit of several rows is listed once, and only the first of equivalent edits."""
     rows: dict[tuple[str, ...], list[str]] = {}
     lines: dict[tuple[str, ...], set[int]] = {}
     tied: set[tuple[str, ...]] = set()

@@ -1,4 +1,4 @@
-"""`twin export`: write files for headsets, game engines and simulators, and check them by independent readers."""
+"""`twin export`: write files for headsets, game engines and simulators, and check them with independent readers."""
 
 from __future__ import annotations
 

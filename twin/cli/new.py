@@ -1,4 +1,4 @@
-"""`twin new`: make a robot folder from a description in another format, or from CAD only."""
+"""`twin new`: create a robot folder from a description in another format, or only from CAD."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from twin.core.errors import TwinError
 from twin.core.findings import Finding
 
 _SHOWN = 3
-"""Maximum number of printed findings of one kind; the notes contain all."""
+"""Maximum number of printed findings of one kind; the notes contain all findings."""
 
 
 def new(args: argparse.Namespace) -> int:

@@ -1,4 +1,4 @@
-"""`twin operate`: simulate an operator (handle, clutch pedal), measured like the users of a study."""
+"""`twin operate`: simulate an operator (handle, clutch pedal), with the same measures as in a user study."""
 
 from __future__ import annotations
 

@@ -39,7 +39,7 @@ class UsageError(Exception):
 
 
 class _Help(argparse.RawDescriptionHelpFormatter):
-    """Help formatter with room for the longest command; argparse ignores the indentation of commands."""
+    """Help formatter with enough width for the longest command; argparse does not account for their indentation."""
 
     def __init__(self, *args: Any, **more: Any) -> None:
         super().__init__(*args, **more)
@@ -55,7 +55,7 @@ class _Parser(argparse.ArgumentParser):
 
 
 def _port(text: str) -> int:
-    """Return the port number in a text."""
+    """Convert a text to a port number."""
     if not re.fullmatch(r"[0-9]+", text) or int(text) > 65535:
         raise argparse.ArgumentTypeError(f"{text} is not a port: give 0 to 65535; 0 chooses a free port")
     return int(text)

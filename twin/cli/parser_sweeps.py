@@ -14,9 +14,9 @@ def add_sweeps(
     """Add the commands to the parser.
 
     Args:
-        add: function that makes a command from its name, help and examples.
-        robot: function that adds the argument for a robot.
-        out: function that adds the option for a folder, with its default.
+        add: function that creates a command from its name, help and examples.
+        robot: function that adds the argument for the robot.
+        out: function that adds the option for the output folder, with its default.
     """
     sub = add(
         "workspace",
@@ -135,7 +135,7 @@ def _scheduler(sub: argparse.ArgumentParser) -> None:
 
 
 def _count(text: str) -> int:
-    """Return the whole number in a text, which may have the form 1e7."""
+    """Convert a text, such as 1000 or 1e7, to a whole number."""
     value = float(text)
     if value != round(value):
         raise ValueError

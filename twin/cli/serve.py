@@ -40,7 +40,7 @@ def serve(args: argparse.Namespace) -> int:
 
 
 def _what(args: argparse.Namespace) -> tuple[str, Callable[[], Served]]:
-    """Return (title, function that starts the source in the event loop); an invalid name raises `TwinError` here."""
+    """Return (title, function that starts the source in the event loop); raise `TwinError` for an invalid name."""
     from twin.ui.headset import served
 
     plans = args.replay is None
@@ -72,7 +72,7 @@ async def _run(
     from twin.ui.headset.recording import Recording, Replay
     from twin.ui.headset.server import StreamServer
 
-    # Each send releases the interpreter's lock; the solver thread would then keep it for 5 ms each time.
+    # Each send releases the interpreter's lock; by default, the solver thread would then hold the lock for 5 ms.
     sys.setswitchinterval(5e-4)
     stopping = asyncio.Event()
     _on_ctrl_c(stopping)
@@ -121,7 +121,7 @@ def _tls(cert: str | None, key: str | None) -> ssl.SSLContext | None:
 
 
 def _on_ctrl_c(stopping: asyncio.Event) -> None:
-    """Let Ctrl-C request the end; a second Ctrl-C ends the process."""
+    """Make Ctrl-C request the end of the server; a second Ctrl-C ends the process."""
     loop = asyncio.get_running_loop()
 
     def end() -> None:
@@ -133,5 +133,5 @@ def _on_ctrl_c(stopping: asyncio.Event) -> None:
     try:
         for number in (signal.SIGINT, signal.SIGTERM):
             loop.add_signal_handler(number, end)
-    except NotImplementedError:  # Windows: Ctrl-C is an exception there
+    except NotImplementedError:  # on Windows, Ctrl-C raises an exception instead
         return

@@ -22,14 +22,14 @@ _MARKS = {"error": "✖", "disagreement": "✖", "warning": "▲", "info": "·"}
 
 
 def tool_note(robot: Robot, quiet: bool) -> None:
-    """Print which tool was assumed for a stage that names none."""
+    """Print which tool was assumed if the stage does not name a tool."""
     if not quiet and robot.files is None and robot.mechanism and robot.tool_note:
         print(f"  {robot.tool_note} Choose another with --tool.", file=sys.stderr)
 
 
 @contextlib.contextmanager
 def progress(quiet: bool) -> Iterator[Callable[[str, float], None]]:
-    """Yield a progress function that shows the current step; it shows nothing if `quiet` or without a terminal."""
+    """Yield a function that shows the progress; it shows nothing if `quiet` or without a terminal."""
     if quiet or not sys.stderr.isatty():
         yield lambda label, fraction: None
         return
@@ -41,7 +41,7 @@ def progress(quiet: bool) -> Iterator[Callable[[str, float], None]]:
         task = bar.add_task("start", total=None)
 
         def update(label: str, fraction: float) -> None:
-            # A step that does not know how far it is shows a moving bar.
+            # If the completed fraction is unknown (0), a moving bar is shown.
             bar.update(task, description=label, total=1.0 if fraction else None, completed=fraction)
 
         yield update
@@ -54,14 +54,14 @@ def finish(
     files: Iterable[str] = (),
     text: Iterable[Part] | None = None,
 ) -> int:
-    """Print a result, as JSON on request; return its exit code.
+    """Print a result as text or, with --json, as JSON; return its exit code.
 
     Args:
         result: the result.
-        args: of the command line.
-        folder: folder of its files.
-        files: names of files in the folder to list.
-        text: lines to print; default: the whole text of the result.
+        args: arguments of the command line.
+        folder: folder of the written files; None: no files.
+        files: names of the files in the folder to list.
+        text: lines to print; None: the whole text of the result.
     """
     if args.json:
         print(as_json({**result.as_dict(), **({} if folder is None else {"folder": str(folder)})}))
@@ -91,7 +91,7 @@ def _styled(line: Line) -> None:
 
 
 def table(rows: Sequence[Sequence[str]], header: Sequence[str] = (), indent: str = "  ", *, fit: bool = False) -> str:
-    """Return a table as aligned text; with `fit` lines that would wrap on a terminal are cut."""
+    """Return a table as aligned text; with `fit`, lines longer than the terminal's width are cut."""
     lines = [list(header), *rows] if header else [list(r) for r in rows]
     if not lines:
         return ""
@@ -106,7 +106,7 @@ def table(rows: Sequence[Sequence[str]], header: Sequence[str] = (), indent: str
 
 
 def finding(f: Finding) -> str:
-    """Return a finding in one or two lines."""
+    """Return a finding as text of one or two lines."""
     place = ", ".join(x for x in (f.where, f.when) if x)
     head = f"  {_MARKS[f.severity]} {f.message}" + (f"  [{place}]" if place else "")
     return head + (f"\n      {f.suggestion}" if f.suggestion else "")

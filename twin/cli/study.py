@@ -1,4 +1,4 @@
-"""`twin study`: check published tables: user studies and inertia tables."""
+"""`twin study`: check published tables of user studies and inertias."""
 
 from __future__ import annotations
 
@@ -9,5 +9,5 @@ from twin.cli import show
 
 
 def study(args: argparse.Namespace) -> int:
-    """Print the recomputed tables of a robot's studies or of one file; exit 1 if they differ from the print."""
+    """Print the recomputed tables of a robot's studies or of one file; exit 1 if they differ from the paper."""
     return show.finish(published.study(args.subject), args)

@@ -12,7 +12,7 @@ from twin.core.errors import TwinError
 
 
 def sweep(args: argparse.Namespace) -> int:
-    """Evaluate every design and print the best; each result is stored at once, and stored results are reused."""
+    """Evaluate every design and print the best; results are stored immediately, and stored results are reused."""
     from twin.analysis import table
     from twin.analysis.sweep import sweep as judge
     from twin.ui.report.files import write_result

@@ -1,4 +1,4 @@
-"""Ask the person at the terminal for confirmation before a page's request writes files."""
+"""Ask for confirmation on the terminal before a request from a page may write files."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from collections.abc import Callable
 from twin.core.errors import TwinError
 
 PATIENCE = 60.0
-"""Time in s after which a missing answer counts as no."""
+"""Time in s without an answer after which the answer counts as no."""
 
 
 class Terminal:
@@ -24,11 +24,11 @@ class Terminal:
 
     @classmethod
     def here(cls) -> Terminal | None:
-        """Return the terminal of this program; None if it is not interactive."""
+        """Return the terminal of this program; None if the program has no interactive terminal."""
         try:
             if sys.stdin.isatty() and sys.stdout.isatty() and hasattr(os, "tcgetpgrp"):
                 return cls(sys.stdin.fileno())
-        except (AttributeError, OSError, ValueError):  # closed, or replaced by another stream
+        except (AttributeError, OSError, ValueError):  # stdin is closed, or replaced by another stream
             pass
         return None
 
@@ -46,12 +46,12 @@ class Terminal:
             )
         import termios
 
-        termios.tcflush(self._stdin, termios.TCIFLUSH)  # what was typed before is not an answer
+        termios.tcflush(self._stdin, termios.TCIFLUSH)  # discard characters typed before the question
         self._then, self._until = then, time.monotonic() + PATIENCE
         print(f"  {question} [y/N] ", end="", flush=True)
 
     def poll(self) -> None:
-        """Read the answer, if it was typed, and pass it on."""
+        """Read the answer, if there is one, and call the function `then` of the question."""
         if self._then is None:
             return
         if time.monotonic() > self._until:
@@ -66,5 +66,5 @@ class Terminal:
         then(yes)
 
     def _in_front(self) -> bool:
-        """Return whether this program is in the foreground; reading in the background would stop the program."""
+        """Return whether this program is in the foreground; reading in the background would suspend the program."""
         return os.tcgetpgrp(self._stdin) == os.getpgrp()

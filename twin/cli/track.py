@@ -12,7 +12,7 @@ from twin.ui.report.files import write_result
 
 
 def track(args: argparse.Namespace) -> int:
-    """Simulate control on a protocol, print errors and efforts, write files; exit 1 if the tip error exceeds 1 mm."""
+    """Simulate the control, print errors and efforts, write files; exit 1 if the tip error exceeds 1 mm."""
     robot = api.load(args.robot)
     protocol = robot.protocol(args.protocol)
     folder = Path(args.out) if args.out else Path("twin-out") / robot.name / f"{protocol.name}-track"

@@ -1,4 +1,4 @@
-"""`twin view`: show an interactive robot or scene in a browser."""
+"""`twin view`: show a robot or scene in a browser, where it can be moved."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def view(args: argparse.Namespace) -> int:
     front, stopping = None, threading.Event()
 
     def end(*_: object) -> None:
-        """Request the end, because an exception could interrupt any code; a second Ctrl-C raises KeyboardInterrupt."""
+        """Request the end of the loop instead of raising an exception; a second Ctrl-C raises KeyboardInterrupt."""
         stopping.set()
         signal.signal(signal.SIGINT, signal.default_int_handler)
 
@@ -53,7 +53,7 @@ def view(args: argparse.Namespace) -> int:
             return _page(front, Path(args.html), args.quiet)
         if not gate.open:
             address.say("")
-            if not args.no_browser:  # it starts while the CAD is read
+            if not args.no_browser:  # the browser starts while the CAD is read
                 threading.Thread(target=webbrowser.open, args=(address.url,), daemon=True).start()
         from twin.cli.terminal import Terminal
 
@@ -72,7 +72,7 @@ def view(args: argparse.Namespace) -> int:
 
 
 def _what(args: argparse.Namespace) -> tuple[str, Callable[[], tuple[list[Actor], Mechanism | None]]]:
-    """Return (title, function that loads it); an invalid name raises `TwinError` here, before a port opens."""
+    """Return (title, function that loads the robots); for an invalid name, raise `TwinError` before a port opens."""
     file = assets.scene_file(args.robot)
     if file is None:
         robot = api.load(args.robot, tool=args.tool)

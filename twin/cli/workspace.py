@@ -15,7 +15,7 @@ from twin.core.units import DEG, MM
 
 
 def workspace(args: argparse.Namespace) -> int:
-    """Compute the workspace, print the volumes, write a picture and point clouds."""
+    """Compute the workspace, print its volumes, write a picture and point clouds."""
     from twin.analysis import cloud
     from twin.analysis.search import workspace as search
     from twin.ui.report.files import write_result

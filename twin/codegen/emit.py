@@ -1,9 +1,9 @@
-"""Write a kernel as LLVM assembly: CasADi functions (stages) called in sequence in one loop over samples.
+"""Write a kernel as LLVM assembly: a loop over samples that calls CasADi functions (stages) in sequence.
 
-Each instruction of a function becomes one line, on a vector of `width` samples (lanes). Calls of mathematical library
-functions would process one lane at a time, ten times slower than the rest; sine and cosine are therefore written inline
-without branches, the other functions in `lower`. NaN and infinity follow IEEE 754, so that poses out of reach remain
-NaN; products and sums may be fused, which saves one rounding.
+Each instruction of a function becomes a line that operates on a vector of `width` samples (lanes). Mathematical library
+functions would process one lane at a time and be ten times slower. Therefore sine and cosine are written inline without
+branches, and the other functions are replaced as in `lower`. NaN and infinity follow IEEE 754, so that unreachable
+poses remain NaN. A product and a sum may be fused, which avoids a rounding.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ _INTRINSIC = {
 }
 
 _HALF_PI = (1.5707963267948966, 6.123233995736766e-17)
-"""pi/2 as a sum of doubles, for an exact reduction of angles."""
+"""pi/2 as a sum of two doubles, for an exact reduction of angles."""
 
 _SINE = (
     *(1.58969099521155010221e-10, -2.50507602534068634195e-08, 2.75573137070700676789e-06),
@@ -44,13 +44,13 @@ _COSINE = (
 """Polynomial coefficients of sine and cosine from FreeBSD's msun (k_sin.c, k_cos.c), highest power first."""
 
 _ROUND = 1.5 * 2.0**52
-"""Constant whose addition to a number puts the nearest integer into the lowest bits."""
+"""Constant that, added to a number, gives a double with the nearest integer in its lowest bits."""
 
 _AHEAD = 4
-"""Number of vectors by which memory is prefetched ahead of the computation."""
+"""Distance of memory prefetches ahead of the computation, in vectors."""
 
 _TURNS = 1e9
-"""Limit in rad beyond which sine and cosine return NaN, because their argument has too little precision."""
+"""Absolute value in rad above which sine and cosine return NaN, because the argument is not precise enough."""
 
 
 @dataclass(frozen=True)
@@ -61,11 +61,11 @@ class Stage:
         function: CasADi function with dense arguments and results.
         takes: names of its arguments: inputs of the kernel, or results of earlier stages.
         gives: names of its results.
-        repeat: maximum number of calls. If above 1, results that are also arguments are fed back until the result
-            `error` is at most `tolerance` (or NaN) in every lane.
+        repeat: maximum number of calls. If above 1, results with the names of arguments are the arguments of the next
+            call, until the result `error` is at most `tolerance` (or NaN) in every lane.
         tolerance: see `repeat`.
-        reciprocals: whether several divisions by one number become multiplications by its reciprocal, which adds a
-            rounding error; suitable for iterations, where the next step corrects it.
+        reciprocals: whether several divisions by the same number are replaced by multiplications with its reciprocal.
+            This adds a rounding error, which iterations correct in the next step.
     """
 
     function: ca.Function
@@ -77,7 +77,7 @@ class Stage:
 
 
 class _Writer:
-    """Writer of the lines of one LLVM function on vectors of `width` lanes."""
+    """Writer of the lines of an LLVM function that operates on vectors of `width` lanes."""
 
     def __init__(self, width: int) -> None:
         self.width = width
@@ -116,7 +116,7 @@ class _Writer:
         return self.put(f"fcmp une {self.V} {x}, {self.constant(0.0)}")
 
     def value(self, name: str) -> str:
-        """Return the LLVM name of a value; an input is loaded at its first use, which saves registers."""
+        """Return the LLVM name of a value; inputs are loaded at their first use, which saves registers."""
         if name in self.waiting:
             at = self.put(f"getelementptr double, ptr %in{self.waiting.pop(name)}, i64 %i")
             self.loaded[name] = self.put(f"load {self.V}, ptr {at}, align 8")
@@ -125,7 +125,7 @@ class _Writer:
     def call(
         self, function: ca.Function, arguments: Sequence[Sequence[str]], reciprocals: bool = False
     ) -> list[list[str]]:
-        """Write the instructions of a function; return the names of its results."""
+        """Write the instructions of a function; return the LLVM names of its results."""
         if not function.is_a("SXFunction"):
             raise ValueError(f"function '{function.name()}' is not a CasADi function of scalars (SX)")
         V, one, zero = self.V, self.constant(1.0), self.constant(0.0)
@@ -150,7 +150,7 @@ class _Writer:
                 continue
             a = [at[j] for j in i]
             if op == ca.OP_DIV and _invertible(fixed.get(a[1], 0.0)):
-                # a division costs ten products, and rounds half a unit less
+                # A division takes as long as ten products, but its rounding error is half a unit smaller.
                 done = self.put(f"fmul contract {V} {a[0]}, {self.constant(1 / fixed[a[1]])}")
             elif op == ca.OP_DIV and reciprocals:
                 if a[1] not in inverse:
@@ -197,11 +197,11 @@ class _Writer:
         return tuple(self.put(f"extractvalue {{{self.V}, {self.V}}} {both}, {i}") for i in (0, 1))  # pyright: ignore[reportReturnType]
 
     def _of_point(self, y: str, x: str) -> tuple[str, str]:
-        """Return (sine, cosine) of the angle of a point (y, x), by a square root instead of an arc tangent."""
+        """Return the LLVM names of sine and cosine of atan2(y, x), computed with a square root, not an arc tangent."""
         V = self.V
         square = self.put(f"fadd contract {V} {self.put(f'fmul {V} {x}, {x}')}, {self.put(f'fmul {V} {y}, {y}')}")
         length = self.intrinsic("sqrt", square)
-        nowhere = self.put(f"fcmp oeq {V} {length}, {self.constant(0.0)}")  # the angle is 0 there, or half a turn
+        nowhere = self.put(f"fcmp oeq {V} {length}, {self.constant(0.0)}")  # at the origin, the angle is 0 or pi
         inverse = self.put(f"fdiv {V} {self.constant(1.0)}, {length}")
         cosine, sine = (self.put(f"fmul {V} {c}, {inverse}") for c in (x, y))
         end = self.intrinsic("copysign", self.constant(1.0), x)
@@ -215,7 +215,7 @@ class _Writer:
 
 
 def _sines(width: int) -> _Writer:
-    """Write the function for sine and cosine of %x: exact reduction by multiples of pi/2, then polynomials."""
+    """Write the LLVM function for sine and cosine of %x: exact reduction by multiples of pi/2, then polynomials."""
     w = _Writer(width)
     V, integers, c = w.V, w.I, w.constant
     shifted = w.intrinsic("fma", "%x", c(2 / 3.141592653589793), c(_ROUND))
@@ -232,7 +232,7 @@ def _sines(width: int) -> _Writer:
     odd = w.put(f"icmp ne {integers} {w.put(f'and {integers} {bits}, {w.integer(1)}')}, {w.integer(0)}")
     both = "undef"
     for i, value in enumerate((w.choose(odd, cosine, sine), w.choose(odd, sine, cosine))):
-        # bit 1 of the quadrant (of the next one for the cosine) is the sign
+        # Bit 1 of the quadrant number (for the cosine, of the next quadrant) is the sign.
         turned = w.put(f"shl {integers} {w.put(f'add {integers} {bits}, {w.integer(i)}')}, {w.integer(62)}")
         sign = w.put(f"and {integers} {turned}, {w.integer(-(2**63))}")
         signed = w.put(f"xor {integers} {w.put(f'bitcast {V} {value} to {integers}')}, {sign}")
@@ -251,22 +251,22 @@ def emit(
     carried: Mapping[str, int],
     backwards: bool = False,
 ) -> tuple[str, dict[str, int]]:
-    """Return the text of `void kernel(i64 begin, i64 end, double **in, double **out, double *carry)`.
+    """Return the LLVM assembly of `void kernel(i64 begin, i64 end, double **in, double **out, double *carry)`.
 
     Args:
-        stages: called in this order for each sample.
+        stages: functions, called in this order for each sample.
         inputs: count of numbers per sample, by name of the input; each number has a separate array.
-        outputs: names of the stored values.
-        width: number of samples in a vector; `end - begin` is a multiple of it.
-        carried: count of numbers, by name, that a sample takes from the result of the sample before. `carry` holds
-            their initial and final values.
-        backwards: whether the loop runs from the last sample to the first.
+        outputs: names of the stored results.
+        width: number of samples in a vector; `end - begin` must be a multiple of `width`.
+        carried: count of numbers, by name, of arguments that are results of the previous sample. `carry` contains
+            their initial values and, after the call, their final values.
+        backwards: whether the loop runs from the last sample to the first sample.
 
     Returns:
-        (text, count of numbers of each output by name).
+        (text, count of numbers per sample of each output, by name).
 
     Raises:
-        ValueError: an operation is not supported, or a function is not of scalars (SX).
+        ValueError: an operation is not supported, or a function is not an SX function.
     """
     w = _Writer(width)
     V = w.V
@@ -320,12 +320,12 @@ def emit(
 
 
 def _invertible(x: float) -> bool:
-    """Return whether multiplication by 1 / x equals division by x except for rounding."""
+    """Return whether multiplication by 1 / x equals division by x, except for rounding."""
     return x != 0 and 1e-300 < abs(x) < 1e300
 
 
 def _fetched(w: _Writer, inputs: Sequence[str], outputs: Sequence[str]) -> None:
-    """Write prefetches of the next samples, because processors do not prefetch so many arrays by themselves."""
+    """Write prefetches of the next samples, because processors cannot automatically prefetch so many arrays."""
     w.declared.add("declare void @llvm.prefetch.p0(ptr, i32, i32, i32)")
     ahead = w.put(f"add i64 %i, {_AHEAD * w.width}")
     for writing, arrays in enumerate((inputs, outputs)):
@@ -340,7 +340,7 @@ def _pointer(kind: str, number: int) -> list[str]:
 
 
 def _repeated(w: _Writer, number: int, stage: Stage, known: dict[str, list[str]], before: str) -> str:
-    """Write a stage that is repeated until its error is small; return the label of the following block."""
+    """Write a stage that is repeated until its error is small; return the label of the next block."""
     here, after = f"repeat{number}", f"after{number}"
     fed = [n for n in stage.gives if n in stage.takes]
     known |= {n: [w.value(v) for v in known[n]] for n in stage.takes}

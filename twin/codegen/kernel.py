@@ -1,4 +1,4 @@
-"""Run a compiled kernel on arrays (structure of arrays) on all processors."""
+"""Run a compiled kernel on all processors; data are structures of arrays (one array for each number)."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ from twin.codegen.machine import compiled, lanes
 from twin.core.spatial import Array
 
 _CHUNK, _PIECES = 4096, 64
-"""Minimum number of samples of a chunk, and maximum number of chunks: each chunk acquires Python's lock once."""
+"""Minimum number of samples in a chunk, and maximum number of chunks; each chunk acquires Python's lock once."""
 _BLOCK = 1024
-"""Samples that are turned into columns at once; two blocks of 20 numbers fit the cache of a core."""
+"""Number of samples that are transposed at once; two blocks of 20 numbers fit into the cache of a core."""
 _WORTH = 2e-4
-"""Work in s above which threads are used."""
+"""Computing time in s above which threads are used."""
 
 
 @cache
@@ -37,7 +37,7 @@ def _pool() -> ThreadPoolExecutor:
 
 
 class Kernel:
-    """Stages of CasADi functions, called for many samples.
+    """Compiled stages (CasADi functions), called for many samples.
 
     Attributes:
         inputs: count of numbers per sample, by name of the input.
@@ -61,12 +61,12 @@ class Kernel:
             inputs: count of numbers per sample, by name of the input.
             outputs: names of the requested results.
             single: whether to process one sample at a time, which is fastest for a few samples.
-            carried: values taken from the result of the sample before (see `emit`); samples are then processed in
+            carried: arguments that are results of the previous sample (see `emit`); samples are then processed in
                 sequence, without threads.
-            backwards: with `carried`: from the last sample to the first.
+            backwards: with `carried`, whether to process from the last sample to the first sample.
 
         Raises:
-            ValueError: an operation of CasADi cannot be compiled.
+            ValueError: a CasADi operation is not supported.
         """
         self.inputs, self._carried = dict(inputs), dict(carried or {})
         self._width = 1 if single or carried else lanes()
@@ -83,10 +83,10 @@ class Kernel:
         """Return an array (numbers, k) for each output.
 
         Args:
-            arrays: (numbers, k) float64 in the order of `inputs`; samples along the last axis.
+            arrays: float64 arrays (numbers, k) of k samples, in the order of `inputs`.
             carry: initial carried values; overwritten by the final values.
-            threads: maximum number; default: the number of processors.
-            out: arrays (numbers, k) float64 that are filled and returned, which saves the time of allocation.
+            threads: maximum number of threads; None: number of processors.
+            out: float64 arrays (numbers, k) to fill and return, which saves allocations; None: new arrays.
 
         Raises:
             ValueError: an array has a wrong shape, or an array of `out` is not contiguous float64.
@@ -98,7 +98,7 @@ class Kernel:
         for (name, count), a in zip(self.inputs.items(), arrays, strict=True):
             if a.shape != (count, k):
                 raise ValueError(f"'{name}' has shape {a.shape}, not {(count, k)}")
-            # Samples must be neighbours in memory; the rows of a slice may lie apart.
+            # The samples of a row must be contiguous in memory; the rows need not be adjacent.
             packed = a.dtype == np.float64 and (k <= 1 or a.strides[1] == a.itemsize)
             given.append(a if packed else np.ascontiguousarray(a, np.float64))
         shapes = {name: (count, k) for name, count in self.outputs.items()}
@@ -108,7 +108,7 @@ class Kernel:
                 raise ValueError(f"out for '{name}' is not a contiguous float64 array of shape {shape}")
         whole = k - k % self._width
         self._run(given, results, 0, whole, carry, threads)
-        if whole < k:  # the last few, in a vector of their own
+        if whole < k:  # process the last samples in a separate, incomplete vector
             more = ((0, 0), (0, self._width - k + whole))
             rest = [np.ascontiguousarray(np.pad(a[:, whole:], more, "edge")) for a in given]
             last = tuple(np.zeros((count, self._width)) for count in self.outputs.values())
@@ -118,10 +118,10 @@ class Kernel:
         return results
 
     def rows(self, Z: Array) -> Array:
-        """Return all results of samples Z (k, numbers of the only input) as rows (k, numbers), on all processors.
+        """Return all results as rows (k, numbers) for samples Z (k, n) of the only input, on all processors.
 
-        Samples become columns and results rows again block by block, in the processor's cache: turning all of them
-        at once takes five times as long as the arithmetic of a closed inverse.
+        Samples and results are transposed in blocks that fit into the processor's cache: transposing all samples at
+        once takes five times as long as the arithmetic of a closed-form inverse.
         """
         (count,), size, k = self.inputs.values(), sum(self.outputs.values()), len(Z)
         if Z.shape != (k, count):
@@ -136,7 +136,7 @@ class Kernel:
                     begin = left.popleft()
                     end = min(begin + _BLOCK, k)
                     given[:, : end - begin] = Z[begin:end].T
-                    whole = -(-(end - begin) // self._width) * self._width  # what is beyond the end goes nowhere
+                    whole = -(-(end - begin) // self._width) * self._width  # results beyond the end are discarded
                     self._call(0, whole, ins, outs, None)
                     result[begin:end] = made[:, : end - begin].T
 
@@ -146,20 +146,20 @@ class Kernel:
         return result
 
     def single(self) -> Callable[..., Array]:
-        """Return a function that takes one vector for each input and returns all results as one vector.
+        """Return a function of one vector for each input, which returns all results as one vector.
 
-        Its buffers are allocated once, so that a call takes only a microsecond more than its arithmetic.
+        The function allocates its buffers once; the overhead of a call is one microsecond.
         """
         ins = [np.zeros((count, 1)) for count in self.inputs.values()]
         outs = np.zeros((sum(self.outputs.values()), 1))
         flat, result = [a[:, 0] for a in ins], outs[:, 0]
-        # Arguments are made once, and Python's lock is kept, because releasing it would take longer than the call.
+        # PYFUNCTYPE does not release Python's lock, because releasing it would take longer than the call.
         address = ctypes.cast(self._call, ctypes.c_void_p).value or 0
         code = ctypes.PYFUNCTYPE(None)(address)  # pyright: ignore[reportArgumentType]
         pointers = (ctypes.cast(_pointers(a), ctypes.c_void_p) for a in (ins, [outs]))
         arguments = (ctypes.c_int64(0), ctypes.c_int64(1), *pointers, ctypes.c_void_p())
         lock = threading.Lock()
-        acquire, release, copy = lock.acquire, lock.release, result.copy  # `with` and `[:]` cost a third more
+        acquire, release, copy = lock.acquire, lock.release, result.copy  # `with` and `[:]` are a third slower
 
         def several(*vectors: Array, _alive: Kernel = self) -> Array:
             acquire()
@@ -209,7 +209,7 @@ class Kernel:
         self._call(*left.popleft(), ins, outs, None)
         each = time.perf_counter() - first
 
-        def work() -> None:  # ctypes lets other threads run meanwhile
+        def work() -> None:  # ctypes releases Python's lock, so that threads run in parallel
             with contextlib.suppress(IndexError):
                 while True:
                     self._call(*left.popleft(), ins, outs, None)
@@ -218,18 +218,24 @@ class Kernel:
 
 
 def _share(work: Callable[[], None], most: int, seconds: float) -> None:
-    """Do work that takes so many seconds alone: here, and in other threads as far as they pay off, `most` in all."""
+    """Run `work` in this thread and, if worthwhile, in others at the same time.
+
+    Args:
+        work: function that processes chunks until none are left.
+        most: maximum number of threads, including this thread.
+        seconds: computing time in s with one thread.
+    """
     wanted = min(most, seconds / _WORTH, _processors())
     helpers = [_pool().submit(work) for _ in range(int(wanted) - 1)]
     work()
     for helper in helpers:
-        if not helper.cancel():  # one that has not begun has nothing left to do
+        if not helper.cancel():  # a thread that has not started is no longer needed
             helper.result()
 
 
 def _pointers(arrays: Sequence[Array]) -> ctypes.Array:
     rows: list[int] = []
     for a in arrays:
-        first, step = a.ctypes.data, a.strides[0]  # read once for each array: slower than all the rest
+        first, step = a.ctypes.data, a.strides[0]  # read once per array, because reading `ctypes.data` is slow
         rows += range(first, first + len(a) * step, step) if step else [first] * len(a)
     return (ctypes.c_void_p * max(1, len(rows)))(*rows)

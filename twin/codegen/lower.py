@@ -1,7 +1,7 @@
-"""Express functions without a processor instruction by supported operations, as CasADi expressions without branches.
+"""Replace functions without a processor instruction by CasADi expressions of supported operations, without branches.
 
-The arc tangent is the rational approximation of the Cephes library (S. L. Moshier, atan.c), good to one unit in the
-last place; the others follow from it.
+The arc tangent is the rational approximation of the Cephes library (S. L. Moshier, atan.c), with an error of at most
+one unit in the last place; the other functions are computed from the arc tangent.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _BELOW = (
     1.945506571482613964425e2,
 )
 _STEEP, _MIDDLE = 2.41421356237309504880, 0.66
-"""Slopes above which the arc tangent is computed relative to pi/2 and to pi/4."""
+"""Arguments above which the arc tangent is computed relative to pi/2 and relative to pi/4."""
 
 _LOST = 6.123233995736765886130e-17
 """Difference between pi/2 and its nearest double."""
@@ -35,9 +35,9 @@ _LOST = 6.123233995736765886130e-17
 
 @cache
 def lowered() -> dict[int, ca.Function]:
-    """Return the replacements: by CasADi operation, a function of the same arguments."""
+    """Return the replacements: a function of the same arguments for each CasADi operation."""
     a, b = ca.SX.sym("a"), ca.SX.sym("b")
-    other = ca.sqrt((1 - a) * (1 + a))  # NaN beyond 1, as it must be
+    other = ca.sqrt((1 - a) * (1 + a))  # NaN for |a| > 1, as required
     return {
         ca.OP_ATAN2: ca.Function("atan2", [a, b], [_atan2(a, b)]),
         ca.OP_ATAN: ca.Function("atan", [a], [_atan2(a, ca.SX(1))]),

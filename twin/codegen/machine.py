@@ -1,4 +1,4 @@
-"""Compile LLVM assembly to machine code in memory, with a cache on disk."""
+"""Compile LLVM assembly to machine code in memory, with a disk cache."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from twin.core.atomic import atomic_folder, cache_folder
 from twin.core.errors import OutputError
 
 _CACHED = 256
-"""Maximum number of kernels in the cache; the oldest are removed first."""
+"""Maximum number of kernels in the cache; the oldest kernels are removed first."""
 
 Call = Any
 """C type of the kernel: a function of (begin, end, in, out, carry)."""
@@ -27,10 +27,10 @@ _ready = False
 
 
 def compiled(text: str) -> tuple[Call, Any]:
-    """Return (kernel, object that must be kept alive with it), compiled or loaded from the cache.
+    """Return (kernel, object that must exist as long as the kernel), compiled or loaded from the cache.
 
-    The cache is in the user's own folder and may be deleted at any time. Its key is the text, the processor and LLVM's
-    version. A truncated file, or a file that other users can write, is not loaded.
+    The cache is in the user's folder and may be deleted at any time. Its key is a hash of the text, the processor and
+    the version of LLVM. Truncated files, and files that other users can write, are not loaded.
     """
     with _lock:
         target = _machine()
@@ -41,7 +41,7 @@ def compiled(text: str) -> tuple[Call, Any]:
             code = _code(text, target)
             _keep(key, code)
         library = llvm.JITLibraryBuilder().add_object_img(code).add_current_process().export_symbol("kernel")
-        # One block for code and numbers: apart by more than 2 GB they cannot be linked, and LLVM would end the process.
+        # Code and constants are in one block: if they were more than 2 GB apart, LLVM would abort the process.
         engine = llvm.create_lljit_compiler(target, use_jit_link=True)
         tracker = library.link(engine, f"k{key[:16]}")
         pointer, integer = ctypes.c_void_p, ctypes.c_int64
@@ -50,7 +50,7 @@ def compiled(text: str) -> tuple[Call, Any]:
 
 
 def lanes() -> int:
-    """Return the number of lanes: two vector registers of doubles, because two at a time hide latencies."""
+    """Return the number of lanes: the doubles in two vector registers, because two registers hide latencies."""
     features = llvm.get_host_cpu_features()
     return 16 if features.get("avx512f") else 8 if features.get("avx2") else 4
 
@@ -97,7 +97,7 @@ def _cached(key: str) -> bytes | None:
 
 def _keep(key: str, code: bytes) -> None:
     folder = cache_folder("kernels")
-    with contextlib.suppress(OSError, OutputError):  # a cache that cannot be written is not an error
+    with contextlib.suppress(OSError, OutputError):  # not being able to write the cache is not an error
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         for old in sorted(folder.glob("*.o"), key=lambda p: p.stat().st_mtime)[:-_CACHED]:
             old.unlink()

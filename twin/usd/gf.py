@@ -1,8 +1,8 @@
 """Conversions between numpy and the types Gf and Vt of OpenUSD.
 
-Three differences are handled only in this module. Gf matrices act on row vectors, so a numpy pose must be transposed
-(passing it untransposed loses the translation without an error). `Gf.Quat*` is built w first, but `Vt.Quat*Array`
-exchanges with numpy x, y, z, w. Gf types require Python floats instead of numpy scalars.
+Only this module handles three differences. Gf matrices act on row vectors, so numpy poses must be transposed (without
+transposing, the translation is lost without an error). The constructor of `Gf.Quat*` expects w first, but
+`Vt.Quat*Array` uses x, y, z, w in conversions from and to numpy. Gf types require Python floats, not numpy scalars.
 """
 
 from __future__ import annotations
@@ -92,7 +92,7 @@ def int_array(v: ArrayLike) -> Vt.IntArray:
 
 
 def quatd_array(wxyz: ArrayLike) -> Vt.QuatdArray:
-    """Return quaternions (n, 4), w first, as a Vt array in double precision; their signs are kept."""
+    """Return quaternions (n, 4), w first, as a Vt array in double precision, without changing their signs."""
     return Vt.QuatdArray.FromNumpy(np.ascontiguousarray(_rows(wxyz, 4, np.float64)[:, [1, 2, 3, 0]]))
 
 
@@ -100,7 +100,7 @@ def quat_array_wxyz(quaternions) -> Array:
     """Return a Vt quaternion array, or a list of Gf quaternions of one type, as float64 (n, 4), w first."""
     if isinstance(quaternions, list):
         kind = Vt.QuatdArray if isinstance(quaternions[0], Gf.Quatd) else Vt.QuatfArray
-        quaternions = kind(quaternions)  # one call for all: numpy would query each quaternion
+        quaternions = kind(quaternions)  # one call for all quaternions: numpy would query each of them
     return np.array(quaternions, float).reshape(-1, 4)[:, [3, 0, 1, 2]]
 
 

@@ -1,4 +1,4 @@
-"""Compare two layers, ignoring the last bits of their numbers."""
+"""Compare two layers, with tolerances for their numbers."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from pxr import Sdf
 _NUMBER = re.compile(r"(?<![\w.])-?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?(?![\w.])")
 
 ABSOLUTE, RELATIVE = 1e-9, 1e-6
-"""Absolute tolerance of numbers; joint frames and meshes are single precision."""
+"""Absolute and relative tolerance of numbers; joint frames and meshes are in single precision."""
 
 
 def same_layer(a: Path, b: Path) -> bool:
-    """Return whether two layer files have the same content, numbers within `ABSOLUTE` + `RELATIVE`.
+    """Return whether two layer files have the same content, with numbers equal within `ABSOLUTE` and `RELATIVE`.
 
-    Processors round sums differently, so that files of the same robot may differ in some bytes.
+    Files of the same robot may differ in some bytes, because processors round sums differently.
     """
     texts = [Sdf.Layer.OpenAsAnonymous(str(p)).ExportToString() for p in (a, b)]
     if _NUMBER.sub("#", texts[0]) != _NUMBER.sub("#", texts[1]):

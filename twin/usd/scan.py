@@ -1,8 +1,8 @@
-"""Uninterpreted content of a UsdPhysics stage: rigid bodies, joints, poses.
+"""Unchecked content of a UsdPhysics stage: rigid bodies, joints, poses.
 
-Reader and checker both use this module. It returns metres and world z up for any unit and up axis of the stage, and
-joint frames rotated so that z is the axis. It returns invalid data as well: the reader rejects them, the checker
-reports them.
+The reader and the checker use this module. For any unit and up axis of the stage, lengths are converted to metres and
+poses to world z up; joint frames are rotated so that z is the axis. Invalid data are returned too: the reader rejects
+and the checker reports such data.
 """
 
 from __future__ import annotations
@@ -30,18 +30,21 @@ SYMMETRIC = np.array([[0, 0, 1], [1, 0, 0], [0, 1, 0]], float)
 """Cyclic rotation (3, 3): x to y, y to z, z to x."""
 
 TURNS = {"X": SYMMETRIC, "Y": SYMMETRIC @ SYMMETRIC, "Z": np.eye(3)}
-"""Rotation (3, 3) by axis token (X, Y, Z) that turns the joint frame so that its z is the joint's axis."""
+"""Rotation (3, 3) of the joint frame after which z is the joint's axis, by axis token (X, Y, Z)."""
 
 
 SCALE_TOL = 1e-5
-"""Largest relative deviation from unit scale that counts as rounding of a single precision transform."""
+"""Relative deviation from scale 1 that counts as rounding of a transform in single precision."""
 
 
 @dataclass(frozen=True)
 class End:
-    """One side of a joint: the body's prim path ("" is the world) and T_body_joint (4, 4), axis along z.
+    """One side of a joint.
 
-    `problem` says why the side is invalid (missing target, zero quaternion); T is then the identity.
+    Attributes:
+        body: prim path of the body; "": the world.
+        T_body_joint: pose (4, 4) of the joint's frame, axis along z; the identity if the side is invalid.
+        problem: why the side is invalid (missing target, zero quaternion); "" if it is valid.
     """
 
     body: str
@@ -55,14 +58,14 @@ class RawJoint:
 
     Attributes:
         prim: the prim.
-        type: one of the mechanism's joint types, or "" if none matches; `problem` then says why.
-        ends: body0 and body1.
-        instance: name of its drive and joint state ("angular", "linear", "rotX", ...), "" if it has no coordinate.
-        limits: lower and upper in units of the stage (degrees for angles), None if unlimited.
+        type: joint type of the mechanism; "" if none matches.
+        ends: its sides on body0 and body1.
+        instance: name of its drive and joint state ("angular", "linear", "rotX", ...); "" without a coordinate.
+        limits: (lower, upper) in units of the stage (degrees for angles); None if unlimited.
         unit: degrees (angles) or metres per unit of limits, states and targets.
-        excluded: excluded from the articulation, because it closes a loop.
-        enabled: false for a disabled joint.
-        problem: see `type`.
+        excluded: whether it is excluded from the articulation, because it closes a loop.
+        enabled: False for a disabled joint.
+        problem: why no joint type matches; "" if one matches.
 
     """
 
@@ -83,7 +86,7 @@ class RawJoint:
 
     @property
     def is_angle(self) -> bool:
-        """Whether the coordinate is an angle, which is in degrees on the stage."""
+        """Whether the coordinate is an angle, in degrees in the stage."""
         return self.type == "revolute"
 
 
@@ -91,16 +94,16 @@ class Scene:
     """An opened stage.
 
     Attributes:
-        path: the file.
+        path: path of the file.
         stage: the composed stage.
-        meters: metres per unit.
-        kilograms: kilograms per unit.
+        meters: metres per unit of length.
+        kilograms: kilograms per unit of mass.
         R_world_stage: rotation (3, 3) from the stage's axes to z up.
 
     """
 
     def __init__(self, path: str | Path) -> None:
-        """Open `path`.
+        """Open a stage.
 
         Raises:
             StageError: the file is missing or not USD, or one of its layers cannot be found.
@@ -145,20 +148,20 @@ class Scene:
         return np.array(sorted(codes), float)
 
     def owner(self, prim: Usd.Prim) -> Usd.Prim | None:
-        """Return the rigid body that a prim belongs to: the prim itself or its nearest ancestor, or None."""
+        """Return the rigid body with which a prim moves (itself or its nearest ancestor); None if there is none."""
         for ancestor in _ancestry(prim):
             if str(ancestor.GetPath()) in self.bodies:
                 return ancestor
         return None
 
     def raw_transform(self, prim: Usd.Prim, code: Usd.TimeCode | None = None) -> Array:
-        """Return T_stage_prim (4, 4) with units and scale as authored."""
+        """Return T_stage_prim (4, 4) in units of the stage, with scale."""
         time = Usd.TimeCode.Default() if code is None else code
         with self._evaluating():
             return gf.affine(UsdGeom.XformCache(time).GetLocalToWorldTransform(prim))
 
     def poses(self, prims: Sequence[Usd.Prim], codes: ArrayLike | None = None) -> Array:
-        """Return T_world_prim (len(prims), k, 4, 4) in metres, z up, without scale.
+        """Return T_world_prim (n, k, 4, 4) of n prims at k time codes in metres, z up, without scale.
 
         Args:
             prims: the prims.
@@ -195,7 +198,7 @@ class Scene:
 
     @contextlib.contextmanager
     def _evaluating(self) -> Iterator[None]:
-        """Convert an error that USD raises (a transform op of a wrong type) to a `StageError`."""
+        """Convert errors of USD (such as a transform op of a wrong type) to `StageError`."""
         try:
             yield
         except Tf.ErrorException as error:
@@ -242,7 +245,7 @@ class Scene:
             )
         owner = self.owner(target)
         local = spatial.pose(R @ turn, p * self.meters * self.size(target))
-        if owner is None:  # a prim that is not a rigid body means the world
+        if owner is None:  # a prim without a rigid body is fixed to the world
             return End("", self.poses([target])[0, 0] @ local)
         if owner == target:
             return End(str(owner.GetPath()), local)
@@ -252,10 +255,10 @@ class Scene:
 
 
 def rigid(M: Array) -> Array:
-    """Return the poses (..., 4, 4) of affine matrices (..., 4, 4), without scale and with an exact rotation."""
+    """Return the poses (..., 4, 4) of affine matrices (..., 4, 4), without scale and with an orthonormal rotation."""
     T = M.copy()
     size = np.linalg.norm(T[..., :3, :3], axis=-2, keepdims=True)
-    # An exact rotation is returned unchanged; a rounded or scaled one is made orthonormal.
+    # An orthonormal rotation is returned unchanged; a rounded or scaled rotation is made orthonormal.
     R = np.where(np.abs(size - 1) < 1e-15, T[..., :3, :3], T[..., :3, :3] / np.where(size > 0, size, 1.0))
     R = np.where(np.linalg.det(R)[..., None, None] < 0, -R, R)
     exact = np.all(np.swapaxes(R, -1, -2) @ R == np.eye(3), axis=(-1, -2))[..., None, None]
@@ -274,7 +277,7 @@ def _open(path: Path) -> Usd.Stage:
         raise StageError(f"{path} is not a readable USD file: {said(error)}") from error
     if not stage:
         raise StageError(f"{path} is not a readable USD file")
-    stage.Reload()  # USD keeps layers in memory; the file may have been rebuilt since
+    stage.Reload()  # USD caches layers in memory, but the file may have changed
     broken = [e for e in stage.GetCompositionErrors()]  # noqa: C416 - a C++ vector, not a list
     if broken:
         raise StageError(f"{path}: {said(broken[0])}")
@@ -282,7 +285,7 @@ def _open(path: Path) -> Usd.Stage:
 
 
 def said(error: object) -> str:
-    """Return the last line of an error of USD, which is unreadable if the file is not UTF-8."""
+    """Return the last line of an error of USD, or a fixed text if the error is not UTF-8."""
     try:
         lines = str(error).strip().splitlines()
     except UnicodeDecodeError:
@@ -352,7 +355,7 @@ def _coordinate(prim: Usd.Prim, kind: str, free: frozenset[int]) -> tuple[str, t
 
 
 def quaternion_attributes(prim: Usd.Prim) -> list[tuple[Usd.Attribute, Gf.Quatf]]:
-    """Return the quaternion attributes of a prim that hold a value at the default time."""
+    """Return (attribute, value) of each quaternion attribute of a prim with a value at the default time."""
     out = []
     for attribute in prim.GetAuthoredAttributes():
         if attribute.GetTypeName().type in (Sdf.ValueTypeNames.Quatf.type, Sdf.ValueTypeNames.Quatd.type):

@@ -1,15 +1,15 @@
 """Read files that describe moving robots and report their faults. Shares no code with a writer.
 
 poses       quaternions and matrices, implemented independently of the writers
-motion      the result of every reader: clips of link poses in one world
+motion      the common result of the readers: clips of link poses in the world frame
 gltf, usd, tracks, mjcf, urdf      readers
-physics     mechanism data of a file, in a common form for all formats; physics_<format> translate
+physics     mechanism data of a file, in a common form for all formats; physics_<format> convert to this form
 sense       physically impossible data in one file
-compare     every link at every key, between files
-compare_physics    joints, drives, masses, frames, surfaces, colours, between files and with the mechanism
-claims      statements of files about themselves: errors between keys, assumptions, README.txt
-unity, proof                       other contents of a bundle
-diagnose    which common mistake explains a difference
+compare     compare the pose of every link at every key between files
+compare_physics    compare joints, drives, masses, frames, surfaces, colours between files and with the mechanism
+claims      check what files state about themselves: errors between keys, assumptions, README.txt
+unity, proof                       check the other contents of a bundle
+diagnose    find the common mistake that explains a difference
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 __all__ = ["AuditReport", "Check", "audit", "key_times"]
 
 Truth = Mapping[str, tuple[np.ndarray, Mapping[str, np.ndarray]]]
-"""For each clip, by name: its times (k,) in s, and T_world_link (k, 4, 4) by link."""
+"""Expected motions: (times (k,) in s, T_world_link (k, 4, 4) by link) by clip name."""
 
 Progress = Callable[[str, float], None]
 """Function called during the audit with the name of the file being read and the fraction done (0..1)."""
@@ -57,8 +57,9 @@ def audit(
 
     Args:
         path: a .glb, .gltf, USD, .usdz, track, MJCF or URDF file, or a folder with any of them.
-        truth: poses from the reference model, by clip; if None, the other files are compared with the tracks.
-        mechanism: the expected mechanism: masses, joints, drives and frames are compared with it.
+        truth: poses of the reference model by clip; None: poses are compared with those of the tracks.
+        mechanism: the expected mechanism; masses, joints, drives and frames of the files are compared with it. None:
+            they are compared only between files.
         progress: see `Progress`.
 
     Returns:
@@ -76,7 +77,7 @@ def audit(
         if content is not None:
             contents.append(content)
     ledgers += [_package(found, folder) for folder in found.unity]
-    with np.errstate(all="ignore"):  # values that are not finite were reported before
+    with np.errstate(all="ignore"):  # values that are not finite have already been reported
         declared = frozenset(n for c in contents for n in c.declared or ())
         for content in contents:
             content.known = declared or None
@@ -101,13 +102,13 @@ def audit(
 
 
 def key_times(path: str | Path) -> dict[str, np.ndarray]:
-    """Return the key times (k,) in s of every clip at a path, by clip: from the tracks, else from other files.
+    """Return the key times (k,) in s by clip, read from the tracks at a path; without tracks, from the other files.
 
     Raises:
         TwinError: the path does not exist, or has no file that can be audited.
     """
     found = find(Path(path))
-    if found.tracks:  # tracks alone contain all key times, and are read fast
+    if found.tracks:  # tracks contain all key times and are fast to read
         found = Found(found.root, tracks=found.tracks)
     contents = [c for _, c in _read(found, lambda label, fraction: None) if c is not None]
     return {name: ref.clip.times for name, ref in references(contents, {}).items()}
@@ -143,7 +144,7 @@ _STRANGE = (KeyError, IndexError, TypeError, ValueError, AttributeError, Overflo
 
 
 def _guarded(read: Callable[[Path, Ledger], Any], path: Path, ledger: Ledger) -> Content | None:
-    """Read a file; a reading error becomes a finding."""
+    """Read a file; on an error, add a finding and return None."""
     try:
         if not path.stat().st_size:
             ledger.add("file.empty", "error", "the file is empty.")
@@ -196,7 +197,7 @@ def _usd(path: Path, ledger: Ledger, admitted: Collection[Path]) -> Content | No
         check_usd(path, bool(content.extra["physics"]), ledger)
     except UsdError as error:
         ledger.add("usd.unreadable", "error", f"{error}.")
-    except Tf.ErrorException as error:  # a fault that OpenUSD detects only when data are read
+    except Tf.ErrorException as error:  # OpenUSD detects some faults only when it reads the data
         ledger.add(
             "usd.unreadable",
             "error",
@@ -220,7 +221,10 @@ def _tracks(path: Path, ledger: Ledger) -> Content | None:
 
 
 def _plays(stem: str, clip: str, models: Sequence[str]) -> bool:
-    """Return whether a model plays a clip: <robot>_<clip> is the only model of its clip, and plays no other clip."""
+    """Return whether a model file is used for a clip.
+
+    A model named <robot>_<clip> is the only model for its clip, and is not used for other clips.
+    """
     own = [f"{m}_{clip}" for m in models if f"{m}_{clip}" in models]
     return stem in own if own else not any(stem.startswith(f"{m}_") for m in models)
 
@@ -228,7 +232,8 @@ def _plays(stem: str, clip: str, models: Sequence[str]) -> bool:
 def _tree(path: Path, ledger: Ledger, tracks: list[Content], models: Sequence[str]) -> Content | None:
     """Read an MJCF or URDF file, and compute its link poses for the joint values of every track.
 
-    `models` are the other models in the folder; a model may be for a single clip with its own trocar positions.
+    `models` are the names without suffix of all models of this format; a model may be for a single clip, with its own
+    trocar positions.
     """
     from twin.exchange.audit.urdf import Urdf, UrdfError
 
@@ -272,7 +277,7 @@ def _package(found: Found, folder: Path) -> Ledger:
 
 
 def _proof(found: Found, file: Path) -> tuple[Ledger, str]:
-    """Check a proof.json; return (ledger, model hash that the proof states)."""
+    """Check a proof.json; return (ledger, model hash stated in the file)."""
     from twin.exchange.audit.proof import check_proof
 
     ledger = Ledger(found.name(file), "sha256", "2")

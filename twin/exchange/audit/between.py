@@ -1,7 +1,7 @@
-"""Interpolation error between keys, estimated by leaving out every second key.
+"""Estimate the interpolation error between keys by removing every second key.
 
-If accelerations change slowly, linear interpolation over two intervals has four times the error of interpolation over
-one. So a stated error is compared with a quarter of the error measured with every second key left out.
+If accelerations change slowly, the error of linear interpolation over two intervals is four times the error over one
+interval. Therefore a stated error is compared with a quarter of the error measured with every second key removed.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from twin.exchange.audit.poses import Array
 
 @dataclass(frozen=True)
 class Loss:
-    """Largest interpolation errors: any point of a link in m, rotation of a link in rad, gap of a joint in m."""
+    """Maximum interpolation errors: position of any point of a link in m, rotation of a link in rad, joint gap in m."""
 
     position: float
     rotation: float
@@ -28,7 +28,7 @@ class Loss:
 
 
 def halved(clip: Clip, shapes: Mapping[str, Shape], joints: Sequence[Joint]) -> Loss | None:
-    """Return the interpolation error at every second key if these keys are left out; None if there are too few keys."""
+    """Return the interpolation error at every second key with these keys removed; None if there are too few keys."""
     t = clip.times
     inner = np.arange(1, len(t) - 1, 2)
     inner = inner[np.abs(t[inner + 1] + t[inner - 1] - 2 * t[inner]) < 1e-6] if len(inner) else inner
@@ -50,14 +50,14 @@ def halved(clip: Clip, shapes: Mapping[str, Shape], joints: Sequence[Joint]) -> 
 
 
 def midway(A: Array, B: Array) -> Array:
-    """Return the poses (k, 4, 4) halfway between A and B: midpoint of the positions, half of the rotation."""
+    """Return the poses (k, 4, 4) halfway between A and B: mean of the positions, half of the relative rotation."""
     a, b = poses.quaternion(A[:, :3, :3]), poses.quaternion(B[:, :3, :3])
     half = poses.slerp(a, b, np.full(len(a), 0.5))
     return poses.pose(poses.rotation(half), (A[:, :3, 3] + B[:, :3, 3]) / 2)
 
 
 def gap_of(joint: Joint, links: Mapping[str, Array]) -> float:
-    """Return the gap in m between a joint's two sides in the directions that the joint locks; 0 if unknown."""
+    """Return the maximum gap in m between a joint's two frames in its locked directions; 0 if unknown."""
     if joint.parent not in links or joint.child not in links:
         return 0.0
     here, there = joint.end(joint.parent), joint.end(joint.child)

@@ -1,7 +1,7 @@
-"""A chain of joints: poses from joint values, and joint values from given poses where the file has no joint values.
+"""Compute poses of a chain of joints from joint values, and unknown joint values from the pose of the chain's end.
 
-A ball joint, for example, has no single coordinate that a table could hold; its rotation is computed from the poses of
-its two links, so that its centre and all further links are still checked.
+For example, a table has no column for the rotation of a ball joint. The rotation is computed from the poses of the two
+links, so that the centre of the ball joint and all links beyond it can still be checked.
 """
 
 from __future__ import annotations
@@ -19,8 +19,7 @@ _STEP = 1e-6
 """Step of the finite differences, in m and rad."""
 
 _GOOD = 1e-5
-"""Residual in m and rad up to which a solution counts as correct (rounding of poses); wrong solutions have a much
-larger residual."""
+"""Residual in m and rad below which a solution is accepted; rounding of poses causes residuals of this size."""
 
 _TRIES = 24
 """Number of starting points tried for frames that did not converge."""
@@ -28,7 +27,14 @@ _TRIES = 24
 
 @dataclass(frozen=True)
 class Link:
-    """A fixed pose (4, 4), followed by one joint: "turn" about or "slide" along an axis (3,), or "fixed"."""
+    """One step of a chain: a fixed pose, followed by a joint.
+
+    Attributes:
+        fixed: pose (4, 4) of the joint in the frame of the previous link.
+        kind: "turn" (about the axis), "slide" (along the axis) or "fixed" (no joint).
+        axis: unit vector (3,) in the frame after `fixed`; None if "fixed".
+        name: name of the joint.
+    """
 
     fixed: Array
     kind: str = "fixed"
@@ -53,10 +59,11 @@ def along(links: Sequence[Link], q: Sequence[Array | None], count: int) -> Array
 
 
 def fit(links: Sequence[Link], given: Sequence[Array | None], goal: Array) -> list[Array | None]:
-    """Return the values (k,) of all joints of a chain whose end reaches goal (k, 4, 4); None values are solved for.
+    """Return the joint values (k,) of a chain with which its end has the poses `goal` (k, 4, 4).
 
-    Gauss-Newton, all frames at once; frames that do not converge start again from their neighbour's solution. For an
-    unreachable goal the best result is returned; the later comparison of poses shows its error.
+    Joint values that are None in `given` are computed with Gauss-Newton for all frames at once. Frames that do not
+    converge are restarted from the solution of a neighbouring frame. If a goal cannot be reached, the best result is
+    returned; the later comparison of poses shows its error.
     """
     count = len(goal)
     free = [i for i, (link, g) in enumerate(zip(links, given, strict=True)) if g is None and link.kind != "fixed"]
@@ -69,7 +76,7 @@ def fit(links: Sequence[Link], given: Sequence[Array | None], goal: Array) -> li
         if not bad.any():
             break
         good = np.flatnonzero(~bad)
-        if len(good) and attempt % 2 == 0:  # start at the nearest solved frame, because a motion is continuous
+        if len(good) and attempt % 2 == 0:  # start from the nearest solved frame, because a motion is continuous
             begin = q[:, good[np.clip(np.searchsorted(good, np.flatnonzero(bad)), 0, len(good) - 1)]]
         else:
             begin = np.zeros((len(free), int(bad.sum())))
@@ -95,7 +102,7 @@ def _descend(links, given, free: list[int], q: Array, goal: Array) -> tuple[Arra
             values[i] = x[row]
         T = along(links, values, x.shape[1])
         E = np.swapaxes(goal[:, :3, :3], 1, 2) @ T[:, :3, :3]
-        xyzw = poses.quaternion(E)  # its vector part grows up to half a turn, where sines of the angle vanish again
+        xyzw = poses.quaternion(E)  # |vector part| = sin(angle / 2) increases up to 180 deg; sin(angle) does not
         turn = 2 * xyzw[:, :3] * np.where(xyzw[:, 3:] < 0, -1.0, 1.0)
         return np.concatenate([T[:, :3, 3] - goal[:, :3, 3], turn], axis=1)
 

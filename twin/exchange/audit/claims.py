@@ -1,4 +1,4 @@
-"""Check what files state besides poses: errors between keys, header entries, assumptions, README.txt."""
+"""Check statements of files other than poses: errors between keys, header entries, assumptions, README.txt."""
 
 from __future__ import annotations
 
@@ -14,14 +14,16 @@ from twin.exchange.audit.physics import Joint, Physics
 from twin.exchange.audit.report import Ledger, quantity
 
 TOO_GOOD = 3.0
-"""Minimum ratio of a stated error to its estimate (a quarter of the error with every second key left out)."""
+"""Maximum ratio of the estimated error to the stated error; above it, the stated error is too small."""
 
 TOO_BAD = 20.0
-"""Maximum ratio of a stated error to its estimate: a stage states its error with every second sample left out, which is
-four times the estimate."""
+"""Maximum ratio of the stated error to the estimated error.
+
+The ratio 4 is normal for a stage, whose stated error is measured with every second sample removed.
+"""
 
 _FLOOR = (1e-6, 1e-6, 1e-6)
-"""Estimates up to these (m, rad, m) are below the decimals of a track and are not compared."""
+"""Estimated errors (position in m, rotation in rad, joint gap in m) up to which rounding of a track dominates."""
 
 _STATED = (
     ("between_position", "any point of a link between keys", "m"),
@@ -36,7 +38,7 @@ def check_claims(contents: Sequence[Content]) -> None:
     shapes = next((c.shapes for c in contents if c.shapes and c.declared), {})
     physics = next((c.physics for c in contents if c.physics is not None and c.physics.complete), Physics())
     held = physics.held or frozenset()
-    # A motion may have its own positions of joints on the world, such as trocars.
+    # Joints on the world, such as trocars, may have a different position in each motion.
     joints = [
         j for j in physics.joints if not physics.trocars & set(j.names) and not (j.tied and held & {j.parent, j.child})
     ]
@@ -107,7 +109,7 @@ def _short(value: Any) -> str:
 
 
 def _check_same_robot(tracks: Sequence[Content]) -> None:
-    """Report robot data that differ between tracks."""
+    """Report data of the robot that differ between tracks."""
     if not tracks:
         return
     first = tracks[0]
@@ -120,7 +122,7 @@ def _check_same_robot(tracks: Sequence[Content]) -> None:
 
 
 def _check_assumed(contents: Sequence[Content], tracks: Sequence[Content]) -> None:
-    """Compare the lists of assumed numbers; in a stage these are the numbers of the robot with provenance ASSUMED."""
+    """Compare the lists of assumed numbers; in a stage, these are the robot's numbers with provenance ASSUMED."""
     known = next((c for c in contents if c.extra.get("assumed")), None)
     names: Mapping[str, str] = {} if known is None else known.extra["assumed"]
     for content in tracks:
@@ -138,7 +140,7 @@ def _check_assumed(contents: Sequence[Content], tracks: Sequence[Content]) -> No
 
 
 def head(line: str) -> str:
-    """Return the name from a text "name = value unit: reason"."""
+    """Return the name in a text "name = value unit: reason"."""
     return line.split("=", 1)[0].strip()
 
 
@@ -166,7 +168,7 @@ STATEMENTS: tuple[tuple[str, str, tuple[str, ...]], ...] = (
         ("(-y, z, x)", "(-y, z, x, -w)"),
     ),
 )
-"""Checked statements of README.txt: (topic, pattern, expected text)."""
+"""Checked statements of README.txt: (topic, regular expression, expected texts)."""
 
 _MOTION = re.compile(
     r"- (?P<name>\w+): (?P<title>.*?); (?P<duration>[\d.]+) s, (?P<keys>\d+) keys at (?P<rate>[\d.]+) Hz\..*?at most "
@@ -181,7 +183,7 @@ def check_readme(path: Path, contents: Sequence[Content], ledger: Ledger) -> Non
     except (OSError, UnicodeDecodeError) as error:
         ledger.add("readme.unreadable", "disagreement", f"README.txt cannot be read: {error}.")
         return
-    text = re.sub(r"[ \t]*\n[ \t]+", " ", raw)  # items that were wrapped
+    text = re.sub(r"[ \t]*\n[ \t]+", " ", raw)  # join wrapped lines
     for topic, pattern, expected in STATEMENTS:
         found = re.search(pattern, text)
         if found and tuple(g.lower() for g in found.groups()) != expected:
@@ -279,7 +281,7 @@ def check_proof_clips(path: Path, contents: Iterable[Content], ledger: Ledger) -
     try:
         data = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, ValueError, RecursionError):
-        return  # reported where its hashes are read
+        return  # check_proof reports this fault
     rows = data.get("clips") if isinstance(data, dict) else None
     tables = {str(c.extra["data"].get("protocol")): c for c in contents if c.format == "tracks" and c.clips}
     for row in rows if isinstance(rows, list) else ():

@@ -1,4 +1,4 @@
-"""Measure the colours of links: the share of a link's area by colour, in linear light."""
+"""Measure the colours of links: the fraction of a link's surface area for each linear colour."""
 
 from __future__ import annotations
 
@@ -11,8 +11,7 @@ from twin.exchange.audit.poses import Array
 Rgba = tuple[float, float, float, float]
 
 SAME = 0.02
-"""Difference of a linear colour component up to which two colours are equal: rounding of display values to eight bits.
-"""
+"""Maximum difference of a linear colour component between equal colours: rounding of display values to eight bits."""
 
 
 class Palette:
@@ -28,7 +27,7 @@ class Palette:
         own[r, g, b, a] = own.get((r, g, b, a), 0.0) + area
 
     def shares(self) -> dict[str, dict[Rgba, float]]:
-        """Return the share (0..1) of each colour in each link's area; links without area are left out."""
+        """Return by link the fraction (0..1) of its area that has each colour; links without area are omitted."""
         out = {}
         for link, areas in self._areas.items():
             total = sum(areas.values())
@@ -50,7 +49,7 @@ def surface_area(vertices: Array, triangles: Array) -> float:
 
 
 def apart(one: Mapping[Rgba, float], other: Mapping[Rgba, float]) -> float:
-    """Return the share of the area (0..1) whose colour differs between two palettes of one link."""
+    """Return the fraction (0..1) of a link's area whose colour differs between two files."""
     left = dict(other)
     matched = 0.0
     for color, share in one.items():

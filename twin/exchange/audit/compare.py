@@ -1,4 +1,4 @@
-"""Compare files with each other: every link at every key, by name; joints, shapes, clips and model hashes."""
+"""Compare files: poses of every link at every key, joint values, rest poses, shapes, clips and model hashes."""
 
 from __future__ import annotations
 
@@ -14,29 +14,29 @@ from twin.exchange.audit.poses import Array, angle
 from twin.exchange.audit.report import POSITION_TOL, ROTATION_TOL, quantity, told_apart
 
 TIME_TOL = 1e-5
-"""Largest difference in s between two files' times of one key: glTF stores times in single precision."""
+"""Maximum difference in s between the times of the same key in two files: glTF stores times in single precision."""
 
 BETWEEN_TOL = 1e-5
-"""Largest distance in m (or in tenths of a rad) of a pose halfway between two keys from the linear interpolation."""
+"""Maximum deviation, in m or tenths of a rad, of a pose halfway between two keys from linear interpolation."""
 
 BOX_TOL = 2e-5
-"""Largest difference in m between the bounding boxes that two files give one link's meshes."""
+"""Maximum difference in m between the bounding boxes of one link's meshes in two files."""
 
 STAGES = ("usd", "usda", "usdc")
 _RANK = {"truth": 0, "tracks": 1, "usda": 2, "usd": 2, "usdc": 2, "glb": 3, "gltf": 3, "csv": 4, "usdz": 5}
-"""Formats in order of preference as reference: those with the most digits and data first."""
+"""Rank of formats as reference; the formats with the most digits and data have the lowest rank."""
 
 
 @dataclass(frozen=True)
 class Reference:
-    """A reference clip, and its source ("the mechanism", or a file)."""
+    """A reference clip, and its source: "the mechanism" or the name of a file."""
 
     clip: Clip
     source: str
 
 
 def references(contents: Sequence[Content], truth: Mapping[str, tuple[Array, Mapping[str, Array]]]) -> dict:
-    """Return the reference of each clip: poses of the reference model if given, else the track, else the first file."""
+    """Return the `Reference` of each clip, by name: from `truth` if given, else the track, else the first file."""
     out = {
         name: Reference(Clip(name, np.asarray(t, float), links), "the mechanism") for name, (t, links) in truth.items()
     }
@@ -71,7 +71,7 @@ def compare(contents: Sequence[Content], refs: Mapping[str, Reference]) -> None:
 
 
 def _named(name: str, known: Mapping[str, object]) -> str | None:
-    """Return the known clip name that the name of a stage contains: <robot>_<name> or <robot>_<name>_ar."""
+    """Return the known clip name in a stage's name <robot>_<clip> or <robot>_<clip>_ar; None if there is none."""
     stem = name.removesuffix("_ar")
     fits = [k for k in known if k and (stem == k or stem.endswith(f"_{k}"))]
     return max(fits, key=len) if fits else None
@@ -84,7 +84,7 @@ def _counterpart(content: Content, clip: Clip, refs: Mapping[str, Reference]) ->
         return None
     if (name := _named(clip.name, refs)) is not None:
         return name
-    # The file does not state which clip it plays: choose the clip that it plays best.
+    # The file does not state the name of its clip: choose the clip with the most similar first and last poses.
     scores = {name: _score(clip, ref.clip) for name, ref in refs.items()}
     scores = {name: s for name, s in scores.items() if s is not None}
     return min(scores, key=lambda n: scores[n]) if scores else None
@@ -119,7 +119,7 @@ def _compare_clip(content: Content, clip: Clip, ref: Reference, name: str) -> No
         k = int(np.argmax(off))
         ledger.row(f"{label}: key times {against}", float(off[k]), "s", TIME_TOL, when=_at(clip.times[mine][k]))
     if (len(clip.times) == len(ref.clip.times) and len(mine) < len(its)) or len(mine) < 2 < len(clip.times):
-        mine = its = np.arange(min(len(clip.times), len(ref.clip.times)))  # key by key: better than no comparison
+        mine = its = np.arange(min(len(clip.times), len(ref.clip.times)))  # times differ: compare key by key
     missing = [n for n in ref.clip.links if n not in clip.links]
     extra = [n for n in content.declared or () if n not in ref.clip.links]
     for names, code, text in ((missing, "missing", "is missing"), (extra, "extra", f"is not in {ref.source}")):
@@ -163,7 +163,7 @@ def _compare_clip(content: Content, clip: Clip, ref: Reference, name: str) -> No
 
 
 def _times_apart(clip: Clip, ref: Reference, mine: Array, its: Array) -> str:
-    """Describe the keys without counterpart in the other clip: single keys, or the rest of a longer clip."""
+    """Return a text on the keys that only one of the two clips has: single keys, or the end of a longer clip."""
     if abs(clip.duration - ref.clip.duration) > TIME_TOL:
         ratio = clip.duration / ref.clip.duration if ref.clip.duration else float("nan")
         here, there = told_apart(clip.duration, ref.clip.duration)
@@ -184,7 +184,7 @@ def _times_apart(clip: Clip, ref: Reference, mine: Array, its: Array) -> str:
 
 
 def _compare_middle(content: Content, clip: Clip, ref: Reference, name: str) -> None:
-    """Report links whose poses halfway between keys are not those of linear interpolation."""
+    """Report links whose poses halfway between keys differ from linear interpolation."""
     worst, where, k = 0.0, "", 0
     for link in (n for n in ref.clip.links if n in clip.middle):
         T = np.asarray(ref.clip.links[link])
@@ -256,7 +256,7 @@ def _common(a: Array, b: Array) -> tuple[Array, Array]:
 
 
 def _blame(contents: Sequence[Content], refs: Mapping[str, Reference], compared: Mapping) -> None:
-    """Report a file as wrong if all other files differ from it and agree with each other."""
+    """Report the reference file as wrong if all other files differ from it but agree with each other."""
     for name, rows in compared.items():
         independent = {"csv": "tracks"}
         bad = [(c, clip) for c, clip, fits in rows if not fits and independent.get(c.format, c.format) != "tracks"]
@@ -284,7 +284,7 @@ def _agrees(A: Array, B: Array) -> bool:
 
 
 def _check_silent(contents: Sequence[Content], refs: Mapping[str, Reference]) -> None:
-    """Report a file that has no motion while other files have one."""
+    """Report glTF files without motion if other files have a motion."""
     for content in contents:
         if content.format in ("glb", "gltf") and content.declared and not content.clips and refs:
             text = f"the file has no motion; {next(iter(refs.values())).source} has '{next(iter(refs))}'."
@@ -292,7 +292,7 @@ def _check_silent(contents: Sequence[Content], refs: Mapping[str, Reference]) ->
 
 
 def _check_missing(contents: Sequence[Content], refs: Mapping[str, Reference]) -> None:
-    """Report missing clips: in a file of all clips, and clips without a file in a format of one file for each clip."""
+    """Report clips that are missing in a glTF file, or that have no file of their own in the other formats."""
     for content in contents:
         if content.format in ("glb", "gltf") and content.clips and content.declared:
             for name in sorted(set(refs) - {c.name for c in content.clips}):
@@ -331,7 +331,7 @@ def compare_rest(contents: Sequence[Content]) -> None:
 
 
 def _begins(content: Content) -> str:
-    """Return the clip whose first poses are the rest poses of a file, as in files of Blender; "" if there is none."""
+    """Return the clip whose first poses equal the rest poses of the file, as in Blender files; "" if there is none."""
     for clip in content.clips:
         if all(_agrees(T[:1], content.rest[n][None]) for n, T in clip.links.items() if n in content.rest):
             return clip.name
@@ -377,7 +377,7 @@ def compare_shapes(contents: Sequence[Content]) -> None:
 
 
 def compare_hashes(contents: Sequence[Content], proof: str = "") -> None:
-    """Report files whose model hash differs from that of the other files."""
+    """Report files whose model hash differs from that of proof.json or, without a proof, of most other files."""
     said: dict[str, dict[str, str]] = {}
     for c in contents:
         if c.model_hash:

@@ -1,7 +1,7 @@
-"""Compare the mechanism data of files: a table of quantities, and one comparison for all.
+"""Compare the mechanism data of files: all quantities of one table with the same method.
 
-Different formats count as independent sources, files of one format as a single source, because five stages may share
-one layer. The value of most formats counts as right; the value of the mechanism, if it is given, overrides them.
+Each format counts as one independent source, because several files of a format may share data (five stages may share
+one layer). The value in most sources is taken as correct. If a mechanism is given, its value is taken as correct.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ TRUTH = "the mechanism"
 
 _TRUST = ("truth", "usda", "usd", "usdc", "mjcf", "tracks", "urdf", "csv", "glb", "gltf", "usdz")
 _FAMILY = {"usda": "usd", "usdc": "usd", "gltf": "glb", "csv": "tracks"}
-"""Formats that are written from the same data: together they count as one source."""
+"""Source of formats that are written from the same data and count as one source, by format."""
 
 
 def _number(a: float, b: float) -> float:
@@ -36,7 +36,7 @@ def _number(a: float, b: float) -> float:
 
 
 def _row(a: Mapping[str, float], b: Mapping[str, float]) -> float:
-    """Return the relative difference of two sets of factors by joint; a missing joint has factor 0."""
+    """Return the relative difference between two sets of factors by joint; a missing joint has factor 0."""
     both = np.array([(a.get(n, 0.0), b.get(n, 0.0)) for n in dict.fromkeys((*a, *b))], float).reshape(-1, 2)
     size = float(np.linalg.norm(both, axis=0).max(initial=0.0))
     return float(np.linalg.norm(both[:, 0] - both[:, 1])) / size if size else 0.0
@@ -67,12 +67,12 @@ def _direction(a: Array, b: Array) -> float:
 
 
 def _sense(a: tuple[Array, bool], b: tuple[Array, bool]) -> float:
-    """Return the distance between two unit vectors; their sign counts only if both files state it."""
+    """Return the distance between two unit vectors; the sign is ignored unless both files state it."""
     return _distance(a[0], b[0]) if a[1] and b[1] else _direction(a[0], b[0])
 
 
 def _line(a: tuple[Array, Array | None], b: tuple[Array, Array | None]) -> float:
-    """Return the distance in m of b's point from line a (point, direction); of the two points without directions."""
+    """Return the distance in m of b's point from line a; between the two points if a has no direction."""
     off = b[0] - a[0]
     if a[1] is None or b[1] is None:
         return float(np.linalg.norm(off))
@@ -84,10 +84,10 @@ def _place(a: Array, b: Array) -> float:
 
 
 def _surface(a: Array, b: Array) -> float:
-    """Return the largest distance in m of a point of either mesh from the nearest point of the other mesh.
+    """Return the maximum distance in m of a point of either mesh from the nearest point of the other mesh.
 
-    Return 0 if few points coincide: the meshes have different triangles, and only their bounding boxes are compared
-    (elsewhere).
+    Return 0 if few points coincide: the meshes then have different triangles, and only their bounding boxes are
+    compared, in `compare_shapes`.
     """
     if a.shape == b.shape and np.array_equal(a, b):
         return 0.0
@@ -102,8 +102,7 @@ def _tree(points: Array) -> cKDTree:
 
 
 ALIKE = 3e-6
-"""Distance in m below which two points count as equal: rounding of millimetres to three decimals, and of single
-precision."""
+"""Distance in m below which two points count as equal: rounding to 0.001 mm and to single precision."""
 
 
 @dataclass(frozen=True)
@@ -111,10 +110,10 @@ class Compared:
     """One compared quantity.
 
     Attributes:
-        apart: function that returns the difference of two values.
-        tolerance: difference up to which two values are equal.
-        unit: unit of the values, or of `apart` if `relative` is not set.
-        relative: whether `apart` is a relative difference; the message then shows the ratio.
+        apart: function that returns the difference between two values.
+        tolerance: maximum difference between equal values.
+        unit: unit of the values, and of `apart` if `relative` is False.
+        relative: whether `apart` returns a relative difference; messages then show the ratio.
     """
 
     apart: Callable[[Any, Any], float]
@@ -153,12 +152,22 @@ QUANTITIES: Mapping[str, Compared] = {
     "row": Compared(_row, 1e-6, "", True),
     "rotor inertia": Compared(_number, 1e-5, "kg m2 or kg", True),
 }
-"""Compared quantities of links, joints, frames, couplings, motors and the world."""
+"""Compared quantities of links, joints, frames, couplings, motors and the world, by name."""
 
 
 @dataclass
 class View:
-    """The values that one file states, by (subject, quantity)."""
+    """Data of one file to compare.
+
+    Attributes:
+        file: name of the file as reports show it.
+        format: format of the file; "truth" for the given mechanism.
+        ledger: receives the findings on the file; None for the given mechanism.
+        physics: mechanism data of the file.
+        shapes: meshes by link.
+        colors: for each link, the fraction of its area by colour (linear rgba).
+        said: values in the file by (subject, quantity), such as ("joint 'j1'", "limits").
+    """
 
     file: str
     format: str
@@ -170,7 +179,7 @@ class View:
 
     @property
     def family(self) -> str:
-        """The source that the format counts for; formats of one source share it."""
+        """Name of the source; formats that are written from the same data have the same source."""
         return _FAMILY.get(self.format, self.format)
 
 
@@ -195,7 +204,7 @@ def compare_physics(contents: Sequence[Content], truth: Physics | None = None) -
     for view in views:
         _state(view, canonical, known, movable)
         if view.format == "mjcf" and any(view.file.startswith(f"{s}_") for s in stems):
-            # A file for one motion with its own trocars; whether its loops close is checked by playing that motion.
+            # The file is for one motion with its own trocars. The audit computes that motion, which shows open loops.
             for key in [k for k in view.said if k[1] == "place" and k[0].endswith(_ends_on(view.physics.held))]:
                 del view.said[key]
     there = [s for s, name in dict.fromkeys(key for v in views for key in v.said) if name == "existence"]
@@ -217,7 +226,7 @@ def compare_physics(contents: Sequence[Content], truth: Physics | None = None) -
                 view.ledger.row(f"{name} against the other files", min(off, 1e300), unit, q.tolerance, where=where)
 
 
-# --------------------------------------------------------------------------------------------- what each says
+# --------------------------------------------------------------------------------------------- values of each file
 
 
 def _ends_on(links: Collection[str] | None) -> tuple[str, ...]:
@@ -225,7 +234,7 @@ def _ends_on(links: Collection[str] | None) -> tuple[str, ...]:
 
 
 def _known_links(views: Sequence[View]) -> set[str]:
-    """Return the links without auxiliary ones: those of the mechanism, tracks, GLB and USD, else all."""
+    """Return the links without auxiliary links: those of the mechanism, else of tracks, USD or GLB, else all."""
     for family in ("truth", "tracks", "usd", "glb"):
         for v in views:
             if v.family == family and v.physics.links:
@@ -234,11 +243,11 @@ def _known_links(views: Sequence[View]) -> set[str]:
 
 
 def _canonical(views: Sequence[View], known: set[str]) -> dict[str, Joint]:
-    """Return joints by name, each from the first file that has it; joints with two known links are preferred."""
+    """Return the reference joints between known links by name, each from the first file that has the joint."""
     out: dict[str, Joint] = {}
     elsewhere = [(_stem(j), j.kind) for v in views if v.family != "tracks" for j in v.physics.reduced(known) if j.names]
     several = tuple(f"{name}_" for name, kind in elsewhere if kind not in ("", "fixed", "revolute", "prismatic"))
-    # A GLB has names of joints without their kinds.
+    # A GLB contains the names of joints, but not their kinds.
     turns = {f"{name}_{part}" for name, kind in elsewhere if not kind for part in ("x", "y", "z", "slide")}
     for view in sorted(views, key=lambda v: v.format in ("mjcf", "urdf")):  # these formats may split joints
         for joint in view.physics.reduced(known):
@@ -246,7 +255,7 @@ def _canonical(views: Sequence[View], known: set[str]) -> dict[str, Joint]:
             if not within or not joint.names or _match(joint, out, view):
                 continue
             if view.family == "tracks" and (joint.names[0].startswith(several) or joint.names[0] in turns):
-                continue  # one of the coordinates of a ball
+                continue  # one coordinate of a ball or cylindrical joint
             if joint.kind == "fixed" and view.format == "mjcf":
                 continue
             out[_stem(joint)] = joint
@@ -254,9 +263,9 @@ def _canonical(views: Sequence[View], known: set[str]) -> dict[str, Joint]:
 
 
 def _stem(joint: Joint) -> str:
-    """Return the joint's name from the names of its parts: a tie is named <joint>_0, the hinges of a ball <joint>_x.
+    """Return the joint's name, from the names of its parts such as <joint>_0 (a tie) or <joint>_x (hinge of a ball).
 
-    One name that ends in a number is a part's name only if it is a tie; `setup_1` is a joint's own name.
+    The number at the end of a single name is removed only if the joint is a tie; `setup_1` is a joint's own name.
     """
     names = joint.names
     if len(names) == 1:
@@ -272,11 +281,11 @@ def _stem(joint: Joint) -> str:
 
 
 def _match(joint: Joint, canonical: Mapping[str, Joint], view: View) -> str:
-    """Return the reference name of a joint, found by its name or by the links that it joins; "" if there is none."""
+    """Return the reference name of a joint, found by its name or by its two links; "" if there is none."""
     for name in (*joint.names[:1], _stem(joint)) if joint.names else ():
         if name in canonical:
             return name
-    if len(joint.names) > 1 or view.family == "tracks":  # a table holds the coordinates of a ball as separate joints
+    if len(joint.names) > 1 or view.family == "tracks":  # tracks have the coordinates of a ball as separate joints
         begins = [
             n
             for n, j in canonical.items()
@@ -379,7 +388,7 @@ def _state_mass(say: dict, link: str, mass: Mass) -> None:
 def _state_joint(say: dict, name: str, joint: Joint, canonical: Joint, movable: bool) -> None:
     subject = f"joint '{name}'"
     say[subject, "existence"] = True
-    part = joint.kind_said and joint.names != canonical.names  # one turn of a ball, in a table of numbers
+    part = joint.kind_said and joint.names != canonical.names  # one coordinate of a ball joint, in a track
     if joint.names and not part:
         own = name in (*joint.names, _stem(joint)) or (len(joint.names) > 1 and _parts(joint, name))
         say[subject, "name"] = name if own else _stem(joint)

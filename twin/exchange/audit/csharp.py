@@ -1,8 +1,8 @@
-"""Interpreter of a small part of C#, enough to run static functions of numbers: a script is checked by running it.
+"""Interpret a small subset of C#, to check a script by running its static functions of numbers.
 
 Supported: constants, static methods with overloads by the types of their parameters, local variables, assignment,
 `if`, `return`, the conditional operator, arithmetic, casts of numbers, members and constructors of plain values,
-`Math` and enumerations. Anything else raises.
+`Math` and enumerations. Other code raises `CSharpError`.
 """
 
 from __future__ import annotations
@@ -87,10 +87,10 @@ class Script:
         return name in self._methods
 
     def call(self, name: str, *given: Any) -> Any:
-        """Run a method; its arguments `given` are numbers, `Value`s or names of enumerated values.
+        """Run a method and return its result; the arguments are numbers, `Value`s or names of enumeration members.
 
         Raises:
-            CSharpError: no overload takes these arguments, or the code is unsupported.
+            CSharpError: no overload has parameters of these types, or the code is unsupported.
         """
         for params, body in self._methods.get(name, []):
             pairs = zip(params, given, strict=False)
@@ -120,7 +120,7 @@ def _block(text: str, start: int) -> str:
 
 
 class _Run:
-    """Run of one method: it parses and runs in one pass, because methods are short and run only a few hundred times."""
+    """Run of one method: parses and executes in one pass, because methods are short and run a few hundred times."""
 
     def __init__(self, script: Script, text: str, scope: dict[str, Any]) -> None:
         self._script, self._scope = script, scope
@@ -132,7 +132,7 @@ class _Run:
     # ------------------------------------------------------------------------------------------ statements
 
     def statements(self, live: bool = True) -> tuple[bool, Any]:
-        """Run statements up to the end or a closing brace.
+        """Run statements up to the end of the text or a closing brace; only parse them if `live` is False.
 
         Return (returned, value): whether a `return` ran, and its value.
         """
@@ -162,7 +162,7 @@ class _Run:
             self._need(";")
             return live, value
         name = self._next()
-        if re.fullmatch(r"[A-Za-z_]\w*", self._peek()):  # a type before it
+        if re.fullmatch(r"[A-Za-z_]\w*", self._peek()):  # the previous token was a type
             name = self._next()
         operator = self._next()
         if operator not in ("=", "+=", "-=", "*=", "/="):
@@ -252,7 +252,7 @@ class _Run:
             return Value("Quaternion", (0.0, 0.0, 0.0, 1.0))
         if self._peek() == "(":
             raise CSharpError(f"{owner}.{name}() is not supported")
-        return name  # a member of an enumeration
+        return name  # the value of an enumeration member is its name
 
     def _arguments(self) -> list[Any]:
         self._need("(")

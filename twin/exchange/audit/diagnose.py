@@ -1,4 +1,4 @@
-"""Find out why two files disagree: apply each known common mistake to the poses, and see whether it explains them."""
+"""Find out why two files disagree: test whether a common mistake, applied to the poses, explains the difference."""
 
 from __future__ import annotations
 
@@ -19,17 +19,22 @@ _FACTORS = {
     1 / 0.0254: "lengths look like inches read as metres",
 }
 _LOOKS = 20
-"""Number of frames on which each mistake is tried."""
+"""Number of frames on which each mistake is tested."""
 
 
 def why(found: Mapping[str, Array], meant: Mapping[str, Array]) -> str:
-    """Return the mistake that turns expected poses (k, 4, 4), by link, into the found ones; "" if none is known."""
+    """Return a text on the mistake that explains wrong poses; "" if no known mistake explains them.
+
+    Args:
+        found: poses (k, 4, 4) in the file, by link.
+        meant: expected poses (k, 4, 4), by link.
+    """
     names = [n for n in found if n in meant]
     if not names:
         return ""
     every = len(found[names[0]])
     rows = set(np.linspace(0, every - 1, _LOOKS).astype(int).tolist())
-    rows |= {k for n in names for k in (largest(found[n], meant[n])[1::2])}  # the fault may be at one key only
+    rows |= {k for n in names for k in (largest(found[n], meant[n])[1::2])}  # only one key may be wrong
     looks = np.array(sorted(rows))
     F = np.stack([found[n][looks] for n in names])
     M = np.stack([meant[n][looks] for n in names])
@@ -39,13 +44,13 @@ def why(found: Mapping[str, Array], meant: Mapping[str, Array]) -> str:
     if not off:
         return ""
     for text, mistake in _mistakes():
-        if off and _same(F[off], mistake(M[off])):  # others (a base at the origin) may agree by chance
+        if off and _same(F[off], mistake(M[off])):  # other links (a base at the origin) may agree by chance
             return text
     for i in off:
         for j in off:
             if i < j and _same(F[i], M[j]) and _same(F[j], M[i]):
                 return f"links '{names[i]}' and '{names[j]}' are swapped"
-    first = F[:, :1] @ poses.inverse(M[:, :1])  # one displacement of the whole robot
+    first = F[:, :1] @ poses.inverse(M[:, :1])  # displacement of the whole robot
     if _same(F, first[:1] @ M):
         move = float(np.linalg.norm(first[0, 0, :3, 3]))
         turn = np.degrees(float(poses.angle(first[0, 0, :3, :3], np.eye(3))))

@@ -1,4 +1,4 @@
-"""Find the files of a folder that can be audited, by kind."""
+"""Find the files in a folder that can be audited, by kind."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class Found:
         return sum(len(v) for k, v in vars(self).items() if k not in ("root", "readmes"))
 
     def name(self, path: Path) -> str:
-        """Return a path as reports show it."""
+        """Return a path as shown in reports: relative to the audited folder."""
         return path.relative_to(self.root).as_posix() if path != self.root else path.name
 
 
@@ -116,7 +116,7 @@ def _starts(file: Path, mark: bytes) -> bool:
 
 
 def _is_package(file: Path) -> bool:
-    """Return whether a package.json is that of a Unity package: it has an entry `unity`, the editor version."""
+    """Return whether a package.json belongs to a Unity package: its entry `unity` states the editor version."""
     try:
         data = json.loads(file.read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError):
@@ -125,7 +125,7 @@ def _is_package(file: Path) -> bool:
 
 
 def _leave_sublayers(out: Found) -> None:
-    """Remove from `out.stages` the files that another stage uses as a sublayer and that have no sublayer themselves."""
+    """Remove from `out.stages` the sublayers of other stages, except sublayers that have sublayers themselves."""
     named: set[Path] = set()
     naming: set[Path] = set()
     for stage in out.stages:

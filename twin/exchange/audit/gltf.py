@@ -20,7 +20,7 @@ from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import Ledger
 
 SCALE_TOL = 1e-4
-"""Relative deviation from unit scale that counts as rounding."""
+"""Relative deviation from scale 1 that counts as rounding."""
 
 TOOL, VERSION = "twin.exchange.audit gltf", "2.0"
 
@@ -175,7 +175,7 @@ def _check_materials(file: Gltf) -> None:
 
 
 def _physics(nodes: list[Node], world: list[Array]) -> Physics:
-    """Return the data in the extras of links and frames: masses, names of joints, poses of frames."""
+    """Return the mechanism data in the extras of nodes: masses, names of joints, poses of frames."""
     out = Physics(tuple(n.name for n in nodes if n.is_link))
     for n in nodes:
         extras = n.spec.get("extras")
@@ -195,7 +195,7 @@ def _physics(nodes: list[Node], world: list[Array]) -> Physics:
 
 
 def _shapes(file: Gltf, nodes: list[Node], world: list[Array]) -> tuple[dict[str, Shape], dict[str, dict[Rgba, float]]]:
-    """Check every mesh once. Return (shapes, colours) by link name; shapes are in their link's frame."""
+    """Check every mesh once; return (shapes, colours) by link name, with shapes in the frame of their link."""
     palette = Palette()
     known: dict[int, list[tuple[Array, Array]]] = {}
     found: dict[str, list[Shape]] = {}

@@ -1,4 +1,4 @@
-"""Read the animations of a glTF file: link poses at the animation's own keys."""
+"""Read the animations of a glTF file: link poses at the keys of each animation."""
 
 from __future__ import annotations
 
@@ -18,12 +18,21 @@ PATHS = {"translation": 3, "rotation": 4, "scale": 3}
 MODES = ("LINEAR", "STEP", "CUBICSPLINE")
 
 MOST_POSES = 20_000_000
-"""Maximum number of node poses in one clip, a limit on memory."""
+"""Maximum number of node poses in one clip, to limit memory."""
 
 
 @dataclass(frozen=True)
 class Channel:
-    """One animated property of a node: key times (k,) in s, values (k, n), and for CUBICSPLINE tangents (k, n)."""
+    """An animated property of a node.
+
+    Attributes:
+        node: index of the node.
+        path: the property: "translation", "rotation" or "scale".
+        mode: interpolation: "LINEAR", "STEP" or "CUBICSPLINE".
+        times: key times (k,) in s.
+        values: values (k, n) at the keys.
+        incoming, outgoing: tangents (k, n) at the keys; None except for CUBICSPLINE.
+    """
 
     node: int
     path: str
@@ -34,7 +43,7 @@ class Channel:
     outgoing: Array | None = None
 
     def at(self, t: Array) -> Array:
-        """Return the values (j, n) at times t (j,) in s; constant before the first key and after the last."""
+        """Return the values (j, n) at times t (j,) in s; before the first and after the last key they are constant."""
         x = np.clip(t, self.times[0], self.times[-1])
         i = np.clip(np.searchsorted(self.times, x, side="right") - 1, 0, max(len(self.times) - 2, 0))
         if len(self.times) == 1:
@@ -65,7 +74,7 @@ class Clips:
         self.animated = {c.node for _, clip in self._clips for c in clip}
 
     def world(self, moved: dict[int, dict[str, Array]]) -> list[Array]:
-        """Return T_world_node (k, 4, 4) of every node in the file's own world; (1, 4, 4) if the node does not move."""
+        """Return T_world_node (k, 4, 4) of every node in the world of the file; (1, 4, 4) if the node does not move."""
         out: list[Array] = [np.eye(4)[None]] * len(self._nodes)
         for i in self._order:
             node = self._nodes[i]
@@ -79,7 +88,7 @@ class Clips:
         return poses.pose(poses.R_Z_UP_Y_UP) @ T
 
     def read(self, shown: list[Node]) -> Iterator[Clip]:
-        """Yield each clip with the poses of the nodes `shown` at all key times of the clip."""
+        """Yield each clip, with the poses of the nodes `shown` at all key times of the clip."""
         for name, found in self._clips:
             usable = [c for c in found if len(c.times)]
             if not usable:
@@ -104,7 +113,7 @@ class Clips:
         return {n.name: np.broadcast_to(self.z_up(world[n.index]), (len(times), 4, 4)) for n in shown}
 
     def _tell_jumps(self, clip: str, channels: list[Channel]) -> None:
-        """Report channels with STEP interpolation, with which a motion jumps from key to key."""
+        """Report channels with STEP interpolation: their motion jumps from key to key."""
         jumping = [
             c for c in channels if c.mode == "STEP" and len(c.values) > 2 and np.ptp(c.values, axis=0).max() > 1e-6
         ]
@@ -115,7 +124,7 @@ class Clips:
 
 
 def channels(file: Gltf, spec: dict[str, Any], clip: str) -> Iterator[Channel]:
-    """Yield the valid channels of an animation; report the faults of the others."""
+    """Yield the valid channels of an animation; report the faults of invalid channels."""
     samplers = spec.get("samplers", [])
     seen: set[tuple[int, str]] = set()
     timed: dict[bytes, bool] = {}
@@ -156,7 +165,7 @@ def _channel(
         ledger.add("gltf.channel", "disagreement", f"clip '{clip}': interpolation '{mode}' is unknown.", where=where)
         return None
     times = times[:, 0]
-    if (key := times.tobytes()) not in timed:  # channels of a clip mostly share one array of times
+    if (key := times.tobytes()) not in timed:  # most channels of a clip share one array of times
         timed[key] = check_times(ledger, times, clip, "gltf")
     if not timed[key]:
         return None
@@ -173,7 +182,7 @@ def _channel(
         )
         return None
     if not np.all(np.isfinite(values)):
-        return None  # reported where the accessor was read
+        return None  # already reported when the accessor was read
     incoming = outgoing = None
     if mode == "CUBICSPLINE":
         incoming, values, outgoing = values[0::3], values[1::3], values[2::3]

@@ -1,4 +1,4 @@
-"""Open .glb and .gltf files: find their buffers, and read accessors with every bound checked."""
+"""Open .glb and .gltf files: find their buffers, and read accessors with checks of all bounds."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ MOST_NUMBERS = 50_000_000
 
 
 class GltfError(Exception):
-    """The file cannot be read further; `code` is the code of the finding."""
+    """The file cannot be read any further; `code` is the code of the finding."""
 
     def __init__(self, code: str, message: str) -> None:
         super().__init__(message)
@@ -34,7 +34,7 @@ class GltfError(Exception):
 
 @dataclass
 class Gltf:
-    """An opened glTF file: its JSON, its buffers, and its faults."""
+    """An opened glTF file: its JSON and its buffers; faults are added to its ledger."""
 
     path: Path
     ledger: Ledger
@@ -65,7 +65,7 @@ class Gltf:
         return values[index]
 
     def accessor(self, index: Any) -> Array:
-        """Return the numbers of an accessor as float64 (count, width); normalised integers become fractions.
+        """Return the numbers of an accessor as float64 (count, width); normalised integers are converted to fractions.
 
         Raises:
             GltfError: the accessor exceeds its buffer, or has an unknown type.
@@ -140,7 +140,7 @@ class Gltf:
         return out
 
     def _check_bounds(self, index: int, spec: dict[str, Any], values: Array) -> None:
-        """Compare the stated min and max with the numbers: viewers use them for framing, culling and timing."""
+        """Compare an accessor's min and max with its numbers; viewers use them for framing, culling and timing."""
         name = f"accessor {index}"
         if not np.all(np.isfinite(values)):
             self.ledger.add("gltf.finite", "disagreement", f"{name} holds numbers that are not finite.", where=name)
@@ -155,7 +155,7 @@ class Gltf:
                 text = f"{name}: {key} has {len(told)} numbers, not {len(real)}."
                 self.ledger.add("gltf.minmax", "disagreement", text, where=name)
                 continue
-            # Stated in decimal, stored in single precision.
+            # min and max are decimal numbers in JSON; the data are in single precision.
             off = np.abs(told - real)
             k = int(np.argmax(off))
             if off[k] > 1e-6 * max(1.0, abs(real[k])):
@@ -171,10 +171,10 @@ class Gltf:
 
 
 def natural(spec: Any, key: str, name: str, default: int | None = None) -> int:
-    """Return an entry of an object that must be a whole number >= 0.
+    """Return an entry of a JSON object that must be a whole number >= 0; the default if the entry is missing.
 
     Raises:
-        GltfError: the entry is missing, or is not a whole number >= 0.
+        GltfError: the entry is missing and there is no default, or it is not a whole number >= 0.
     """
     value = spec.get(key, default) if isinstance(spec, dict) else None
     if isinstance(value, float) and value.is_integer():

@@ -15,9 +15,18 @@ from twin.exchange.audit.poses import Array
 
 @dataclass(frozen=True)
 class Node:
-    """One node: its parent's index (-1 for none); at rest its translation, rotation xyzw and scale, or its matrix.
+    """A node.
 
-    `copied`: its extras repeat the extras of a node above it, because some exporters copy them to meshes.
+    Attributes:
+        index: number of the node in the file.
+        name: its name, or "".
+        parent: index of its parent; -1: none.
+        translation: (3,) in m, relative to the parent, at rest.
+        rotation: quaternion (4,), x y z w, at rest.
+        scale: (3,) at rest.
+        matrix: T_parent_node (4, 4) at rest, used instead of the three above; None if the file has none.
+        spec: its JSON object.
+        copied: whether its extras repeat the extras of an ancestor, because some exporters copy extras to meshes.
     """
 
     index: int
@@ -37,20 +46,20 @@ class Node:
 
     @property
     def is_link(self) -> bool:
-        """Whether the file marks the node as a link of a robot."""
+        """Whether the node's extras mark it as a link of a robot."""
         extras = self.spec.get("extras")
         return isinstance(extras, dict) and bool(extras.get("link")) and not self.copied
 
 
 def link_above(nodes: list[Node], node: Node) -> Node | None:
-    """Return the link that a node represents or is mounted on; None if there is none."""
+    """Return the node itself if it is a link, else its nearest ancestor that is a link; None if there is none."""
     while not node.is_link and node.parent >= 0:
         node = nodes[node.parent]
     return node if node.is_link else None
 
 
 def local(node: Node, moved: dict[str, Array]) -> Array:
-    """Return the matrices T_parent_node (k or 1, 4, 4) of a node; `moved` holds its animated properties."""
+    """Return the matrices T_parent_node (k or 1, 4, 4) of a node; `moved` has its animated values by property."""
     if node.matrix is not None and not moved:
         return node.matrix[None]
     T = poses.pose(
@@ -120,7 +129,7 @@ def _link_of(spec: dict[str, Any]) -> Any:
 
 
 def numbers(value: Any, n: int, name: str) -> Array:
-    """Return a list of n finite numbers of the JSON as an array (n,).
+    """Return a JSON list of n finite numbers as an array (n,).
 
     Raises:
         GltfError: the value is not a list of n finite numbers.

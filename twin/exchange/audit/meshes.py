@@ -13,13 +13,13 @@ from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import Ledger
 
 AGAINST = 0.01
-"""Maximum share of a mesh's area whose normals may point against the winding, as those of very thin triangles do."""
+"""Maximum fraction of a mesh's area with normals opposite to the winding; normals of thin triangles are inaccurate."""
 
 
 def check_mesh(
     ledger: Ledger, where: str, vertices: Array, triangles: Array, normals: Array | None, code: str
 ) -> Shape | None:
-    """Report the faults of a mesh. Return its shape, or None if its triangles are invalid.
+    """Report the faults of a mesh, and return its shape; None if its triangles are invalid.
 
     Args:
         ledger: receives the findings.
@@ -74,9 +74,9 @@ def check_mesh(
 
 @lru_cache(maxsize=512)
 def _measured(points: bytes, faces: bytes) -> tuple[Shape, bool]:
-    """Return (shape, mixed): mixed is whether the mesh is closed but inconsistently oriented.
+    """Return (shape, mixed); `mixed`: whether the mesh is closed but its triangles are inconsistently oriented.
 
-    Cached: files share meshes.
+    The result is cached, because files share meshes.
     """
     vertices = np.frombuffer(points).reshape(-1, 3)
     triangles = np.frombuffer(faces, np.int64).reshape(-1, 3)
@@ -125,7 +125,7 @@ def _check_normals(ledger: Ledger, where: str, vertices: Array, triangles: Array
 
 
 def weld(vertices: Array, triangles: Array) -> Array:
-    """Return the triangles (m, 3) with equal points merged, because exporters duplicate points at shading edges."""
+    """Return the triangles (m, 3) with equal points merged; exporters duplicate points at sharp edges."""
     rows = np.ascontiguousarray(vertices + 0.0)  # adding 0.0 removes negative zeros
     keys = rows.view(np.dtype((np.void, rows.dtype.itemsize * 3))).ravel()
     _, first = np.unique(keys, return_inverse=True)
@@ -133,9 +133,10 @@ def weld(vertices: Array, triangles: Array) -> Array:
 
 
 def edges(triangles: Array) -> tuple[bool, bool]:
-    """Return (consistent, mixed): closed with consistent orientation; closed with inconsistent orientation.
+    """Return (consistent, mixed): whether the mesh is closed and consistently, or closed and inconsistently oriented.
 
-    Consistent: each directed edge occurs as often as its opposite. Triangles that welding made degenerate are left out.
+    Consistent means that each directed edge occurs as often as its opposite. Triangles that are degenerate after
+    welding are ignored.
     """
     t = triangles[(triangles[:, 0] != triangles[:, 1]) & (triangles[:, 1] != triangles[:, 2])]
     t = t[t[:, 0] != t[:, 2]].astype(np.int64)
@@ -151,7 +152,7 @@ def edges(triangles: Array) -> tuple[bool, bool]:
 
 
 def signed_volume(vertices: Array, triangles: Array) -> float:
-    """Return the volume in m3, negative if the faces point inwards; relative to the box's centre, for precision."""
+    """Return the volume in m3, negative if the faces point inwards; computed about the box centre for precision."""
     p = vertices - (vertices.min(axis=0) + vertices.max(axis=0)) / 2
     a, b, c = (p[triangles[:, i]] for i in range(3))
     return float(np.sum(a * np.cross(b, c)) / 6)

@@ -1,4 +1,4 @@
-"""Read an MJCF: MuJoCo compiles the file and computes body poses from the joint values of a track; loops must close."""
+"""Read an MJCF: MuJoCo compiles it and computes body poses and loop gaps for the joint values of a track."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ from twin.exchange.audit.report import Ledger, quantity
 from twin.exchange.audit.urdf import named_mesh, numbers, parse_xml
 
 LOOP_TOL = 1e-6
-"""Largest residual in m (or in rad for a weld) of an equality constraint at the joint values of a track."""
+"""Maximum residual in m (for the rotation of a weld in rad) of an equality constraint at joint values of a track."""
 
 LIMIT_TOL = 1e-5
-"""Relative difference of limits that counts as rounding: MuJoCo saves a model with six digits."""
+"""Relative difference between limits that counts as rounding: MuJoCo saves models with six digits."""
 
 _BALL, _SLIDE, _HINGE, _FREE = 1, 2, 3, 0
 
@@ -125,7 +125,10 @@ class Mjcf:
                 qpos[:, at] = values[0] + m.qpos0[at]
 
     def _chain(self, body: int, joints, clip: Clip) -> tuple[list[Link], list[Array | None], list[int]]:
-        """Return the chain from a body's parent: links, their known values (or None), MuJoCo joint numbers (or -1)."""
+        """Return (links, values, joints) of the chain from a body's parent to the body.
+
+        The values (k,) are None if unknown; the joints are MuJoCo joint numbers, -1 for a fixed link.
+        """
         m = self.model
         links = [Link(poses.pose(poses.rotation(m.body_quat[body][[1, 2, 3, 0]]), m.body_pos[body]))]
         given: list[Array | None] = [None]
@@ -148,7 +151,7 @@ class Mjcf:
         return links, given, owners
 
     def _goal(self, body: int, clip: Clip) -> Array | None:
-        """Return the poses T_parent_body (k, 4, 4): from the track, or from the body that it is welded to."""
+        """Return T_parent_body (k, 4, 4) from the track, or from the body to which it is welded; None if unknown."""
         upper = self._known(self.model.body_parentid[body], clip)
         here = self._known(body, clip)
         if here is None:
@@ -176,7 +179,7 @@ class Mjcf:
         return None
 
     def check_limits(self, name: str, low: Mapping[str, float], high: Mapping[str, float]) -> None:
-        """Compare the joint ranges with the joint limits in a track."""
+        """Compare the joint ranges of the file with the joint limits in a track."""
         m = self.model
         for j in range(m.njnt):
             joint = m.joint(j).name
@@ -193,7 +196,7 @@ class Mjcf:
 
 
 def _holds(root: ET.Element) -> bool:
-    """Return whether an equality constraint ties a body to the world, so that the world is the base of the robot."""
+    """Return whether a joint connects a top-level body to the world; the world is then the base of the robot."""
     return any(b.find("joint") is not None for world in root.iter("worldbody") for b in world.findall("body"))
 
 
@@ -229,7 +232,7 @@ def _shapes(root: ET.Element, path: Path, ledger: Ledger) -> dict[str, Shape]:
         parts, seen = [], set()
         for geom in body.findall("geom"):
             place = (geom.get("mesh"), geom.get("pos"), geom.get("quat"))
-            if place in seen:  # drawn, and collided with
+            if place in seen:  # the same mesh is used for display and collision
                 continue
             seen.add(place)
             if geom.get("mesh") not in assets or not set(geom.keys()).isdisjoint(

@@ -1,4 +1,4 @@
-"""Checks of an MJCF by itself: actuators on the wrong joint, keyframes with open loops or not in equilibrium."""
+"""Check a single MJCF: actuators on the wrong joint, keyframes with open loops or without equilibrium."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 from twin.exchange.audit.report import Ledger, quantity
 
 KEY_GAP = 1e-4
-"""Largest residual in m or rad of an equality constraint at a keyframe, where simulations start."""
+"""Maximum residual in m or rad of an equality constraint at a keyframe, from which simulations start."""
 
 
 def check_model(m: mujoco.MjModel, d: mujoco.MjData, ledger: Ledger) -> None:
@@ -54,7 +54,7 @@ def _check_key(m: mujoco.MjModel, d: mujoco.MjData, k: int, ledger: Ledger) -> N
 
 
 def _check_push(m: mujoco.MjModel, d: mujoco.MjData, name: str, ledger: Ledger) -> None:
-    """Report actuators whose force is at its bound at a keyframe with zero velocity."""
+    """Report actuators whose force is at its limit at a keyframe with zero velocity."""
     mujoco.mj_fwdVelocity(m, d)
     mujoco.mj_fwdActuation(m, d)
     for a in range(m.nu):

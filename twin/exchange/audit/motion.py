@@ -1,4 +1,4 @@
-"""The result of every reader: clips of link poses in one world, and the file's conventions.
+"""Common result of the readers: clips of link poses in the world frame, and the conventions of the file.
 
 Poses are T_world_link (k, 4, 4): metres, z up, right-handed, without scale.
 """
@@ -20,21 +20,25 @@ UNIT_TOL = 1e-4
 """Deviation of a quaternion's length from 1 that counts as rounding of single precision."""
 
 MAX_STEP = np.radians(120)
-"""Largest rotation in rad between two keys: players take the shorter way, so larger rotations play backwards."""
+"""Maximum rotation in rad between two keys: players use the shorter rotation, so that large ones may be reversed."""
 
 START_TOL = 1e-9
-"""Largest start time in s of a clip: players show the rest pose before a later start."""
+"""Maximum start time in s of a clip: if a clip starts later, players show the rest pose first."""
 
 FAR = 50.0
-"""Distance in m of a link from the origin above which the unit of length is probably wrong."""
+"""Distance in m between a link and the origin above which the unit of length is probably wrong."""
 
 
 @dataclass(frozen=True)
 class Shape:
-    """All meshes of one link, in its frame: corners (3,) of the bounding box in m, and signed volume in m3.
+    """Shape of all meshes of one link, in the frame of the link.
 
-    `closed`: whether all meshes are closed; otherwise the volume has no meaning. `points` (n, 3) in m: those that
-    triangles use. `area` is in m2.
+    Attributes:
+        low, high: corners (3,) of the bounding box in m.
+        volume: signed volume in m3; without meaning if the meshes are not closed.
+        closed: whether all meshes are closed.
+        points: vertices (n, 3) of the triangles in m.
+        area: surface area in m2.
     """
 
     low: Array
@@ -47,9 +51,14 @@ class Shape:
 
 @dataclass(frozen=True)
 class Clip:
-    """One motion: times (k,) in s, T_world_link (k, 4, 4) by link, and joint values (k,) in rad or m where known.
+    """A motion.
 
-    `middle`: poses (k - 1, 4, 4) halfway between keys, if the format states the interpolation.
+    Attributes:
+        name: name of the clip.
+        times: times (k,) of the keys in s.
+        links: T_world_link (k, 4, 4) by link.
+        joints: known joint values (k,) in rad or m, by joint.
+        middle: T_world_link (k - 1, 4, 4) halfway between keys, by link; empty if the format has no interpolation.
     """
 
     name: str
@@ -73,14 +82,14 @@ class Content:
         format: "glb", "usd", "usdz", "tracks", "csv", "mjcf", "urdf".
         clips: motions, in the order of the file.
         rest: T_world_link (4, 4) by link, without any motion.
-        declared: names that the file marks as links (rigid bodies, extras), None if it marks none.
+        declared: names of the links that the file marks (as rigid bodies, in extras); None if it marks none.
         shapes: meshes by link.
-        colors: for each link, the share of its area by colour (linear rgba).
-        physics: masses, joints and frames in the file, None if it has none.
-        model_hash: hash of the mechanism that the file was made from, as the file states it, or "".
-        facts: conventions found, for the report: units, up_axis, handedness, ...
-        known: links of the other files in the folder, None if there are none.
-        extra: data that only one check needs (limits, phases).
+        colors: for each link, the fraction of its area by colour (linear rgba).
+        physics: masses, joints and frames in the file; None if it has none.
+        model_hash: hash, stated in the file, of the mechanism that the file was made from; "" if not stated.
+        facts: conventions of the file, for the report: units, up_axis, handedness, ...
+        known: links that any file in the folder marks; None if no file marks links.
+        extra: data for a single check (limits, phases).
     """
 
     ledger: Ledger
@@ -98,11 +107,11 @@ class Content:
 
     @property
     def file(self) -> str:
-        """Name of the file as reports show it."""
+        """Name of the file, as shown in reports."""
         return self.ledger.file
 
     def as_facts(self) -> dict[str, Any]:
-        """Return the entry of the file in the report."""
+        """Return format and conventions of the file as plain data for the report."""
         links: int | None = len(self.links) if self.links is not None else None
         clips = [{"name": c.name, "keys": len(c.times), "duration_s": c.duration} for c in self.clips]
         return {
@@ -116,14 +125,14 @@ class Content:
 
     @property
     def links(self) -> tuple[str, ...] | None:
-        """Names of the links: those that the file marks as links, else those that other files name; None if unknown."""
+        """Names of the links that this file marks, else of the links that other files mark; None if unknown."""
         if self.declared is not None:
             return self.declared
         return None if self.known is None else tuple(n for n in self.rest if n in self.known)
 
 
 def check_times(ledger: Ledger, times: Array, clip: str, code: str) -> bool:
-    """Report faults of key times (k,) in s; return whether they can be used."""
+    """Report faults of key times (k,) in s; return whether the times can be used."""
     if not len(times):
         ledger.add(f"{code}.times", "disagreement", f"clip '{clip}' has no keys.", where=clip)
         return False
@@ -191,7 +200,7 @@ def check_rate(ledger: Ledger, times: Array, stated: float, clip: str, code: str
 def check_quaternions(
     ledger: Ledger, xyzw: Array, times: Array | Sequence[float], where: str, code: str, blended: bool = True
 ) -> None:
-    """Report faults of the quaternions (k, 4) of one link: length; if players interpolate them, also sign and step."""
+    """Report faults of the quaternions (k, 4) of a link: length and, if `blended` (interpolated), sign and step."""
     if not np.all(np.isfinite(xyzw)):
         text = f"{where}: a quaternion is not finite."
         ledger.add(f"{code}.finite", "disagreement", text, where=where)
@@ -217,7 +226,7 @@ def check_quaternions(
         k = flips[0]
         ledger.add(
             f"{code}.quaternion_sign",
-            "warning" if code == "gltf" else "disagreement",  # glTF itself says that players turn the short way
+            "warning" if code == "gltf" else "disagreement",  # glTF requires players to use the shorter rotation
             f"{where}: the quaternion changes sign {len(flips)} times, first between {times[k]:.4g} and "
             f"{times[k + 1]:.4g} s: players that interpolate the numbers (Unity) glitch by up to 180 deg.",
             where=where,
@@ -268,7 +277,7 @@ def check_poses(ledger: Ledger, clip: Clip, code: str) -> None:
 
 
 def largest(poses: Array, others: Array) -> tuple[float, int, float, int]:
-    """Return (distance, key, angle, key): largest distance in m and angle in rad between two arrays of poses."""
+    """Return (distance in m, key, angle in rad, key): maximum differences between poses (k, 4, 4), and their keys."""
     apart = np.linalg.norm(poses[:, :3, 3] - others[:, :3, 3], axis=1)
     turn = angle(poses[:, :3, :3], others[:, :3, :3])
     i, j = int(np.argmax(apart)), int(np.argmax(turn))
@@ -276,7 +285,7 @@ def largest(poses: Array, others: Array) -> tuple[float, int, float, int]:
 
 
 def check_names(content: Content) -> None:
-    """Report unusable names of links and joints: empty, with line breaks, or with spaces at an end."""
+    """Report unusable names of links and joints: empty, with line breaks, or with spaces at the start or end."""
     joints = [n for j in (content.physics.joints if content.physics else ()) for n in j.names]
     for kind, names in (("link", content.declared or ()), ("joint", joints)):
         for name in dict.fromkeys(names):

@@ -1,4 +1,4 @@
-"""Read Wavefront OBJ meshes of MJCF and URDF: points and triangles only."""
+"""Read the Wavefront OBJ meshes of MJCF and URDF: only points and triangles."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ class ObjError(Exception):
 
 
 def read_obj(path: Path) -> tuple[Array, Array]:
-    """Return points (n, 3) and triangles (m, 3), indices from 0; larger faces are split into triangles.
+    """Return (points (n, 3), triangles (m, 3) with indices from 0); larger faces are split into triangles.
 
     Raises:
-        ObjError: a line cannot be read, or a face names a point that does not exist.
+        ObjError: a line cannot be parsed, or a face refers to a point that does not exist.
     """
     check_size(path, "OBJ")
     stat = path.stat()
@@ -28,7 +28,7 @@ def read_obj(path: Path) -> tuple[Array, Array]:
 
 @lru_cache(maxsize=1000)
 def _read(path: Path, time: int, size: int) -> tuple[Array, Array]:
-    """Read a file, cached until it changes, because MJCF and URDF share meshes."""
+    """Read a file; the result is cached until the file changes, because MJCF and URDF share meshes."""
     points: list[list[float]] = []
     faces: list[tuple[int, int, int]] = []
     try:

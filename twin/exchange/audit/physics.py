@@ -1,8 +1,8 @@
-"""Mechanism data of a file in a common form for all formats: links, joints, frames, gravity.
+"""Mechanism data of a file (links, joints, frames, gravity) in a common form for all formats.
 
-A joint is the pose of its child in its parent with all coordinates zero, and lines in the parent along or about which
-it moves. Formats split joints differently (a ball as three hinges with auxiliary links, a loop closure as two ties):
-`reduced` removes the auxiliary links, so that joints of different formats can be compared.
+A joint is defined by the pose of its child in its parent at zero coordinates, and by lines in the parent's frame along
+or about which the child moves. Some formats split a joint into parts (a ball into three hinges with auxiliary links, a
+loop closure into two ties); `reduced` joins the parts, so that joints of different formats can be compared.
 """
 
 from __future__ import annotations
@@ -16,12 +16,18 @@ from twin.exchange.audit import poses
 from twin.exchange.audit.poses import Array
 
 _SAME = 1e-5
-"""Tolerance in m, and in components of unit vectors, within which two lines coincide or three lines meet in a point."""
+"""Tolerance, in m and in components of unit vectors, for coinciding lines and for lines that meet in a point."""
 
 
 @dataclass(frozen=True)
 class Mass:
-    """Mass in kg, centre of mass (3,) in m and inertia (3, 3) in kg m2 about that centre, in the frame of the link."""
+    """Mass properties of a link, in the frame of the link.
+
+    Attributes:
+        mass: in kg.
+        center: centre of mass (3,) in m; None if not stated.
+        inertia: inertia (3, 3) in kg m2 about the centre of mass; None if not stated.
+    """
 
     mass: float
     center: Array | None = None
@@ -30,27 +36,34 @@ class Mass:
 
 @dataclass(frozen=True)
 class Line:
-    """A motion: "turn" about or "slide" along a unit vector (3,) through a point (3,) in m, in the parent's frame."""
+    """A line about which ("turn") or along which ("slide") a joint moves, in the frame of the joint's parent.
+
+    Attributes:
+        kind: "turn" or "slide".
+        point: point (3,) on the line in m.
+        direction: unit vector (3,).
+    """
 
     kind: str
     point: Array
     direction: Array
 
     def seen(self, T: Array, sign: float = 1.0) -> Line:
-        """Return the line transformed by the pose T (4, 4) into another frame."""
+        """Return the line transformed by the pose T (4, 4), with its direction multiplied by `sign`."""
         return Line(self.kind, T[:3, :3] @ self.point + T[:3, 3], sign * T[:3, :3] @ self.direction)
 
 
 @dataclass(frozen=True)
 class Drive:
-    """The drive of a joint; None means that the file does not state the value. SI units.
+    """Limits and drive of a joint; None: the file does not state the value.
 
     Attributes:
-        limits: in m or rad; infinite without a limit.
-        driven: whether an actuator moves it.
-        stiffness, damping: of a position drive, in N/m and N s/m, or N m/rad and N m s/rad.
-        effort: maximum in N or N m.
-        speed: maximum in m/s or rad/s.
+        limits: (lower, upper) in m or rad; infinite without a limit.
+        driven: whether an actuator moves the joint.
+        stiffness: stiffness of the position drive in N/m or N m/rad.
+        damping: damping of the position drive in N s/m or N m s/rad.
+        effort: maximum effort in N or N m.
+        speed: maximum speed in m/s or rad/s.
     """
 
     limits: tuple[float, float] | None = None
@@ -63,15 +76,17 @@ class Drive:
 
 @dataclass(frozen=True)
 class Motor:
-    """A motor with a transmission to joints; None: not stated in the file. SI units, on the motor's side.
+    """A motor with a transmission to joints; SI units, on the motor's side. None: the file does not state the value.
 
     Attributes:
-        row: factors by joint; the motor's coordinate is the sum of factor times joint coordinate.
-        kind: "angle" or "length".
-        limits: in m or rad; infinite without a limit.
-        effort, speed: maximum; infinite without a bound.
-        inertia: of the rotor in kg m2 or kg; 0 if it has none.
-        stiffness, damping: of the position drive; 0 if there is none.
+        row: factor by joint; the motor's coordinate is the sum of factor times joint coordinate.
+        kind: "angle" or "length", the kind of the motor's coordinate.
+        limits: (lower, upper) in m or rad; infinite without a limit.
+        effort: maximum effort in N or N m; infinite without a limit.
+        speed: maximum speed in m/s or rad/s; infinite without a limit.
+        inertia: inertia of the rotor in kg m2, or its mass in kg; 0 without a rotor.
+        stiffness: stiffness of the position drive in N/m or N m/rad; 0 without a drive.
+        damping: damping of the position drive in N s/m or N m s/rad; 0 without a drive.
     """
 
     row: Mapping[str, float] | None = None
@@ -85,9 +100,9 @@ class Motor:
 
 
 def felt(motors: Mapping[str, Motor], joint: str) -> tuple[float, float] | None:
-    """Return (stiffness, damping) of the motors' drives at a joint, other joints fixed; None if no motor moves it.
+    """Return (stiffness, damping) at a joint due to the drives of its motors; None if no motor moves the joint.
 
-    A motor's stiffness and damping act on the joint multiplied by the square of its factor.
+    The other joints are fixed. A motor contributes its stiffness and damping, multiplied by the square of its factor.
     """
     moving = [(m, m.row[joint]) for m in motors.values() if m.row and joint in m.row]
     if not moving:
@@ -100,13 +115,13 @@ class Joint:
     """A joint between two links.
 
     Attributes:
-        names: of its parts in the file; usually one.
-        parent, child: links.
-        T: pose (4, 4) of the child in the parent at zero.
-        motions: lines in the parent's frame, from the parent outwards.
-        drive: see `Drive`.
-        tied: points (3,) in m of parent and child that coincide, if the file states nothing else (MJCF connect).
-        kind_said: the kind, if a format states it without the axis (tracks, GLB), else "".
+        names: names of its parts in the file; usually one.
+        parent, child: names of its links; "" if not stated.
+        T: pose T_parent_child (4, 4) at zero coordinates; None if not stated.
+        motions: lines along or about which it moves, in the parent's frame, from the parent outwards.
+        drive: its limits and drive.
+        tied: pairs of coinciding points (3,) in m of parent and child, if the file states only these (MJCF connect).
+        kind_said: the kind, if the file states it without the axis (tracks, GLB); else "".
     """
 
     names: tuple[str, ...]
@@ -120,7 +135,7 @@ class Joint:
 
     @property
     def kind(self) -> str:
-        """Fixed, revolute, prismatic, cylindrical, spherical, free, or a list of its motions; "" if not stated."""
+        """Fixed, revolute, prismatic, cylindrical, spherical, free or "chain of ..." (other motions); "": unknown."""
         if self.kind_said:
             return self.kind_said
         if self.tied:
@@ -130,7 +145,8 @@ class Joint:
     def end(self, link: str) -> tuple[Array, Array | None] | None:
         """Return (point (3,) in m, direction (3,) or None for a ball) of the joint in the frame of one of its links.
 
-        The sign of the direction is that seen from the link whose name comes first; a tie has no sign.
+        The sign of the direction is defined relative to the link whose name is first in alphabetical order. The
+        direction of a tie has no defined sign.
         """
         flip = 1.0 if self.parent < self.child else -1.0
         if self.tied:
@@ -147,7 +163,7 @@ class Joint:
         return line.point, flip * line.direction
 
     def turned(self) -> Joint:
-        """Return the joint with parent and child exchanged; its coordinates keep their signs."""
+        """Return the joint with parent and child exchanged; the signs of its coordinates do not change."""
         tied = tuple((b, a) for a, b in self.tied)
         if self.T is None:
             return replace(self, parent=self.child, child=self.parent, tied=tied)
@@ -158,7 +174,7 @@ class Joint:
 
 @dataclass(frozen=True)
 class Frame:
-    """A named frame: its link, and its pose (4, 4) in the link."""
+    """A named frame: the name of its link, and its pose T_link_frame (4, 4)."""
 
     link: str
     T: Array
@@ -170,17 +186,17 @@ class Physics:
 
     Attributes:
         links: names of all links.
-        masses: by link.
+        masses: mass properties by link.
         joints: in the order of the file.
-        frames: named ones.
-        gravity: (3,) in m/s2 in a world with z up, None if not stated.
-        held: links that are fixed to the world, None if the format cannot state this.
-        tool: name of the moved frame, "" if not stated.
-        trocars: names of joints whose positions protocols choose.
+        frames: named frames, by name.
+        gravity: (3,) in m/s2 in a world with z up; None if not stated.
+        held: links that are fixed to the world; None if the format cannot state this.
+        tool: name of the frame that protocols move; "" if not stated.
+        trocars: names of the trocars, joints whose position depends on the protocol.
         couplings: (factors by joint, constant sum) by name; None if the format cannot state couplings.
-        motors: motors of transmissions, by name; None if not stated.
-        all_motors: whether `motors` is complete.
-        complete: whether `joints` is complete.
+        motors: motors with transmissions, by name; None if not stated.
+        all_motors: whether `motors` contains all motors with transmissions.
+        complete: whether `joints` contains all joints.
     """
 
     links: tuple[str, ...] = ()
@@ -197,7 +213,7 @@ class Physics:
     complete: bool = False
 
     def reduced(self, known: Collection[str]) -> list[Joint]:
-        """Return the joints between known links; chains over other links and several ties of a pair become one."""
+        """Return the joints between known links; chains over other links and ties of one pair of links are joined."""
         joints = [j for j in self.joints if not j.tied]
         pending = [n for n in dict.fromkeys(n for j in joints for n in (j.parent, j.child)) if n and n not in known]
         while pending:
@@ -250,7 +266,7 @@ def _kind(motions: tuple[Line, ...]) -> str:
 
 
 def meeting(lines: Collection[Line]) -> Array:
-    """Return the point (3,) with the least squared distance from all lines."""
+    """Return the point (3,) in m with the minimum sum of squared distances from the lines."""
     projectors = [np.eye(3) - np.outer(m.direction, m.direction) for m in lines]
     b = np.sum([P @ m.point for P, m in zip(projectors, lines, strict=True)], axis=0)
     return np.linalg.lstsq(np.sum(projectors, axis=0), b, rcond=None)[0]
@@ -266,7 +282,7 @@ def _unit(v: Array) -> Array:
 
 
 def along(kind: str, T: Array, axis: int = 2) -> tuple[Line, ...]:
-    """Return the motions of a joint of this kind along or about one axis of its frame T_parent_joint (4, 4)."""
+    """Return the motions of a joint of this kind on axis 0, 1 or 2 (x, y, z) of its frame T = T_parent_joint (4, 4)."""
     point, directions = T[:3, 3], T[:3, :3].T
     own = directions[axis]
     return {

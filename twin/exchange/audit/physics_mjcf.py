@@ -12,7 +12,7 @@ from twin.exchange.audit.physics import Drive, Frame, Joint, Line, Mass, Motor, 
 from twin.exchange.audit.poses import Array
 
 MARK = "frame_"
-"""Prefix of the names of sites that mark named frames; other sites close loops."""
+"""Prefix of the names of sites that mark named frames; other sites belong to loop closures."""
 
 _BALL, _SLIDE, _HINGE = (
     int(k) for k in (mujoco.mjtJoint.mjJNT_BALL, mujoco.mjtJoint.mjJNT_SLIDE, mujoco.mjtJoint.mjJNT_HINGE)
@@ -29,7 +29,7 @@ _CONNECT, _WELD, _COUPLE, _TENDON = (
 
 
 def compiled_physics(model: mujoco.MjModel, bodies: dict[str, int]) -> Physics:
-    """Return the data of a compiled model; `bodies` gives body numbers by link name; one may be the world."""
+    """Return the data of a compiled model; `bodies` has body numbers by link name and may include the world."""
     m = model
     out = Physics(tuple(bodies), complete=True, gravity=np.array(m.opt.gravity), couplings=_couplings(m))
     out.motors, out.all_motors = _motors(m), True
@@ -65,7 +65,7 @@ def _by_sites(m: mujoco.MjModel, e: int) -> bool:
 
 
 def _named(names: Iterable[str]) -> tuple[str, ...]:
-    return tuple(n for n in names if n)  # MJCF need not name what it holds
+    return tuple(n for n in names if n)  # names are optional in MJCF
 
 
 def _pose(p: Array, wxyz: Array) -> Array:
@@ -115,7 +115,7 @@ def _motors(m: mujoco.MjModel) -> dict[str, Motor]:
 
 
 def _drives(m: mujoco.MjModel, motors: dict[str, Motor]) -> list[Drive]:
-    """Return drives by joint, from its actuator and its range."""
+    """Return the drive of each joint, from its actuator and its range."""
     acting = {
         int(m.actuator_trnid[a, 0]): a
         for a in range(m.nu)
@@ -141,7 +141,7 @@ def _drives(m: mujoco.MjModel, motors: dict[str, Motor]) -> list[Drive]:
 
 
 def _ties(m: mujoco.MjModel, names: list[str]) -> list[Joint]:
-    """Return the loop closures as joints: a <connect> ties a point of two bodies, a <weld> is a fixed joint."""
+    """Return the loop closures as joints: a <connect> becomes a tie of two points, a <weld> a fixed joint."""
     out = []
     for e in range(m.neq):
         kind = int(m.eq_type[e])
@@ -152,7 +152,7 @@ def _ties(m: mujoco.MjModel, names: list[str]) -> list[Joint]:
             ends = [(int(m.site_bodyid[s]), _pose(m.site_pos[s], m.site_quat[s])) for s in (one, two)]
         elif kind == _CONNECT:
             ends = [(b, poses.pose(None, m.eq_data[e, 3 * k : 3 * k + 3])) for k, b in enumerate((one, two))]
-        else:  # the anchor is in the second body, the relative pose is of the second in the first
+        else:  # the anchor is given in the second body, the relative pose is that of the second body in the first
             relative = _pose(m.eq_data[e, 3:6], m.eq_data[e, 6:10])
             ends = [(one, relative), (two, np.eye(4))]
         (a, T_a), (b, T_b) = ends

@@ -11,14 +11,14 @@ from twin.exchange.audit import poses
 from twin.exchange.audit.physics import Drive, Frame, Joint, Physics
 
 TOOL = "(tool)"
-"""Name of the moved frame if the track does not name it."""
+"""Name of the frame that the protocol moves, if the track does not state its name."""
 
 NO_LIMIT = 1e29
-"""Value in m or rad from which a limit means no limit, because JSON has no infinity."""
+"""Value in m or rad from which a limit means "no limit", because JSON has no infinity."""
 
 
 def track_physics(data: dict[str, Any], links: Sequence[str], joints: Sequence[str]) -> Physics:
-    """Return the data of a track's entries; missing entries are skipped, because the reader has reported them."""
+    """Return the mechanism data of a track; missing entries are skipped, because the reader has reported them."""
     out = Physics(tuple(links))
     kinds, active = data.get("joint_types", []), data.get("joint_active", [])
     low, high = data.get("joint_lower", []), data.get("joint_upper", [])

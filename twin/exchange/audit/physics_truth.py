@@ -1,4 +1,4 @@
-"""The data of the expected mechanism in the common form, to compare files with."""
+"""Convert the expected mechanism to the common form of mechanism data, for comparison with files."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ if TYPE_CHECKING:
     from twin.model.mechanism import Mechanism
 
 GRAVITY = 9.81
-"""Gravity in m/s2, downwards."""
+"""Gravitational acceleration in m/s2, downwards."""
 
 
 def mechanism_physics(mechanism: Mechanism) -> Physics:
-    """Return the data of a mechanism; its loops may be open."""
+    """Return the mechanism data of a mechanism; its loops need not be closed."""
     m = mechanism
     out = Physics(
         tuple(b.name for b in m.bodies),

@@ -1,4 +1,4 @@
-"""Read the mechanism data of a URDF: tree, inertias and limits; URDF cannot state loops, frames and gravity."""
+"""Read the mechanism data of a URDF: tree, inertias and limits; URDF cannot hold loops, frames and gravity."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ from twin.exchange.audit.physics import Drive, Joint, Line, Mass, Motor, Physics
 from twin.exchange.audit.poses import Array
 
 NO_LIMIT = 100.0
-"""Limit in m from which a slide counts as unlimited: URDF requires a limit, and no robot slides as far."""
+"""Limit in m from which a slide counts as unlimited, because URDF requires a limit."""
 
 NO_BOUND = 1e6
-"""Efforts and speeds above this count as unknown, because URDF requires a number."""
+"""Effort (N, N m) or speed (m/s, rad/s) from which a value counts as unknown, because URDF requires a number."""
 
 
 def inertial(element: ET.Element, pose_of, numbers) -> Mass | None:
-    """Return mass, centre and inertia of a <link>; None if it has no <inertial>.
+    """Return the mass properties of a <link>; None if it has no <inertial>.
 
     Args:
         element: the link.
-        pose_of: function that reads an <origin>.
-        numbers: function that reads the numbers of an attribute.
+        pose_of: function that returns the pose (4, 4) of an <origin>.
+        numbers: function that returns the numbers of an attribute.
     """
     here = element.find("inertial")
     if here is None:
@@ -40,7 +40,7 @@ _PARTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 
 
 def tree_physics(links: Iterable[str], masses: dict[str, Mass], joints: Iterable) -> Physics:
-    """Return the data of a tree of `UrdfJoint`."""
+    """Return the mechanism data of a tree of `UrdfJoint`."""
     out = Physics(tuple(links), masses)
     for j in joints:
         T, axis = j.link.fixed, j.link.axis
@@ -59,7 +59,7 @@ def tree_physics(links: Iterable[str], masses: dict[str, Mass], joints: Iterable
 def motors(root: ET.Element, number) -> dict[str, Motor]:
     """Return the motors of <transmission> elements with one joint; `number` converts a text to a number.
 
-    A motor with the name of its joint is the joint's own drive and is left out.
+    A motor with the same name as its joint is omitted, because it is the drive of the joint.
     """
     out = {}
     for t in root.findall("transmission"):

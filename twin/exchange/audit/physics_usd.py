@@ -14,7 +14,14 @@ _SIX = ("transX", "transY", "transZ", "rotX", "rotY", "rotZ")
 
 
 def stage_physics(stage: Usd.Stage, bodies: list[Usd.Prim], meters: float, up: str) -> Physics:
-    """Return the data of a stage, in m, kg and rad; `bodies` are its rigid bodies."""
+    """Return the mechanism data of a stage, in m, kg and rad.
+
+    Args:
+        stage: the stage.
+        bodies: its rigid bodies.
+        meters: length unit of the stage in m.
+        up: up axis of the stage, "Y" or "Z".
+    """
     names = {str(p.GetPath()): p.GetName() for p in bodies}
     out = Physics(tuple(names.values()), complete=True, couplings=_couplings(stage, meters))
     if robot := stage.GetDefaultPrim():
@@ -69,7 +76,7 @@ def _mass(prim: Usd.Prim, meters: float, kilograms: float) -> Mass | None:
 
 
 def _gravity(scene: UsdPhysics.Scene, meters: float, up: str) -> Array:
-    """Return gravity (3,) in m/s2, z up; default: 9.81 downwards."""
+    """Return gravity (3,) in m/s2, z up; 9.81 downwards if the scene does not state it."""
     direction, size = scene.GetGravityDirectionAttr().Get(), scene.GetGravityMagnitudeAttr().Get()
     down = np.array([0.0, 0.0, -1.0])
     given = np.array(direction if direction is not None else (0, 0, 0), float)
@@ -106,7 +113,7 @@ def _joint(prim: Usd.Prim, names: dict[str, str], meters: float, kilograms: floa
 
 
 def kind_and_axis(prim: Usd.Prim) -> tuple[str, int]:
-    """Return (kind, axis) of a joint prim: axis 0, 1 or 2 of the joint's frame, along or about which it moves."""
+    """Return (kind, axis) of a joint prim; the axis 0, 1, 2 means x, y, z of the joint's frame."""
     for schema, kind in (
         (UsdPhysics.RevoluteJoint, "revolute"),
         (UsdPhysics.PrismaticJoint, "prismatic"),
@@ -138,7 +145,7 @@ def _drive(prim: Usd.Prim, kind: str, meters: float, kilograms: float) -> Drive:
         return Drive()
     turns = kind == "revolute"
     token, unit = ("angular", np.pi / 180) if turns else ("linear", meters)
-    force = kilograms * meters * (meters if turns else 1.0)  # N or N m
+    force = kilograms * meters * (meters if turns else 1.0)  # unit of effort in N or N m
     low, high = (prim.GetAttribute(f"physics:{n}Limit").Get() for n in ("lower", "upper"))
     drive = UsdPhysics.DriveAPI(prim, token)
     there = prim.HasAPI(UsdPhysics.DriveAPI, token)
@@ -174,7 +181,7 @@ def _motors(root: Usd.Prim) -> dict[str, Motor]:
 
 
 def _couplings(stage: Usd.Stage, meters: float) -> dict[str, tuple[dict[str, float], float]]:
-    """Return the couplings of joints, which a stage states as PhysX tendons."""
+    """Return the couplings of joints, which are PhysX tendons in a stage."""
     out: dict[str, tuple[dict[str, float], float]] = {}
     for prim in stage.Traverse():
         for name in prim.GetAppliedSchemas():

@@ -1,6 +1,7 @@
-"""Quaternions, matrices and poses, implemented again: the audit shares no code with what it audits.
+"""Quaternions, matrices and poses, implemented a second time: the audit shares no code with the writers.
 
-Poses are float64 (4, 4), column vectors; quaternions x, y, z, w. All functions accept and keep leading axes.
+Poses are float64 (4, 4) and act on column vectors; quaternions are x, y, z, w. All functions are vectorised over
+leading axes.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ def rotation(xyzw: ArrayLike) -> Array:
 
 
 def cross_matrix(v: ArrayLike) -> Array:
-    """Return the skew matrices (..., 3, 3) of v (..., 3): matrix times u is the cross product of v and u."""
+    """Return the skew-symmetric matrices K (..., 3, 3) of v (..., 3), with K u = v x u."""
     v = np.asarray(v, float)
     out = np.zeros((*v.shape[:-1], 3, 3))
     for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
@@ -44,7 +45,7 @@ def about(axis: ArrayLike, angle: ArrayLike) -> Array:
 
 
 def pose(R: ArrayLike | None = None, p: ArrayLike | None = None) -> Array:
-    """Return poses (..., 4, 4) of rotations (..., 3, 3) and positions (..., 3)."""
+    """Return poses (..., 4, 4) of rotations (..., 3, 3) and positions (..., 3); None: identity, or the origin."""
     R = np.eye(3) if R is None else np.asarray(R, float)
     p = np.zeros(3) if p is None else np.asarray(p, float)
     shape = np.broadcast_shapes(R.shape[:-2], p.shape[:-1])
@@ -77,7 +78,7 @@ def angle(A: ArrayLike, B: ArrayLike) -> Array:
 
 
 def split(M: ArrayLike) -> tuple[Array, Array]:
-    """Return (poses (..., 4, 4), scales (..., 3)) of affine matrices (..., 4, 4); a mirror is a negative x scale."""
+    """Return (poses (..., 4, 4), scales (..., 3)) of affine matrices (..., 4, 4); mirrored: the x scale is negative."""
     M = np.asarray(M, float)
     A = M[..., :3, :3]
     size = np.linalg.norm(A, axis=-2)
@@ -87,7 +88,7 @@ def split(M: ArrayLike) -> tuple[Array, Array]:
 
 
 def slerp(a: Array, b: Array, u: Array) -> Array:
-    """Return quaternions (k, 4) between a and b (k, 4) at fractions u (k,), turning the shorter way."""
+    """Return quaternions (k, 4), spherically interpolated from a to b (k, 4) at fractions u (k,), the shorter way."""
     d = np.sum(a * b, axis=-1, keepdims=True)
     b = np.where(d < 0, -b, b)
     half = np.arccos(np.clip(np.abs(d), 0.0, 1.0))
@@ -105,7 +106,7 @@ def rpy(angles: ArrayLike) -> Array:
 
 
 def quaternion(R: ArrayLike) -> Array:
-    """Return quaternions (..., 4), x y z w, of rotations (..., 3, 3), up to sign.
+    """Return quaternions (..., 4), x y z w, of rotations (..., 3, 3); their sign is arbitrary.
 
     The quaternion is the normalised largest column of a symmetric 4 x 4 matrix of rank one.
     """

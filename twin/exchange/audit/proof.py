@@ -13,7 +13,7 @@ SCHEMA = "twin-proof"
 
 
 def check_proof(path: Path, ledger: Ledger) -> str:
-    """Report differences between a proof.json and its folder; return the model hash that the proof states."""
+    """Report differences between a proof.json and its folder; return the model hash stated in the file."""
     try:
         data = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, ValueError, RecursionError) as error:

@@ -1,8 +1,7 @@
 """Check the remote centres of motion (RCM) of a track against the motion of the shaft.
 
-Measured are the distance of the shaft from the stated RCM, and the point about which the shaft turns. If the RCM is
-only monitored, a distance is not a fault. But if all shaft lines meet in one point, a different stated RCM is wrong in
-any case.
+The distance of the shaft axis from the stated RCM is a fault if the RCM is enforced, but not if it is only monitored.
+In both cases, if all shaft axes of a phase meet in one point, a stated RCM at a different point is a fault.
 """
 
 from __future__ import annotations
@@ -19,15 +18,23 @@ from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import POSITION_TOL, Ledger, quantity
 
 SHAFT = 5e-3
-"""Distance in m up to which an RCM counts as enforced, if the file does not state whether it is enforced."""
+"""Maximum distance in m at which an RCM counts as enforced, if the file does not state whether it is enforced."""
 
 SPREAD = 1e-4
-"""Minimum mean squared sine of the angles between lines, below which their meeting point is undetermined."""
+"""Minimum mean squared sine of the angles between lines; below it, their meeting point is undetermined."""
 
 
 @dataclass(frozen=True)
 class _Stay:
-    """One phase with an RCM: its name, the stated RCM, and the shaft lines at its keys, by frame."""
+    """A phase with an RCM.
+
+    Attributes:
+        name: name of the phase.
+        point: stated RCM (3,) in m.
+        enforced: whether the RCM is enforced (else monitored); None if not stated.
+        times: times (k,) of its keys in s.
+        lines: shaft axes (points (k, 3) in m, directions (k, 3)) at the keys, by frame.
+    """
 
     name: str
     point: Array
@@ -36,17 +43,17 @@ class _Stay:
     lines: Mapping[str, tuple[Array, Array]]
 
     def missed(self, point: Array) -> dict[str, Array]:
-        """Return the distances (k,) in m of the RCM from the lines, by frame."""
+        """Return the distances (k,) in m of a point from the shaft axes, by frame."""
         return {n: np.linalg.norm(np.cross(d, point - p), axis=1) for n, (p, d) in self.lines.items()}
 
 
 def check_rcm(data: dict[str, Any], clip: Clip, local: Array, ledger: Ledger) -> None:
-    """Report shafts that miss the RCM of their phase, and RCMs that are not where the shaft turns.
+    """Report shaft axes that miss the RCM of their phase, and RCMs that are not the centre of rotation of the shaft.
 
     Args:
         data: the track.
-        clip: its motion.
-        local: poses of its n named frames in their links, (7 n,): x y z in m, quaternion x y z w.
+        clip: the motion of the track.
+        local: poses of its n named frames in their links, flat (7 n,): x y z in m, quaternion x y z w.
         ledger: receives the findings.
     """
     stays = _stays(data, clip, local, ledger)
@@ -109,7 +116,7 @@ def _stays(data: dict[str, Any], clip: Clip, local: Array, ledger: Ledger) -> li
     if not fits or len(has) > min(len(start), len(end), len(phases)):
         ledger.add("tracks.shape", "disagreement", "frames or RCMs do not have one entry each.", where="frames_local")
         return None
-    enforced = data.get("phase_rcm_enforced")  # tracks of earlier versions do not state this
+    enforced = data.get("phase_rcm_enforced")  # tracks of earlier versions lack this entry
     if enforced is not None and not (isinstance(enforced, list) and len(enforced) == len(has)):
         text = f"phase_rcm_enforced is not a list with an entry for each of the {len(has)} phases."
         ledger.add("tracks.shape", "disagreement", text, where="phase_rcm_enforced")
@@ -136,7 +143,7 @@ def _stays(data: dict[str, Any], clip: Clip, local: Array, ledger: Ledger) -> li
 
 
 def _centre(stay: _Stay) -> Array | None:
-    """Return the point (3,) in m where the lines of the shaft meet; None if they do not meet or are nearly parallel."""
+    """Return the point (3,) in m where the shaft axes meet; None if they do not meet or are nearly parallel."""
     for p, d in stay.lines.values():
         P = np.eye(3) - d[:, :, None] * d[:, None, :]
         A, b = P.mean(axis=0), np.einsum("kij,kj->i", P, p) / len(p)

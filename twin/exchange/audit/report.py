@@ -1,4 +1,4 @@
-"""Result of an audit: measurements (checks) and findings."""
+"""The result of an audit: measurements (checks) and findings."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from twin.core.quantity import Quantity
 from twin.core.result import Part, Result, Table
 
 POSITION_TOL = 1e-6
-"""Largest distance in m at which the poses of one link in two files still agree."""
+"""Maximum distance in m between equal poses of a link in two files."""
 
 ROTATION_TOL = 1e-4
-"""Largest angle in rad at which the poses of one link in two files still agree."""
+"""Maximum angle in rad between equal poses of a link in two files."""
 
 MOST = 5
-"""Maximum number of findings of one code in one file; the last one states how many more there are."""
+"""Maximum number of findings of one code in one file; the last finding states the number of further ones."""
 
 
 @dataclass(frozen=True)
@@ -28,13 +28,14 @@ class Check:
     """One measurement.
 
     Attributes:
-        check: short name.
+        check: short description.
         file: path relative to the audited folder.
-        tool, version: of the reader.
-        worst: the largest deviation in `unit`, None if nothing can be measured.
-        tolerance: limit of `worst`, in `unit`.
-        verdict: agree, disagree, or unchecked.
-        where, when: link or other place, and time, of `worst`.
+        tool, version: name and version of the reader.
+        worst: the maximum deviation in `unit`; None if nothing can be measured.
+        tolerance: limit of `worst` in `unit`; None if there is no limit.
+        verdict: "agree", "disagree" or "unchecked".
+        where: link or other place of `worst`.
+        when: time of `worst`.
     """
 
     check: str
@@ -59,7 +60,7 @@ class AuditReport(Result):
 
     Attributes:
         path: the audited file or folder.
-        files: for each file its format and the conventions found there (units, up axis, handedness, clips).
+        files: for each file its name, format and conventions (units, up axis, handedness, clips).
         checks: the measurements.
         findings: the faults, the most severe first.
     """
@@ -76,7 +77,7 @@ class AuditReport(Result):
         return {"path": self.path, "files": self.files, "checks": [c.as_dict() for c in self.checks]}
 
     def text(self, everything: bool = False) -> Iterator[Part]:
-        """Yield lines: files, the worst check of each kind and findings; with `everything` all checks and notes."""
+        """Yield the text: files, the worst check of each kind, findings; with `everything` all checks and notes."""
         yield f"{self.path}\n\n  {_VERDICTS[self.verdict]}\n"
         if self.files:
             rows = [
@@ -107,7 +108,7 @@ _MARKS = {"agree": "ok", "disagree": "WRONG", "unchecked": "?"}
 
 
 def worst(checks: Sequence[Check]) -> list[Check]:
-    """Return the worst check of each kind; checks that differ only by clip, file and counts are of one kind."""
+    """Return the worst check of each kind; checks that differ only in clip, file and counts are of one kind."""
     kinds: dict[str, Check] = {}
     for check in checks:
         kind = re.sub(r"clip '[^']*': | against [^,]*|, \d.*|\d+", "", check.check)
@@ -139,11 +140,11 @@ def _shown(value: float | None, unit: str) -> str:
 
 @dataclass
 class Ledger:
-    """Collects checks and findings on one file while the file is read.
+    """Collection of checks and findings on one file, filled while the file is read.
 
     Attributes:
-        file: shown name, relative to the audited folder.
-        tool, version: of the reader.
+        file: name of the file as shown in reports, relative to the audited folder.
+        tool, version: name and version of the reader.
     """
 
     file: str
@@ -166,7 +167,7 @@ class Ledger:
         limit: float | None = None,
         suggestion: str = "",
     ) -> None:
-        """Add a finding; the file's name is put before `where`. Only the first `MOST` findings of a code are kept."""
+        """Add a finding, with the file's name before `where`; only the first `MOST` findings of a code are kept."""
         self._count[code] += 1
         if self._count[code] > MOST:
             return
@@ -186,7 +187,7 @@ class Ledger:
         when: str = "",
         fits: bool | None = None,
     ) -> None:
-        """Add a check; it agrees if the value is within the tolerance, or as `fits` states if given."""
+        """Add a check; its verdict is "agree" if `worst` is within the tolerance or, if given, if `fits` is True."""
         if fits is None:
             fits = worst is None or tolerance is None or bool(worst <= tolerance)
         number = None if worst is None or not math.isfinite(worst) else float(worst)
@@ -195,7 +196,7 @@ class Ledger:
 
     @property
     def findings(self) -> list[Finding]:
-        """The findings; further findings of a code are only counted."""
+        """Return the findings; findings beyond `MOST` of a code are only counted."""
         out = list(self.found)
         for code, count in self._count.items():
             if count > MOST:
@@ -206,7 +207,7 @@ class Ledger:
 
 
 def finished(path: str, files: list[dict[str, Any]], ledgers: list[Ledger]) -> AuditReport:
-    """Return the report of all ledgers."""
+    """Return the report with the checks and findings of all ledgers."""
     found = by_severity(f for ledger in ledgers for f in ledger.findings)
     return AuditReport(path, files, [c for ledger in ledgers for c in ledger.checks], found)
 

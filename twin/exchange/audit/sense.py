@@ -1,6 +1,6 @@
 """Report physically impossible data in a file: masses, inertias, densities, gravity, drives.
 
-A single file has no other file to compare such data with; in a bundle this check shows which of two files is wrong.
+This check needs no second file; in a bundle it also shows which of two contradicting files is wrong.
 """
 
 from __future__ import annotations
@@ -15,14 +15,16 @@ DENSEST = 23_000.0
 """Maximum density in kg/m3; osmium has 22 590."""
 
 LIGHTEST = 0.5
-"""Minimum density in kg/m3 of a link's bounding box; air has 1.2, a hollow link more."""
+"""Minimum ratio in kg/m3 of a link's mass to the volume of its bounding box; the density of air is 1.2."""
 
 OUTSIDE = 0.1
-"""Maximum distance of a centre of mass outside the link's bounding box, as a share of the diagonal: some parts are not
-drawn in the CAD."""
+"""Maximum distance of a centre of mass outside the link's bounding box, as a fraction of the box diagonal.
+
+The distance may be positive, because the CAD may omit some parts.
+"""
 
 GRAVITY = (9.7, 9.9)
-"""Range of gravity in m/s2 on earth; zero gravity is allowed."""
+"""Range of gravity in m/s2 on earth; zero gravity is also allowed."""
 
 TRIANGLE = 1e-5
 """Relative violation of the triangle inequality that counts as rounding of single precision."""
@@ -118,7 +120,7 @@ def _check_gravity(ledger: Ledger, gravity: np.ndarray) -> None:
         text = f"gravity is ({shown}) m/s2 in a world with z up: it does not point down."
         ledger.add("physics.gravity", "disagreement", text, where="gravity", suggestion="reverse it: (0, 0, -9.81)")
     elif not GRAVITY[0] <= size <= GRAVITY[1]:
-        grave = not 1.0 < size < 20.0  # other planets are legal
+        grave = not 1.0 < size < 20.0  # gravity of other planets is allowed
         text = f"gravity is {size:g} m/s2; on earth it is 9.81 (x {size / 9.81:.4g})."
         ledger.add(
             "physics.gravity",

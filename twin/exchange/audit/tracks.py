@@ -25,14 +25,14 @@ WORDS = {
     "angle_unit": "rad",
     "quaternion_order": "xyzw",
 }
-"""Entries with values that version 1 of the schema fixes and players require."""
+"""Entries with a fixed value in version 1 of the schema, which players require."""
 
 LIMIT_TOL = 1e-6
 """Violation of a joint limit in m or rad that counts as rounding."""
 
 
 class TrackError(Exception):
-    """The file cannot be read further."""
+    """The file cannot be read any further."""
 
 
 def is_track(data: Any) -> bool:
@@ -56,7 +56,7 @@ def read_json(path: Path, ledger: Ledger) -> Content:
 
 
 def read_csv(path: Path, ledger: Ledger) -> Content:
-    """Return the content of a CSV track: `# key: value` lines, a header with units, one line a frame.
+    """Return the content of a CSV track: `# key: value` lines, a header with units, and one line per frame.
 
     Raises:
         TrackError: the header or all lines are missing, or a number is invalid.
@@ -186,7 +186,7 @@ def _numbers(data: dict[str, Any], key: str, ledger: Ledger) -> Array:
 
 
 def _shaped(data: dict[str, Any], key: str, shape: tuple[int, ...], ledger: Ledger) -> Array | None:
-    """Return a flat list as an array of this shape; if its length is wrong, report that and return None."""
+    """Return a flat list as an array of this shape; if its length is wrong, report a finding and return None."""
     flat = _numbers(data, key, ledger)
     if flat.size != int(np.prod(shape)):
         ledger.add(

@@ -19,7 +19,7 @@ _BEHAVIOUR = re.compile(r"class\s+(\w+)\s*:[^{]*\b(?:MonoBehaviour|ScriptableObj
 
 
 def check_package(folder: Path, ledger: Ledger) -> None:
-    """Report faults because of which Unity cannot import a package: fields, assemblies, .meta files, GUIDs, scripts."""
+    """Report faults that prevent Unity from importing a package: fields, assemblies, .meta files, GUIDs, scripts."""
     data = _json(folder / "package.json", folder, ledger)
     if data is None:
         return
@@ -148,7 +148,7 @@ def _check_assemblies(folder: Path, seen: list[Path], guids: dict[str, Path], le
     for name, reference in wanted:
         if reference.startswith("GUID:"):
             missing = reference.removeprefix("GUID:") not in guids
-        else:  # another package's assembly cannot be looked up here
+        else:  # assemblies of other packages are not available here
             missing = reference not in names and reference.split(".")[0] in {n.split(".")[0] for n in names}
         if missing:
             text = f"{name} references '{reference}', which is not in the package."

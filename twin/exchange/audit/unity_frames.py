@@ -15,11 +15,13 @@ MIRRORS = {
     "GltFast": np.diag([-1.0, 1.0, 1.0]),
     "UrdfImporter": np.array([[0.0, -1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]]),
 }
-"""Matrices (3, 3) from robot to Unity coordinates by importer: x mirrored (glTF); forward-left-up to right-up-forward
-(ROS)."""
+"""Matrices (3, 3) from robot to Unity coordinates, by importer.
+
+glTF: x mirrored; ROS: forward-left-up to right-up-forward.
+"""
 
 ROOTS = {"GltFast": poses.R_Z_UP_Y_UP.T, "UrdfImporter": np.eye(3)}
-"""Rotation (3, 3) of the root node by importer: glTF is y up, ROS needs none."""
+"""Rotation (3, 3) of the root node, by importer: from z up to y up for glTF, none for ROS."""
 
 TOL = 1e-6
 _POINTS = np.array([[0.3, -0.7, 1.1], [-1.3, 0.2, -0.4], [0.0, 2.0, -0.5]])
@@ -28,7 +30,7 @@ _SHARES = (0.0, 0.2, 0.5, 1.0)
 
 
 def check_frames(path: Path, name: str, ledger: Ledger) -> None:
-    """Run the conversions of a Frames.cs and report wrong ones; `name` is the shown name of the file."""
+    """Run the conversions of a Frames.cs and report wrong results; `name` is the file's name as shown in reports."""
     try:
         script = Script(path.read_text(encoding="utf-8-sig"))
     except (OSError, UnicodeDecodeError, CSharpError) as error:
@@ -63,7 +65,7 @@ def check_frames(path: Path, name: str, ledger: Ledger) -> None:
 
 
 def _off(script: Script, ledger: Ledger, name: str, method: str, given: tuple, meant: Array, what: str) -> float:
-    """Return the error of a result, and report it if it is too large; the sign of a quaternion does not count."""
+    """Return the error of a result, and report it if too large; the sign of a quaternion is ignored."""
     if not script.has(method):
         return 0.0
     try:

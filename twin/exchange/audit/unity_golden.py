@@ -16,14 +16,14 @@ from twin.exchange.audit.report import Ledger
 from twin.exchange.audit.unity_frames import MIRRORS, ROOTS
 
 TOL = 1e-5
-"""Tolerance in m, or in components of a unit quaternion: vectors have eight decimals, streams single precision."""
+"""Tolerance in m or in components of a unit quaternion: the vectors have eight decimals, streams single precision."""
 
 _IMPORTS = {"gltfast": "GltFast", "urdf": "UrdfImporter"}
 _HEAD = struct.Struct("<4sIddHHI")
 
 
 def check_golden(path: Path, name: str, ledger: Ledger) -> None:
-    """Report wrong golden vectors; `name` is the shown name of the file."""
+    """Report wrong golden vectors; `name` is the file's name as shown in reports."""
     try:
         data = json.loads(path.read_text(encoding="utf-8-sig"))
         vectors = _Vectors(data)
@@ -70,11 +70,11 @@ class _Vectors:
             self.worlds[short] = place @ np.diag([data["scale"]] * 3 + [1.0]) @ W
 
     def rows(self, key: str, width: int) -> Array:
-        """Return a flat list of numbers as an array (k, n)."""
+        """Return a flat list of numbers as an array (k, width)."""
         return np.array(self.data[key], float).reshape(-1, width)
 
     def points(self) -> dict[str, float]:
-        """Check points of links: as imported, and in Unity's world."""
+        """Check points of links, in imported coordinates and in Unity's world; return the errors in m, by check."""
         robot, out = self.rows("point_robot", 3), {}
         where = self.T[self.data["point_key"], self.data["point_link"]]
         world = np.einsum("kij,kj->ki", where, np.column_stack([robot, np.ones(len(robot))]))
@@ -94,13 +94,13 @@ class _Vectors:
         return {"between_pose": max(_apart(got[:, :3], p), _turned(got[:, 3:], q))}
 
     def turns(self) -> dict[str, float]:
-        """Check interpolated rotations: the shorter way between two."""
+        """Check interpolated rotations, which must be the shorter way."""
         a, b = self.rows("turn_a", 4), self.rows("turn_b", 4)
         share = np.array(self.data["turn_share"], float)
         return {"turn_want": _turned(self.rows("turn_want", 4), poses.slerp(a, b, share))}
 
     def joints(self) -> dict[str, float]:
-        """Check joint values between keys, and drive targets: within limits, with reversed sign, in degrees."""
+        """Check joint values between keys, and drive targets: clipped to limits, with reversed sign, in degrees."""
         names, table = self.track["joints"], np.array(self.track["positions"], float).reshape(len(self.times), -1)
         t = self.data["joint_time"]
         want = [np.interp(t, self.times, table[:, names.index(n)]) for n in self.data["joint_name"]]
@@ -122,7 +122,7 @@ class _Vectors:
         return {"phase_name": 0.0 if now == self.data["phase_name"] else np.inf}
 
     def stream(self) -> dict[str, float]:
-        """Check the parser of the stream: parse a frame and compare it with the stated content."""
+        """Check the format of stream frames: parse a frame and compare it with the stated content."""
         d, raw = self.data, base64.b64decode(self.data["stream"])
         mark, sequence, server, clip, links, joints, flags = _HEAD.unpack_from(raw)
         numbers = np.frombuffer(raw, "<f4", offset=_HEAD.size).astype(float)
@@ -165,7 +165,7 @@ def _apart(a: Any, b: Any) -> float:
 
 
 def _turned(a: Array, b: Array) -> float:
-    """Return the largest difference of quaternions (k, 4) up to their signs."""
+    """Return the largest difference between components of quaternions (k, 4), with their signs ignored."""
     if a.shape != b.shape:
         return np.inf
     return float(np.minimum(np.abs(a - b).max(axis=1), np.abs(a + b).max(axis=1)).max(initial=0.0))

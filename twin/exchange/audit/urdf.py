@@ -1,4 +1,4 @@
-"""Read a URDF: link poses from the joint values of a track, limits, and its mesh files."""
+"""Read a URDF: compute link poses from the joint values of a track, and check limits and mesh files."""
 
 from __future__ import annotations
 
@@ -25,14 +25,21 @@ KINDS = {"revolute": "turn", "continuous": "turn", "prismatic": "slide", "fixed"
 
 
 class UrdfError(Exception):
-    """The file cannot be read further."""
+    """The file cannot be read any further."""
 
 
 @dataclass(frozen=True)
 class UrdfJoint:
-    """A joint: its links, pose and axis; limits in rad or m, maximum effort and speed, or None.
+    """A joint of a URDF.
 
-    `mimic`: (leader, multiplier, offset) if the joint follows the joint `leader`.
+    Attributes:
+        name: name of the joint.
+        parent, child: names of its links.
+        link: its pose in the parent, kind of motion and axis.
+        limits: (lower, upper) in rad or m; None if not stated.
+        effort: maximum effort in N or N m; None if not stated.
+        speed: maximum speed in m/s or rad/s; None if not stated.
+        mimic: (leader, multiplier, offset) if the joint follows the joint `leader`, else None.
     """
 
     name: str
@@ -45,7 +52,7 @@ class UrdfJoint:
     mimic: tuple[str, float, float] | None
 
     def values(self, clip: Clip) -> Array | None:
-        """Return the joint's values (k,) in a track, from its leader if it has a `mimic`; None if not given."""
+        """Return the joint's values (k,) in a track, computed from its leader if it has a `mimic`; None if missing."""
         if self.mimic is None or self.mimic[0] not in clip.joints:
             return clip.joints.get(self.name)
         leader, multiplier, offset = self.mimic
@@ -53,7 +60,7 @@ class UrdfJoint:
 
 
 class Urdf:
-    """A URDF that was read, with its tree of joints."""
+    """A URDF with its tree of joints."""
 
     def __init__(self, path: Path, ledger: Ledger) -> None:
         self._ledger = ledger
@@ -90,7 +97,7 @@ class Urdf:
         self.content.physics.motors = motors(root, numbers)
 
     def _way(self, link: str, stop: str) -> list[UrdfJoint]:
-        """Return the joints on the path from an ancestor link to a link, the ancestor's joint first."""
+        """Return the joints on the path from an ancestor link `stop` to a link, the joint at the ancestor first."""
         out: list[UrdfJoint] = []
         while link != stop:
             if link not in self.above or len(out) > len(self.above):
@@ -124,13 +131,13 @@ class Urdf:
         return sorted(self.links, key=lambda n: len(self._way(n, self.root)))
 
     def check_limits(self, name: str, low: Mapping[str, float], high: Mapping[str, float]) -> None:
-        """Compare the joint limits with the joint limits in a track."""
+        """Compare the joint limits of the file with those in a track."""
         for joint in self.above.values():
             if joint.name not in low or joint.limits is None:
                 continue
             its = (low[joint.name], high[joint.name])
             ends = zip(joint.limits, its, strict=True)
-            off = max((abs(a - b) for a, b in ends if abs(b) < 1e29), default=0.0)  # a slide may have none
+            off = max((abs(a - b) for a, b in ends if abs(b) < 1e29), default=0.0)  # a slide may have no limit
             if off > 1e-6:
                 text = f"joint '{joint.name}' has limits {joint.limits[0]:g} .. {joint.limits[1]:g}, in {name} "
                 self._ledger.add(
@@ -139,7 +146,7 @@ class Urdf:
 
 
 def parse_xml(path: Path) -> ET.Element:
-    """Return the root element.
+    """Return the root element of an XML file.
 
     Raises:
         UrdfError: the text is not XML, or declares entities, which could expand without limit.
@@ -156,7 +163,7 @@ def numbers(text: str | None, n: int, default: tuple[float, ...]) -> Array:
     """Return n finite numbers of an attribute.
 
     Raises:
-        UrdfError: the text is not n finite numbers.
+        UrdfError: the text does not consist of n finite numbers.
     """
     if text is None:
         return np.array(default, float)
@@ -242,7 +249,16 @@ def _shapes(root: ET.Element, path: Path, ledger: Ledger) -> tuple[dict[str, Sha
 def named_mesh(
     path: Path, name: str, scale: Array, checked: dict[str, tuple[Array, Array] | None], ledger: Ledger, code: str
 ) -> tuple[Array, Array] | None:
-    """Return points (n, 3) in m and triangles (m, 3) of a named mesh file; each file is checked once."""
+    """Return (points (n, 3) in m, triangles (m, 3)) of a mesh file, checked once; None if it cannot be read.
+
+    Args:
+        path: the robot's file, which refers to the mesh file.
+        name: path of the mesh file relative to the robot's file.
+        scale: scale factors (3,) from units of the mesh file to m.
+        checked: cache of the meshes already read, by name.
+        ledger: receives the findings.
+        code: first part of the codes of the findings.
+    """
     key = f"{name} {scale.tolist()}"
     if key in checked:
         return checked[key]

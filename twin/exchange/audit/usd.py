@@ -1,7 +1,7 @@
 """Read a USD stage: link poses at its time samples, joint values, meshes, joint gaps.
 
-Poses are read from pxr independently of `twin.usd`. Findings of the stage checker `twin.usd.check` are included: it
-does not rely on the writer either.
+Poses are read with OpenUSD (pxr) directly, without `twin.usd`. Findings of the stage checker `twin.usd.check`, which is
+also independent of the writer, are included.
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ from twin.exchange.audit.usd_colors import mesh_color
 from twin.exchange.audit.usd_joints import joint_gaps, joint_values
 
 GAP_TOL = 1e-5
-"""Largest gap in m between the two frames of a joint: UsdPhysics stores them in single precision."""
+"""Maximum gap in m between the two frames of a joint: UsdPhysics stores the frames in single precision."""
 
 
 class UsdError(Exception):
-    """The stage cannot be read further."""
+    """The stage cannot be read any further."""
 
 
 def read_usd(path: Path, ledger: Ledger) -> Content:
@@ -60,7 +60,7 @@ def _read(stage: Usd.Stage, path: Path, ledger: Ledger) -> Content:
     }
     out.extra["physics"] = bool(bodies)
     shown: dict[str, Usd.Prim] = {}
-    # Of several prims of one name, the one that moves is shown.
+    # Of several prims with the same name, use the one that moves.
     for prim in bodies or sorted(prims, key=lambda p: not _sampled(p)):
         shown.setdefault(prim.GetName(), prim)
     out.rest = {name: world.poses(prim, [Usd.TimeCode.Default()])[0] for name, prim in shown.items()}
@@ -81,7 +81,7 @@ def _read(stage: Usd.Stage, path: Path, ledger: Ledger) -> Content:
 
 
 class World:
-    """Conversion of a stage's poses to a world in metres with z up."""
+    """Conversion of a stage's poses to a world frame in metres with z up."""
 
     def __init__(self, stage: Usd.Stage) -> None:
         self.meters = float(UsdGeom.GetStageMetersPerUnit(stage))
@@ -90,25 +90,25 @@ class World:
         self._cache = UsdGeom.XformCache()
 
     def maps(self, prim: Usd.Prim, codes) -> Array:
-        """Return T_stage_prim (k, 4, 4) in the units and axes of the stage, with scale."""
+        """Return T_stage_prim (k, 4, 4) at the time codes, in the units and axes of the stage, including scale."""
         out = np.zeros((len(codes), 4, 4))
         for k, code in enumerate(codes):
             self._cache.SetTime(code)
             out[k] = self._cache.GetLocalToWorldTransform(prim)
-        return np.swapaxes(out, 1, 2)  # Gf matrices act on rows
+        return np.swapaxes(out, 1, 2)  # Gf matrices act on row vectors
 
     def poses(self, prim: Usd.Prim, codes) -> Array:
-        """Return the poses T_world_prim (k, 4, 4) of a prim, in metres, z up."""
+        """Return the poses T_world_prim (k, 4, 4) of a prim at the time codes, in metres, z up."""
         return self.placed(self.maps(prim, codes))
 
     def placed(self, M: Array) -> Array:
-        """Return poses (k, 4, 4) in metres, z up, from matrices T_stage_prim."""
+        """Return poses (k, 4, 4) in metres, z up, from matrices T_stage_prim (k, 4, 4)."""
         T, _ = poses.split(M)
         T[..., :3, 3] *= self.meters
         return poses.pose(self._R) @ T
 
     def along(self, prims: dict[str, Usd.Prim], codes: Array) -> dict[str, Array]:
-        """Return T_world_prim (k, 4, 4) by name; in one loop over time, because each step clears the cache."""
+        """Return T_world_prim (k, 4, 4) by name; all prims in one loop over time, because each step clears a cache."""
         moving = {n: p for n, p in prims.items() if len(_codes(p))}
         raw = {n: np.zeros((len(codes), 4, 4)) for n in moving}
         for k, code in enumerate(codes.tolist()):
@@ -131,7 +131,7 @@ def _open(path: Path) -> Usd.Stage:
     if not stage:
         raise UsdError("it is not a readable USD file")
     with contextlib.suppress(Tf.ErrorException):
-        stage.Reload()  # USD keeps layers in memory; the file may have changed since
+        stage.Reload()  # USD caches layers in memory, but the file may have changed
     for error in stage.GetCompositionErrors():
         raise UsdError(f"its layers cannot be composed: {str(error).strip()[:200]}")
     return stage
@@ -178,7 +178,7 @@ def _assumed(stage: Usd.Stage) -> dict[str, str]:
 
 
 def _hash(stage: Usd.Stage) -> str:
-    """Return the model hash from any place where twin writes it; "" if there is none."""
+    """Return the model hash, which twin writes in several places; "" if there is none."""
     data = dict(stage.GetRootLayer().customLayerData)
     root = stage.GetDefaultPrim()
     if root:
@@ -214,7 +214,7 @@ def _check_materials(prims: list[Usd.Prim], ledger: Ledger) -> None:
 def _shapes(
     prims: list[Usd.Prim], links: set | None, world: World, ledger: Ledger
 ) -> tuple[dict[str, Shape], dict[str, dict[Rgba, float]]]:
-    """Check the normals of every mesh. Return (shapes, colours) by link name; shapes are in their link's frame."""
+    """Check the normals of every mesh; return (shapes, colours) by link name, with shapes in their link's frame."""
     palette = Palette()
     found: dict[str, list[Shape]] = {}
     for prim in prims:
@@ -238,7 +238,7 @@ def _shapes(
                 size = np.linalg.norm(turned, axis=1, keepdims=True)
                 normals = turned / np.where(size > 0, size, 1.0) * np.linalg.norm(normals, axis=1, keepdims=True)
         shape = check_mesh(here, path, vertices, triangles, normals, "usd")
-        for f in here.found:  # the stage checker checks winding and indices
+        for f in here.found:  # winding and indices are checked by the stage checker
             if f.code not in ("usd.winding", "usd.index"):
                 ledger.add(f.code, f.severity, f.message, where=path, size=f.size, limit=f.limit)
         if shape is not None and owner and not owner.IsPseudoRoot():
@@ -250,7 +250,7 @@ def _shapes(
 
 
 def _corners(mesh: UsdGeom.Mesh) -> tuple[Array, Array, Array | None]:
-    """Return points (n, 3), triangles (m, 3) (larger faces are split), and corner normals (3 m, 3) or None."""
+    """Return (points (n, 3), triangles (m, 3), corner normals (3 m, 3) or None); larger faces are split."""
     nothing = np.zeros((0, 3)), np.zeros((0, 3), int), None
     points = np.array(mesh.GetPointsAttr().Get() or [], float).reshape(-1, 3)
     counts = np.array(mesh.GetFaceVertexCountsAttr().Get() or [], int)

@@ -1,4 +1,4 @@
-"""Add findings of the stage checker and of OpenUSD's validators, for every kind of USD file."""
+"""Add the findings of the stage checker and of OpenUSD's validators, for all USD files."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from twin.usd.scan import Scene
 
 
 def check_usd(path: Path, physics: bool, ledger: Ledger) -> None:
-    """Report faults of a stage; a stage without rigid bodies gets only general checks."""
+    """Report faults of a stage; if `physics` is False (no rigid bodies), run only general checks."""
     try:
         found = check_stage(path) if physics else _bare(path)
         public = run_usd_validators(path)
@@ -54,21 +54,21 @@ def version() -> str:
 
 
 def _bare(path: Path) -> list[Finding]:
-    """Return findings on a stage without rigid bodies: only the checks that apply to any stage."""
+    """Return the findings of the checks that apply to stages without rigid bodies."""
     scene = Scene(path)
     found = [*check_units(scene), *check_ops(scene), *check_names(scene), *check_samples(scene)]
     return [*found, *check_transforms(scene), *check_meshes(scene)]
 
 
 def _counts(f: Finding, physics: bool) -> bool:
-    """Return whether a finding matters for a stage without physics; a y-up stage is expected by AR Quick Look."""
+    """Return whether a finding applies to the stage; without physics, y up is correct (AR Quick Look requires it)."""
     plain = f.code == "stage.kilograms_per_unit" or (f.code == "stage.up_axis" and f.severity == "warning")
     return physics or not plain
 
 
 def _is_choice(f: Finding, physics: bool) -> bool:
-    """Return whether a finding may be intended in a file for another use; it is then reported as a note."""
-    authored = f.severity == "warning"  # a value that is not authored is a disagreement
+    """Return whether the finding may be intended by the author of the file; it is then reported as a note."""
+    authored = f.severity == "warning"  # a missing value has the severity "disagreement"
     return f.code == "stage.empty" or (f.code in ("stage.up_axis", "stage.meters_per_unit") and authored)
 
 
@@ -77,7 +77,7 @@ _AR_TYPES = {
     *("Material", "Shader", "SkelRoot", "Skeleton", "SkelAnimation", "BlendShape", "SpatialAudio", "PhysicsScene"),
     *("Preliminary_ReferenceImage", "Preliminary_Text", "Preliminary_Trigger"),
 }
-"""Prim types that AR Quick Look supports, by the ARKit rules of OpenUSD 26.5; in addition to those of RealityKit."""
+"""Prim types that AR Quick Look supports (ARKit rules of OpenUSD 26.5), in addition to those of RealityKit."""
 
 
 def _check_quick_look(path: Path, ledger: Ledger) -> None:

@@ -1,4 +1,4 @@
-"""Read the colour of a mesh in a stage: that of its bound material, else its display colour."""
+"""Read the colour of a mesh in a stage: the colour of its bound material, else its display colour."""
 
 from __future__ import annotations
 

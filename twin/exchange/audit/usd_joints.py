@@ -1,4 +1,4 @@
-"""Compute from UsdPhysics joints the joint gaps along a motion, and read the sampled coordinates."""
+"""Compute the gaps of UsdPhysics joints along a motion, and read the sampled joint coordinates."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ class _World(Protocol):
 
 
 def joint_gaps(stage: Usd.Stage, placed: Mapping[str, Array], world: _World) -> Iterator[tuple[str, Array]]:
-    """Yield (path, gap) of each joint: distance (k,) in m of its two frames in the directions that it locks.
+    """Yield (path, gap) of each joint; the gap is the distance (k,) in m of its two frames in its locked directions.
 
     Args:
-        stage: the stage that has the joints.
+        stage: the stage with the joints.
         placed: T_world_body (k, 4, 4) by prim path.
         world: units and up axis of the stage.
     """
@@ -54,7 +54,7 @@ def _frame(stage, rel, pos, rot, placed: Mapping[str, Array], world: _World, cou
     R = np.eye(3) if q is None else poses.rotation([*q.GetImaginary(), q.GetReal()])
     local = poses.pose(R, np.array(p if p is not None else (0, 0, 0), float) * world.meters)
     targets = rel.GetForwardedTargets() if rel else []
-    if not targets:  # the world, as the stage has it
+    if not targets:  # no target: the joint is attached to the world of the stage
         return np.broadcast_to(world.placed(np.eye(4)[None]) @ local, (count, 4, 4))
     if len(targets) > 1:
         return None
@@ -75,7 +75,7 @@ def _frame(stage, rel, pos, rot, placed: Mapping[str, Array], world: _World, cou
 
 
 def _locked(prim: Usd.Prim) -> list[int]:
-    """Return the axes (0, 1, 2 for x, y, z) of the joint's frame along which translation is locked."""
+    """Return the axes of the joint's frame (0, 1, 2 for x, y, z) along which translation is locked."""
     if prim.IsA(UsdPhysics.PrismaticJoint):
         free = _AXES.get(str(UsdPhysics.PrismaticJoint(prim).GetAxisAttr().Get()), 2)
         return [i for i in range(3) if i != free]
@@ -93,7 +93,7 @@ def _locked(prim: Usd.Prim) -> list[int]:
 
 
 def joint_values(stage: Usd.Stage, codes: Array, meters: float) -> dict[str, Array]:
-    """Return the sampled joint states (k,) in rad or m by joint name; joints without samples are left out."""
+    """Return the sampled joint values (k,) in rad or m by joint name; joints without samples are omitted."""
     out = {}
     for prim in stage.Traverse():
         if not prim.IsA(UsdPhysics.Joint):

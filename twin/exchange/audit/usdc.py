@@ -1,6 +1,6 @@
-"""Check the header of a binary USD layer: sections are within the file, and counts are plausible.
+"""Check the header of a binary USD layer: sections must be within the file, and counts must be plausible.
 
-OpenUSD allocates memory by these numbers unchecked, so that a file with a corrupt count takes minutes to fail.
+OpenUSD allocates memory for these counts without checks; a file with a corrupt count therefore takes minutes to fail.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ _MOST_PER_BYTE = 256
 
 
 def trouble(data: bytes) -> str:
-    """Return the fault in the header of a binary USD file; "" if it has none, or is not binary USD."""
+    """Return a text on the fault in the header of a binary USD file; "" without a fault, or if it is not binary USD."""
     if not data.startswith(b"PXR-USDC"):
         return ""
     if len(data) < 88:

@@ -1,4 +1,4 @@
-"""Check the zip archive of a USDZ: readers map its files into memory, so files must be uncompressed and aligned."""
+"""Check the zip archive of a USDZ: files must be uncompressed and aligned, because readers map them into memory."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ LAYERS = (".usd", ".usda", ".usdc")
 def check_usdz(path: Path, ledger: Ledger) -> bool:
     """Report faults of the archive; return whether its stage can be opened.
 
-    Several layers are legal, but three.js shows nothing, without an error, for an archive with sublayers.
+    Several layers are allowed, but for an archive with sublayers three.js displays nothing, without an error.
     """
     try:
         with zipfile.ZipFile(path) as archive:

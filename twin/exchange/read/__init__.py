@@ -1,9 +1,9 @@
-"""Turn a robot description in another format into a robot folder, for `twin new`.
+"""Convert a robot description of another format to a robot folder, for `twin new`.
 
-    source      the result of every reader: a mechanism with findings
+    source      the common result of all readers: a mechanism with findings
     xml        XML with errors that name file and element
     shapes     boxes, cylinders, spheres and mesh files as meshes of a body
-    urdf       URDF, with loops from a closure YAML beside it (closures)
+    urdf       URDF, with loops from a closure YAML in the same folder (closures)
     mjcf       MJCF with equality constraints, as MuJoCo compiles it; mjcf_robots: one of several robots
     sdf        SDF; sdf_world: one model of several, includes and nested models written out
     usd        UsdPhysics stages
@@ -33,14 +33,14 @@ SUFFIXES = {
     ".step": "STEP",
     ".stp": "STEP",
 }
-"""Format by the suffix of the file name."""
+"""File format by file name suffix."""
 
 
 def kind_of(path: Path) -> str:
     """Return the format of an existing file.
 
     Raises:
-        SourceError: the file does not exist, or its suffix is not that of a known format.
+        SourceError: the file does not exist, or no known format has its suffix.
     """
     kind = SUFFIXES.get(path.suffix.lower())
     if kind is None:

@@ -1,4 +1,4 @@
-"""Find a rest pose in which the loops of a mechanism close; report loops that stay open, and why."""
+"""Find a rest pose in which the loops of a mechanism close; report loops that cannot be closed, with the reason."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from twin.reference.regular import SINGULAR, Regularity, closed_beside, regulari
 from twin.reference.states import Assembly
 
 _UNREAD = ("import.unread", "import.schema", "import.plugin", "import.inactive")
-"""Codes of findings on unsupported data whose absence might keep a loop open."""
+"""Codes of findings on unsupported data; such data may be why a loop does not close."""
 
 _ROUNDS = 6
 """Maximum number of searches for a less singular state near the best state found."""
@@ -33,9 +33,10 @@ _IN = 1e-6
 def close(imported: Imported) -> Imported:
     """Return the mechanism with a rest pose whose loops are closed (posture `home`), and a drive for each driven joint.
 
-    A loop that stays open is a finding that states its gap, also with all other loops cut: a loop that cannot be closed
-    by itself is a defect of the model, if the whole file was read. If the rest pose of the file is singular or open,
-    `home` is a key frame of the file, else the least singular nearby state within the limits.
+    Each loop that cannot be closed is a finding that states its gap. If the gap remains with all other loops cut, and
+    the whole file was read, the finding reports a defect of the model. If the rest pose of the file is singular or has
+    open loops, `home` is a key frame of the file. If no key frame is suitable, `home` is the least singular nearby
+    state within the limits.
     """
     mechanism, findings = imported.mechanism, list(imported.findings)
     findings += _authored_open(imported)
@@ -61,13 +62,13 @@ def close(imported: Imported) -> Imported:
         )
         findings.append(warning("driven", text, mechanism.name))
     q = {j.name: float(v) for j, v in zip(mechanism.active, home.q, strict=True)}
-    others = {n: v for n, v in mechanism.postures.items() if n != "home"}  # the first posture is home
+    others = {n: v for n, v in mechanism.postures.items() if n != "home"}  # home must be the first posture
     mechanism = replace(mechanism, rest=home.link_poses, postures={"home": q, **others})
     return with_drives(replace(imported, mechanism=mechanism, findings=findings))
 
 
 def _authored_open(imported: Imported) -> Iterator[Finding]:
-    """Yield findings on joints that are open at the body poses of the file."""
+    """Yield a finding for each joint whose two frames do not coincide at the body poses of the file."""
     m = imported.mechanism
     for joint in m.joints:
         T = joint.relative(m.rest[joint.parent], m.rest[joint.child])
@@ -90,7 +91,7 @@ def _authored_open(imported: Imported) -> Iterator[Finding]:
 
 
 def _home(model: ReferenceModel, keys: Mapping[str, Mapping[str, float]]) -> tuple[Assembly, list[Finding]]:
-    """Return (rest state, findings that explain the choice)."""
+    """Return (state for home, findings on its choice)."""
     drawn = assemble(model)
     name = model.mechanism.name
     there = regularity(model, [drawn.x])[0] if is_closed(drawn) else None

@@ -1,4 +1,4 @@
-"""Read the closure YAML of a URDF: frames that coincide, joints of another type, and driven joints.
+"""Read the closure YAML of a URDF: pairs of frames that close loops, driven joints, and replaced joint types.
 
 closed_loop: [[frame_a, frame_b], ...]
 type: [6d, ...]              6d: welded; 3d: the origins coincide, as in a ball joint
@@ -29,7 +29,13 @@ RETYPED = ("SPHERICAL", "FIXED", *(f"UJOINT_{a}{b}" for a in "XYZ" for b in "XYZ
 
 @dataclass(frozen=True)
 class Closures:
-    """Pairs of frames that a joint of a given type ties, driven joints, and joints whose type is replaced."""
+    """Content of a closure YAML.
+
+    Attributes:
+        loops: (frame, frame, type of the joint that connects the two frames) of each loop.
+        motors: names of the driven joints.
+        retyped: new type of each joint whose type is replaced, by name.
+    """
 
     loops: tuple[tuple[str, str, JointType], ...]
     motors: tuple[str, ...]

@@ -1,4 +1,4 @@
-"""Add drives to driven joints for which the file has none: ASSUMED gains, computed from the moved inertia."""
+"""Add drives to driven joints without gains in the file; the gains are ASSUMED, computed from the moved inertia."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ FREQUENCY = 5.0
 """Natural frequency in Hz of an assumed drive, critically damped."""
 
 NOTE = f"no gains in the file: {FREQUENCY:g} Hz, critically damped, for the inertia moved by the joint at rest"
-"""Note with the reason of an assumed drive."""
+"""Note about an assumed drive in the description of the robot."""
 
 _NOTHING = {"revolute": 1e-3, "prismatic": 1.0}
-"""Moved inertia in kg m2, or mass in kg, that is used if the file has no masses."""
+"""Assumed moved inertia in kg m2 (revolute) or mass in kg (prismatic), if the file has no masses."""
 
 
 def with_drives(imported: Imported) -> Imported:
@@ -50,7 +50,7 @@ def with_drives(imported: Imported) -> Imported:
 def _motors(
     m: Mechanism, efforts: dict[str, float], assumed: set[str], findings: list[Finding]
 ) -> tuple[Actuator, ...]:
-    """Return the actuators, each with a drive; missing drives are ASSUMED, from the moved inertia."""
+    """Return the actuators, each with a drive; missing gains are ASSUMED, computed from the moved inertia."""
     found = {a.name: a for a in m.actuators}
     rate = 2 * np.pi * FREQUENCY
     for t in m.transmissions:
@@ -76,7 +76,7 @@ def _motors(
 
 
 def _carried(m: Mechanism, joint: Joint) -> float:
-    """Return the inertia in kg m2 about a joint's axis (of a slide the mass in kg) of all bodies that it moves."""
+    """Return the inertia in kg m2 of all bodies that a joint moves, about its axis; for a slide, their mass in kg."""
     beyond = {next(j.child for j in m.tree if j.name == joint.name)}
     for j in m.tree:
         if j.parent in beyond and j.name != joint.name:

@@ -1,4 +1,4 @@
-"""Write a mechanism as a robot folder: description, meshes, formula, first protocol, notes.
+"""Write a mechanism as a robot folder: description, meshes, formula, initial protocol, notes.
 
 All frames are given as numbers in the base frame at the rest pose, with the loops closed. Lengths are printed with all
 digits of a double, so that the loops of the written mechanism close as well as those of the imported one.
@@ -42,7 +42,7 @@ def fresh_folder(target: Path, force: bool = False) -> Iterator[Path]:
 
 
 def require_free(target: Path, force: bool = False) -> None:
-    """Raise if `fresh_folder` may not write to `target`.
+    """Raise `OutputError` if `fresh_folder` would refuse to write to `target`.
 
     Raises:
         OutputError: the folder is not empty.
@@ -64,8 +64,8 @@ def write_folder(imported: Imported, name: str, target: Path, source: Path, forc
         imported: mechanism and findings.
         name: identifier of the robot.
         target: the folder; it must not exist, or be empty.
-        source: the imported file, which the description names.
-        force: overwrite a robot folder; a formula with equations and protocols are kept.
+        source: the imported file; the description contains its name.
+        force: overwrite an existing robot folder, except its protocols and a formula that contains equations.
 
     Returns:
         The files written, the description first.
@@ -94,9 +94,9 @@ def write_robot(
     source: Path,
     force: bool = False,
 ) -> list[Path]:
-    """Write a robot folder; `cad` is a function that fills the folder cad/ and returns the mechanism.
+    """Write a robot folder with files from `cad`, a function that fills the folder cad/ and returns the mechanism.
 
-    Other arguments, return value and errors are those of `write_folder`.
+    The other arguments, the return value and the errors are the same as for `write_folder`.
     """
     with fresh_folder(target, force) as work:
         (work / "cad").mkdir()
@@ -198,7 +198,7 @@ def describe(m: Mechanism, source: str, assumed: Set[str] = frozenset()) -> str:
 
 
 TOLERANCE = ("", "[tolerance]", "gross_mm = 1", "gross_deg = 1", "meeting_um = 1", "meeting_deg = 0.001")
-"""The table of tolerances in a new description."""
+"""Lines of the table of tolerances in a new description."""
 
 
 def _body(m: Mechanism, body: Body, source: str) -> list[str]:

@@ -1,7 +1,7 @@
-"""Read an MJCF from the model that MuJoCo compiles: MuJoCo resolves defaults, includes, units and meshes.
+"""Read an MJCF from the model that MuJoCo compiles, in which defaults, includes, units and meshes are resolved.
 
-Bodies keep their frames; several joints of one body become a chain of massless bodies. Equality constraints
-close loops (connect, weld) or couple joints. Joint coordinates have the zero position of MuJoCo (`ref`).
+Frames of bodies are unchanged; several joints of one body become a chain of massless bodies. Equality constraints
+close loops (connect, weld) or couple joints. Joint coordinates have the same zero position as in MuJoCo (`ref`).
 """
 
 from __future__ import annotations
@@ -39,11 +39,11 @@ def read_mjcf(path: Path, root: str | None = None) -> Imported:
 
     Args:
         path: the file.
-        root: a body of the robot, if there are several robots in the world; "world" reads all robots as one.
+        root: name of a body of the robot to read, if the world has several robots; "world" reads all robots as one.
 
     Raises:
-        SourceError: MuJoCo rejects the file, it has a constraint that a mechanism cannot express, or several robots and
-            no `root`.
+        SourceError: MuJoCo rejects the file, the file has a constraint that a mechanism cannot express, or the file has
+            several robots and `root` is None.
     """
     import mujoco
 
@@ -64,7 +64,7 @@ def read_mjcf(path: Path, root: str | None = None) -> Imported:
 
 
 def refuse_nan(path: Path) -> None:
-    """Raise `SourceError` for NaN and infinity: MuJoCo never finishes compiling an ellipsoid of such a size."""
+    """Raise `SourceError` if a number is NaN or infinite: MuJoCo never finishes compiling an ellipsoid of such size."""
     for number, line in enumerate(read_bytes(path, "MJCF").decode(errors="replace").splitlines(), 1):
         for name, value in _ATTRIBUTE.findall(line):
             if "nan" in (tokens := value.lower().split()) and all(map(_is_number, tokens)):
@@ -127,7 +127,7 @@ class _Mjcf:
                 self._equality(i, joints, couplings, used)
         self.findings += left_out(m, self._name, self.motors.tendons)
         site_names = Names("site", (self._name("SITE", i) for i in range(m.nsite)), self.findings)
-        # In files of twin a site frame_NAME is the frame NAME, and one of them is the tool.
+        # In files that twin exported, the site frame_NAME marks the frame NAME; one of these frames is the tool.
         prefix = "frame_" if f"frame_{TOOL}" in site_names else ""
         frames = [
             Frame(
@@ -151,7 +151,7 @@ class _Mjcf:
         return replace(out, mechanism=replace(moved, postures=postures), keys=keys)
 
     def _keys(self, kept: list[int]) -> dict[str, dict[str, float]]:
-        """Return the key frames: values in m or rad of the joints with one coordinate, by name of the key."""
+        """Return the key frames by name: values in m or rad of the joints with one coordinate, by joint."""
         m, out = self.m, {}
         for i in range(m.nkey):
             label = identifier(self._name("KEY", i))
@@ -182,7 +182,7 @@ class _Mjcf:
             at = np.eye(4) if kind == _FREE else spatial.pose(p=m.jnt_pos[k])
             ref = np.eye(4)
             if kind in (_SLIDE, _HINGE):
-                if not np.abs(m.jnt_axis[k]).max() > 0.5:  # MuJoCo makes it a unit vector, if it can
+                if not np.abs(m.jnt_axis[k]).max() > 0.5:  # not a unit vector: MuJoCo could not normalise the axis
                     raise SourceError(f"{self.path}: joint '{self.joints[k]}': its axis has no length, or is too long")
                 at = at @ along(m.jnt_axis[k])
                 q0 = float(m.qpos0[m.jnt_qposadr[k]])
@@ -221,7 +221,7 @@ class _Mjcf:
         return low, high
 
     def _actuators(self) -> Iterator[tuple[int, Drive | None]]:
-        """Yield the driven joints, with the gains of position actuators."""
+        """Yield (joint number, drive) of the driven joints; the drive is None without a position actuator."""
         m, trn = self.m, self.mujoco.mjtTrn
         for i in range(m.nu):
             name = self._name("ACTUATOR", i)
@@ -299,7 +299,7 @@ class _Mjcf:
             raise SourceError(f"{self.path}: equality '{name}' is of a type that a mechanism cannot express")
 
     def _tendon(self, i: int, name: str, label: str) -> Coupling:
-        """Return the coupling of a fixed tendon: the sum of coefficients times coordinates is constant."""
+        """Return the coupling of a fixed tendon: the sum of coefficient times joint coordinate is constant."""
         m, k = self.m, int(self.m.eq_obj1id[i])
         tied = fixed_tendon(m, k)
         if not tied:

@@ -12,12 +12,12 @@ def without_missing(spec, path: Path, findings: list[Finding]) -> set[str]:
     """Remove meshes and textures with missing files, and geoms that use them, from a MuJoCo specification.
 
     Args:
-        spec: parsed, not yet compiled.
+        spec: the MuJoCo specification, parsed and not yet compiled.
         path: the MJCF file.
         findings: receives a warning for each missing file.
 
     Returns:
-        Names of bodies that lost a geom and state no inertia, so that the mass computed by MuJoCo is invalid.
+        Names of bodies without a stated inertia from which a geom was removed; MuJoCo's masses for them are invalid.
     """
     lost: dict[str, str] = {}
     for mesh in list(spec.meshes):
@@ -44,7 +44,7 @@ def without_missing(spec, path: Path, findings: list[Finding]) -> set[str]:
             spec.delete(pair)
     _textures(spec, path, findings)
     for body in spec.bodies:
-        if body.name in weightless:  # any value that compiles; the reader leaves this mass out
+        if body.name in weightless:  # a placeholder that compiles; the reader ignores this mass
             body.explicitinertial, body.mass, body.inertia = True, 1.0, [1.0, 1.0, 1.0]
             text = f"body '{body.name}' has no mass, because its mesh is missing."
             findings.append(warning("inertia", text, body.name))

@@ -1,4 +1,4 @@
-"""Report data of an MJCF that a mechanism cannot hold; data that affect motion as a warning."""
+"""Report data of an MJCF that a mechanism cannot hold; data that affect the motion are reported as warnings."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from twin.exchange.read.source import note, warning
 
 
 def left_out(m, name: Callable[[str, int], str], kept_tendons: Collection[int] = ()) -> list[Finding]:
-    """Return findings on data of the model that are not kept.
+    """Return findings on data of the model that are not imported.
 
     Args:
         m: MuJoCo's model.

@@ -1,4 +1,4 @@
-"""Read the transmissions of an MJCF: n actuators on n fixed tendons that run over n joints."""
+"""Read the transmissions of an MJCF: n actuators that pull n fixed tendons over n joints."""
 
 from __future__ import annotations
 
@@ -17,11 +17,14 @@ Name = Callable[[str, int], str]
 
 @dataclass(frozen=True)
 class Motors:
-    """Transmissions of a model, with the numbers of what they use in MuJoCo's model.
+    """Transmissions of a mechanism, with MuJoCo's numbers of the joints, actuators and tendons in them.
 
     Attributes:
-        actuators, transmissions: of the mechanism.
-        joints, numbers, tendons: numbers of the joints, actuators and tendons that the transmissions use.
+        actuators: the motors of the transmissions.
+        transmissions: the transmissions of the mechanism.
+        joints: MuJoCo numbers of the joints.
+        numbers: MuJoCo numbers of the actuators.
+        tendons: MuJoCo numbers of the tendons.
     """
 
     actuators: tuple[Actuator, ...]
@@ -32,7 +35,7 @@ class Motors:
 
 
 def fixed_tendon(m, tendon: int) -> dict[int, float]:
-    """Return the coefficients of a fixed tendon by joint, in the order of the file; empty for a spatial tendon."""
+    """Return the coefficients of a fixed tendon by joint number, in file order; empty for a spatial tendon."""
     import mujoco
 
     rows = range(m.tendon_adr[tendon], m.tendon_adr[tendon] + m.tendon_num[tendon])
@@ -42,7 +45,7 @@ def fixed_tendon(m, tendon: int) -> dict[int, float]:
 
 
 def read_motors(m, kept: Sequence[int], joints: Sequence[str], name: Name, findings: list[Finding]) -> Motors:
-    """Return the transmissions of the bodies that are kept.
+    """Return the transmissions that drive the joints of the robot's bodies.
 
     A group of tendons that share joints is a transmission if each tendon has an actuator, there are as many tendons as
     joints, no other actuator drives these joints, no equality ties the tendons, and the matrix is invertible.
@@ -50,15 +53,15 @@ def read_motors(m, kept: Sequence[int], joints: Sequence[str], name: Name, findi
     Args:
         m: MuJoCo's model.
         kept: numbers of the robot's bodies.
-        joints: names by number.
+        joints: joint names by joint number.
         name: function from kind and number of an object to its name in the file.
-        findings: receives changed names.
+        findings: receives a finding for each changed name.
     """
     import mujoco
 
     transmission, equality = mujoco.mjtTrn, mujoco.mjtEq
     pulls: dict[int, int] = {}  # tendon -> actuator
-    taken: set[int] = set()  # joints and tendons that something else moves
+    taken: set[int] = set()  # joints that an actuator drives directly, or whose tendon has two actuators
     for a in range(m.nu):
         kind, target = int(m.actuator_trntype[a]), int(m.actuator_trnid[a, 0])
         if kind in (int(transmission.mjTRN_JOINT), int(transmission.mjTRN_JOINTINPARENT)):
@@ -68,7 +71,7 @@ def read_motors(m, kept: Sequence[int], joints: Sequence[str], name: Name, findi
             pulls[target] = a
     tied = {int(m.eq_obj1id[e]) for e in range(m.neq) if m.eq_type[e] == equality.mjEQ_TENDON}
     slide, hinge = int(mujoco.mjtJoint.mjJNT_SLIDE), int(mujoco.mjtJoint.mjJNT_HINGE)
-    groups: list[tuple[list[int], list[int]]] = []  # tendons, joints
+    groups: list[tuple[list[int], list[int]]] = []  # (tendons, joints) of each group
     for tendon in (t for t in sorted(pulls, key=pulls.__getitem__) if t not in tied):
         over = fixed_tendon(m, tendon)
         joined = [g for g in groups if set(g[1]) & set(over)]
@@ -85,7 +88,7 @@ def read_motors(m, kept: Sequence[int], joints: Sequence[str], name: Name, findi
 
 
 def _rows(m, tendons: Sequence[int], over: Sequence[int], pulls: dict[int, int]) -> np.ndarray:
-    """Return the matrix (n, n) from joint to motor coordinates; an actuator's length is its gear times its tendon's."""
+    """Return the matrix (n, n) from joint to motor coordinates; actuator length = gear x tendon length."""
     gears = [float(m.actuator_gear[pulls[t], 0]) for t in tendons]
     lengths = [fixed_tendon(m, t) for t in tendons]
     return np.array([[g * row.get(j, 0.0) for j in over] for g, row in zip(gears, lengths, strict=True)])
@@ -118,7 +121,7 @@ def _built(m, found, pulls: dict[int, int], joints: Sequence[str], name: Name, f
 def _grouped(
     m, tendons: list[int], over: list[int], pulls: dict[int, int], name: Name
 ) -> tuple[str, list[int], list[int]]:
-    """Return (name, tendons, joints) of a group: from a <tuple> of the file, else in file order."""
+    """Return (name, tendons, joints) of a group, in the order of its <tuple> in the file, else in file order."""
     import mujoco
 
     by_actuator = {pulls[t]: t for t in tendons}

@@ -1,4 +1,4 @@
-"""Group the bodies of an MJCF into robots: top-level bodies that equalities or tendons connect are one robot."""
+"""Group the bodies of an MJCF into robots: top-level bodies connected by equalities or tendons are one robot."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ def chosen(m, path: Path, root: str | None, name: Callable[[str, int], str], fin
     Args:
         m: MuJoCo's model.
         path: the file, for errors.
-        root: a body of the robot, or "world" for all; None: the only robot.
+        root: name of a body of the robot, or "world" for all bodies; None: the file has a single robot.
         name: function from kind and number of an object to its name in the file.
         findings: receives notes on omitted bodies.
 
     Raises:
-        SourceError: there are several robots and no root, or the body does not exist.
+        SourceError: there are several robots and `root` is None, or the body does not exist.
     """
     groups = _groups(m)
     moving = [g for g in groups if any(m.body_jntnum[b] for b in g)]
@@ -60,7 +60,7 @@ def chosen(m, path: Path, root: str | None, name: Callable[[str, int], str], fin
 
 
 def tied_by(m, i: int) -> set[int]:
-    """Return the bodies that an equality ties, without the world."""
+    """Return the bodies that an equality constrains, without the world."""
     import mujoco
 
     kind, ends = mujoco.mjtEq(int(m.eq_type[i])), [int(m.eq_obj1id[i]), int(m.eq_obj2id[i])]
@@ -105,7 +105,7 @@ def _drives(m, i: int) -> set[int]:
 
 
 def _groups(m) -> list[set[int]]:
-    """Return groups of top-level bodies; bodies tied by an equality or tendon are in one group."""
+    """Return groups of top-level bodies; bodies connected by an equality or tendon are in one group."""
     groups: dict[int, set[int]] = {}
     for b in range(1, m.nbody):
         groups.setdefault(int(m.body_rootid[b]), set()).add(b)

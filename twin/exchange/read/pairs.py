@@ -1,6 +1,6 @@
-"""Find faces of two bodies of a STEP that fit each other: a pin in its bore, a rail in its bush, a ball in its socket.
+"""Find faces of two bodies in a STEP that fit: a pin in its bore, a rail in its bush, a ball in its socket.
 
-Faces that miss each other by less than `GROSS` also count as a fit; the misfit is stated.
+Faces whose axes or centres differ by less than `GROSS` also count as a fit; the difference is reported.
 """
 
 from __future__ import annotations
@@ -17,27 +17,36 @@ from twin.core.spatial import Array
 from twin.core.units import DEG, MM
 
 GROSS = (1.0 * MM, 2.0 * DEG)
-"""Largest distance in m and angle in rad of two axes, or distance of two centres, up to which faces may belong
-together."""
+"""Maximum distance in m and angle in rad between two axes, and maximum distance between two centres, of a fit."""
 
 _APART = 0.01 * MM
-"""Distance in m up to which two axes or centres always count as coincident."""
+"""Distance in m below which two axes or two centres count as coincident."""
 
 _TILT = 0.01 * DEG
 
 _CLEARANCE = (0.1 * MM, 0.1)
-"""Largest difference of the radii of a pin and its bore: in m, and as a share of the radius; the larger applies."""
+"""Maximum difference between the radii of a pin and its bore: in m, and as a fraction of the smaller radius.
+
+The larger of the two limits applies.
+"""
 
 _PLAY = (0.001 * MM, 0.3 * MM)
-"""Range in m of the difference of radii in a plausible fit."""
+"""Range in m of the difference between the radii of a movable fit."""
 
 _ONE_AXIS = (0.1 * MM, 0.1 * DEG)
-"""Distance in m below which the axes of two faces of one body coincide."""
+"""Distance in m and angle in rad below which the axes of two faces of one body coincide."""
 
 
 @dataclass(frozen=True, eq=False)  # arrays do not compare
 class Round:
-    """A cylinder or sphere of a body: part, face, and interval in m along the axis; (0, 0) for a sphere."""
+    """A cylindrical or spherical face of a body.
+
+    Attributes:
+        body: name of the body.
+        part: the part of the body that has the face.
+        face: the face.
+        reach: interval of the cylinder along its axis in m, from the point of the face; (0, 0) for a sphere.
+    """
 
     body: str
     part: Part
@@ -46,7 +55,7 @@ class Round:
 
     @property
     def length(self) -> float:
-        """Length of a cylinder in m."""
+        """Length in m along the axis; 0 for a sphere."""
         return self.reach[1] - self.reach[0]
 
     def outward(self) -> int:
@@ -66,9 +75,9 @@ class Pair:
     Attributes:
         kind: "coaxial" or "concentric".
         a, b: the faces.
-        overlap: the length in m that both faces share along the axis.
-        offset: distance in m of the axes at the middle of that length, or of the centres.
-        tilt: angle of the axes in rad.
+        overlap: length in m over which the two cylinders overlap along the axis; for spheres the smaller diameter.
+        offset: distance in m between the axes at the middle of the overlap, or between the centres.
+        tilt: angle in rad between the axes.
     """
 
     kind: Literal["coaxial", "concentric"]
@@ -80,27 +89,27 @@ class Pair:
 
     @property
     def clearance(self) -> float:
-        """Difference of the radii in m."""
+        """Absolute difference between the radii in m."""
         return abs(self.a.face.radius - self.b.face.radius)
 
     @property
     def near(self) -> bool:
-        """Whether the faces are close but do not coincide."""
+        """Whether the axes or centres are close but do not coincide."""
         return self.offset >= _APART or self.tilt >= _TILT
 
     @property
     def miss(self) -> float:
-        """Largest distance of the axes in the shared length, or of the centres, as a share of the radius."""
+        """Largest distance between the axes in the overlap, or between the centres, divided by the smaller radius."""
         return (self.offset + 0.5 * self.tilt * self.overlap) / min(self.a.face.radius, self.b.face.radius)
 
     @property
     def confidence(self) -> Literal["high", "medium", "low"]:
-        """Confidence that the faces fit: high up to a `miss` of 5 % of the radius, medium up to 20 %, else low."""
+        """Confidence that the faces fit: high for a `miss` up to 5 %, medium up to 20 %, else low."""
         return "high" if self.miss <= 0.05 else "medium" if self.miss <= 0.2 else "low"
 
     @property
     def radii(self) -> str:
-        """Radii and part names of both faces as text."""
+        """Text with the radii and part names of both faces."""
         return (
             f"radii {self.a.face.radius / MM:.4g} mm on '{self.a.part.name}' and {self.b.face.radius / MM:.4g} mm on "
             f"'{self.b.part.name}'"
@@ -113,7 +122,10 @@ class Pair:
 
 
 def find_pairs(parts: Mapping[str, Sequence[Part]]) -> list[Pair]:
-    """Return the fits between bodies, exact ones first; of several fits on one axis, that with minimum clearance.
+    """Return the fits between bodies, in the order of the bodies.
+
+    For each pair of bodies, coincident fits come first; several fits on one axis are reduced to the one with the
+    minimum clearance.
 
     Args:
         parts: the parts of each body, in the coordinates of the STEP.
@@ -124,7 +136,7 @@ def find_pairs(parts: Mapping[str, Sequence[Part]]) -> list[Pair]:
         others = out.setdefault((pair.a.body, pair.b.body), [])
         if any(o.kind == pair.kind and same_axis(o.a, pair.a) and same_axis(o.b, pair.b) for o in others):
             continue
-        # of faces that miss each other, a pin must stand in a bore
+        # Faces that do not coincide count only if one is a pin (or ball) and the other a bore (or cup).
         if not pair.near or (pair.miss < 1 and pair.a.outward() * pair.b.outward() < 0):
             others.append(pair)
     order = {b: i for i, b in enumerate(parts)}
@@ -149,7 +161,7 @@ def _rounds(parts: Mapping[str, Sequence[Part]], kind: str) -> Iterator[Round]:
 
 
 def _reach(part: Part, face: Face) -> tuple[float, float]:
-    """Return the interval in m along the axis, from the face's point, that the part's vertices on the cylinder span."""
+    """Return the interval in m along the axis, from the face's point, of the part's vertices on the cylinder."""
     offset = part.vertices - face.point
     along = offset @ face.direction
     radius = np.linalg.norm(offset - along[:, None] * face.direction, axis=1)
@@ -185,7 +197,7 @@ def _coaxial(rounds: list[Round]) -> Iterator[Pair]:
 
 
 def shared(a: Round, b: Round) -> tuple[float, float]:
-    """Return the interval in m that both cylinders share along the axis of `a`, from the point of its face."""
+    """Return the interval in m along the axis of `a`, from the point of its face, in which both cylinders overlap."""
     d = a.face.direction
     offset = float((b.face.point - a.face.point) @ d)
     reach = b.reach if b.face.direction @ d > 0 else (-b.reach[1], -b.reach[0])

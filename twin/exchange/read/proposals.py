@@ -1,8 +1,8 @@
 """Propose joints from fitting faces: type, bodies, and frames measured on the faces of each body.
 
-Directions and positions that faces determine are measured on both bodies, so that a misfit is found when the robot is
-built. What faces do not determine (position of a slide along its axis, rotation of a round pin) is given by numbers, on
-one or both bodies.
+Directions and positions that faces determine are measured on both bodies, so that differences are found when the robot
+is built. Positions and angles that faces do not determine (position of a slide along its axis, rotation of a round pin)
+are given as numbers, on one or both bodies.
 """
 
 from __future__ import annotations
@@ -33,12 +33,12 @@ _TOLERANCE = Tolerance(gross_mm=1, gross_deg=1, meeting_um=1, meeting_deg=0.001)
 """Tolerance table of a new description."""
 
 _RAIL = 2.0
-"""A shaft without stops is assumed to be a rail if it is at least this many times as long as its bush."""
+"""Ratio of shaft length to bush length above which a shaft without stops is assumed to be a rail."""
 
 
 @dataclass(frozen=True)
 class Side:
-    """A joint's frame on one body (its "side") as TOML, and the features it needs, by name."""
+    """A joint's frame on one body, as TOML text, and the TOML of the features that the frame refers to, by name."""
 
     text: str
     features: dict[str, str]
@@ -49,12 +49,13 @@ class Proposal:
     """A joint that fitting faces suggest, and the evidence for it.
 
     Attributes:
-        name, type, parent, child: of the joint.
-        on_parent, on_child: its frames.
-        pair: the faces that place it.
-        offset, tilt: distance in m and angle in rad between the two frames in the CAD, in the directions that the joint
-            locks.
-        why: the evidence of the faces.
+        name, type: name and type of the joint.
+        parent, child: names of its bodies.
+        on_parent, on_child: its frames on the parent and on the child.
+        pair: the pair of faces that determines its position.
+        offset, tilt: distance in m and angle in rad between the two frames in the CAD, in the locked directions of the
+            joint.
+        why: the evidence, as text.
     """
 
     name: str
@@ -75,21 +76,21 @@ class Proposal:
 
     @property
     def miss(self) -> str:
-        """The distance and angle between the two frames, as text."""
+        """Text with the distance and the angle between the two frames."""
         return f"{round(self.offset / MM, 6):.4g} mm and {round(self.tilt / DEG, 6):.4g}°"
 
 
 def propose(parts: Mapping[str, Sequence[Part]], pairs: Sequence[Pair], base: str) -> tuple[list[Proposal], list[Pair]]:
-    """Return (joints from the base outwards, independent fits that are not used).
+    """Return (proposed joints from the base outwards, fits that are not used for a joint).
 
-    Two bodies with several fits get the joint that all these fits allow.
+    Two bodies with several fits get a joint that is compatible with all these fits.
     """
     fits: dict[tuple[str, str], list[Pair]] = {}
     for pair in pairs:
         fits.setdefault((pair.a.body, pair.b.body), []).append(pair)
     reached, todo, out, left = [base], dict(fits), [], []
     while todo:
-        # bodies without a connection to the base get joints between them, beginning at the first body
+        # If no remaining pair of bodies is connected to the base, continue with the first remaining pair.
         key = next((k for r in reached for k in todo if r in k), next(iter(todo)))
         own = todo.pop(key)
         parent = min(key, key=lambda b: reached.index(b) if b in reached else len(reached))
@@ -103,16 +104,16 @@ def propose(parts: Mapping[str, Sequence[Part]], pairs: Sequence[Pair], base: st
 
 
 def _kinds(pairs: list[Pair]) -> tuple[list[tuple[JointType | None, Pair, str]], list[Pair]]:
-    """Return (joint types with the fit that places each, remaining fits) for the fits between two bodies.
+    """Return ((type, fit, evidence) of each joint, remaining fits) for the fits between two bodies.
 
-    The type is None if it depends on stops along the axis.
+    The position of the joint is that of its fit. The type is None if it depends on stops along the axis.
     """
     balls = [p for p in pairs if p.kind == "concentric"]
     axes = sorted((p for p in pairs if p.kind == "coaxial"), key=lambda p: (p.near, p.clearance, -p.overlap))
     if balls:
         return [("spherical", p, f"a ball, {p.radii}") for p in balls], axes
     first = axes[0]
-    # A second bore that is nearly on the first's axis is a fault, not a second axis; a doubtful one is ignored.
+    # A second fit that is nearly on the axis of the first is a defect of the CAD, not a second axis.
     again = [p for p in axes[1:] if same_axis(first.a, p.a, GROSS) and same_axis(first.b, p.b, GROSS)]
     doubtful = [p for p in axes[1:] if p not in again and p.confidence == "low"]
     axes = [p for p in axes if p not in again and p not in doubtful]
@@ -157,7 +158,7 @@ def _joint(
 
 
 class _Frame:
-    """Builder of a measured frame: its features and keys; directions that are not measured come from R (3, 3)."""
+    """Builder of a measured frame: its features and TOML keys; directions that are not measured come from R (3, 3)."""
 
     def __init__(self, body: str, origin: str, part: Part, face: Face, R: Array) -> None:
         self.body, self.R = body, R
@@ -165,7 +166,7 @@ class _Frame:
         self.keys: dict[str, Any] = {"origin": self.name(origin, part, face, R[:, 2])}
 
     def name(self, name: str, part: Part, face: Face, towards: Array) -> str:
-        """Add a feature for a face, with the sign of its direction along `towards`; return the feature's name."""
+        """Add a feature for a face, with its direction reversed if it points against `towards`; return its name."""
         sign = 1.0 if face.direction @ towards >= 0 else -1.0
         x, y, z = np.round(sign * face.direction, 9).tolist()
         near_x, near_y, near_z = np.round(face.point / MM, 4).tolist()
@@ -187,7 +188,7 @@ class _Frame:
         return {**self.keys, **typed}
 
     def measured(self, parts: Sequence[Part]) -> Array:
-        """Return the frame (4, 4) that the description measures."""
+        """Return the frame (4, 4) in the CAD, measured on the faces as when the description is read."""
         found = {n: find(self.body, n, s, parts, _TOLERANCE) for n, s in self.features.items()}
         return frame(FrameSpec(**self._spec()), found)
 
@@ -206,8 +207,8 @@ def _along_axis(
 ) -> tuple[JointType, list[_Frame], str]:
     """Return (type, frames, evidence) of a joint about or along the common axis of two faces.
 
-    The origins are where two faces perpendicular to the axis touch; without such faces, the child's origin is moved
-    along its own axis.
+    The origins are at the point of the axis where two perpendicular faces of the bodies touch. Without such faces, the
+    child's frame is offset along its axis to the origin on the parent.
     """
     low, high = shared(p, c)
     middle = p.face.point + 0.5 * (low + high) * p.face.direction
@@ -260,7 +261,7 @@ def _along_axis(
 
 
 def _flats(parts: Sequence[Sequence[Part]], zs: Sequence[Array], within: float) -> list[tuple[Part, Face]] | None:
-    """Return the two planes along the axes, one of each body, nearest to parallel; None if more than `within` apart."""
+    """Return the most parallel pair of planes along the axes, one of each body; None above an angle `within` in rad."""
     planes = [
         [(part, f) for part in own for f in part.faces if f.kind == "plane" and abs(float(f.direction @ z)) < 1e-4]
         for own, z in zip(parts, zs, strict=True)

@@ -1,6 +1,6 @@
 """Read one model of an SDF file or world. A loop is closed by a second joint with the same child link.
 
-Poses are resolved from `relative_to` and the frames of the model. Nested models and includes belong to the model.
+Poses are resolved with `relative_to` and the frames of the model. Nested models and includes are part of the model.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ TYPES: dict[str, JointType] = {
 """Joint types of SDF that a mechanism can express."""
 
 _ENDLESS = 1e16
-"""Limits of at least this size mean no limit in SDF."""
+"""Magnitude in m or rad from which a limit means "no limit" in SDF."""
 
 
 def read_sdf(path: Path, root: str | None = None) -> Imported:
@@ -42,7 +42,7 @@ def read_sdf(path: Path, root: str | None = None) -> Imported:
 
     Args:
         path: the file.
-        root: name of the model, if several have joints.
+        root: name of the model to read, if several models have joints.
 
     Raises:
         SourceError: the file is invalid or unsupported; the message names file, element and fault.
@@ -85,7 +85,10 @@ class _Sdf:
         return assemble(self.path, name, base, bodies, made, frames, couplings, self.findings, efforts=efforts)
 
     def _drive(self, joints: list[Joint], base: str, followers: set[str], names: Names) -> list[Joint]:
-        """Return the joints; plug-ins name the driven ones, else all are driven that neither mimic nor close a loop."""
+        """Return the joints, with the driven ones marked as active.
+
+        Driven joints are those named by plug-ins; without plug-ins, all joints that neither mimic nor close a loop.
+        """
         told = {t for p in self.model.iter("plugin") for e in p.iter("joint_name") if (t := (e.text or "").strip())}
         told = {names[t] for t in told if t in names}
         bare = [replace(j, active=False) for j in joints]

@@ -1,4 +1,4 @@
-"""Report data of an SDF model that a mechanism cannot hold, with the element of each."""
+"""Report data of an SDF model that a mechanism cannot hold; each finding names the element."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _READ = {
     "visual": {"geometry", "material", "pose", "transparency"},
     "material": {"diffuse"},
 }
-"""Child elements that are read, by element."""
+"""Names of the child elements that are read, by name of the parent element."""
 
 _HARMLESS = {"static", "self_collide", "allow_auto_disable", "enable_wind", "gravity", "cast_shadows", "ambient"}
 _HARMLESS |= {"specular", "emissive", "lighting", "laser_retro", "meta", "must_be_base_link", "physics", "kinematic"}
@@ -28,7 +28,7 @@ _EMPTY = ("0", "0.0", "-1", "inf", "1e+16", "1e16", "")
 
 
 def left_out(model: Element, xml: Xml) -> list[Finding]:
-    """Return findings on data of the model that are not kept."""
+    """Return findings on data of the model that are not imported."""
     found: list[Finding] = []
     if xml.root.find("world") is not None:
         others = sorted({str(e.tag) for w in xml.root.findall("world") for e in w} - {"model"})

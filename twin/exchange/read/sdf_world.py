@@ -1,6 +1,6 @@
-"""Extract the robot's model from an SDF as one flat model: includes resolved, contents of nested models moved into it.
+"""Extract the robot's model from an SDF as one flat model: resolve includes, and merge nested models into the model.
 
-A link `palm` of a nested model `hand` is then named `hand::palm`, as in SDF.
+A link `palm` of a nested model `hand` gets the name `hand::palm`, as in SDF.
 """
 
 from __future__ import annotations
@@ -18,10 +18,10 @@ from twin.exchange.read.source import note, warning
 from twin.exchange.read.xml import Xml
 
 ORIGIN = "__model__"
-"""SDF's name of a model's own frame; the frame of a nested model `hand` becomes `hand::__model__`."""
+"""Name of a model's own frame in SDF; the frame of a nested model `hand` becomes `hand::__model__`."""
 
 _DEEPEST = 8
-"""Maximum nesting depth of models, to stop recursive includes."""
+"""Maximum nesting depth of models; a limit, because includes may be recursive."""
 
 
 def robot_of(xml: Xml, root: str | None, findings: list[Finding]) -> Element:
@@ -33,8 +33,8 @@ def robot_of(xml: Xml, root: str | None, findings: list[Finding]) -> Element:
         findings: receives notes on omitted content.
 
     Raises:
-        SourceError: several models have joints and no root is given, the model does not exist, or a part of it is
-            missing.
+        SourceError: several models have joints and `root` is None, the model does not exist, or a part of the model
+            is missing.
     """
     known: dict[str, Element] = {}
     taken: list[Path] = []
@@ -78,7 +78,7 @@ def robot_of(xml: Xml, root: str | None, findings: list[Finding]) -> Element:
 
 
 def _resolve(xml: Xml, model: Element, depth: int, taken: list[Path]) -> None:
-    """Replace the includes of a model by their models; `taken` holds all includes so far."""
+    """Replace the includes of a model by their models; `taken` holds the files of all includes so far."""
     if depth > _DEEPEST:
         raise SourceError(f"{xml.path}: models are nested more than {_DEEPEST} deep: does one include itself?")
     for i, element in enumerate(list(model)):
@@ -95,7 +95,7 @@ def _resolve(xml: Xml, model: Element, depth: int, taken: list[Path]) -> None:
 
 
 def _included(xml: Xml, include: Element, depth: int, taken: list[Path]) -> Element | None:
-    """Return the model of an include, with the name and pose that the include states; None if its file is missing."""
+    """Return the model of an include, with the name and pose stated in the include; None if its file is missing."""
     uri = (include.findtext("uri") or "").strip()
     if not uri:
         xml.fail("<include>", "it has no <uri>")
@@ -113,7 +113,7 @@ def _included(xml: Xml, include: Element, depth: int, taken: list[Path]) -> Elem
     if len(models) != 1:
         raise SourceError(f"{file}: included by {xml.path.name}: expected one model, found {len(models)}")
     model = copy.deepcopy(models[0])
-    for address in model.iter("uri"):  # files of an included model are searched beside it
+    for address in model.iter("uri"):  # files of an included model are searched in the folder of its file
         place = find((address.text or "").strip(), file.parent)
         address.text = str(place.resolve()) if place is not None else address.text
     _resolve(other, model, depth, taken)
@@ -128,9 +128,12 @@ def _included(xml: Xml, include: Element, depth: int, taken: list[Path]) -> Elem
 
 
 def _file(uri: str, beside: Path) -> Path | None:
-    """Return the SDF file of an address: itself, or model.sdf in a folder of that name beside or above the file."""
+    """Return the SDF file of an address: the file itself, or model.sdf in the folder of that name; None if missing.
+
+    The folder is searched beside and above the file.
+    """
     if uri.startswith(("http://", "https://")):
-        uri = uri.rstrip("/").rpartition("/")[2]  # nothing is downloaded, but a copy may be in the same folder
+        uri = uri.rstrip("/").rpartition("/")[2]  # nothing is downloaded; search a local copy instead
     return next((f for n in (f"{uri}/model.sdf", f"{uri}.sdf", uri) if (f := find(n, beside)) is not None), None)
 
 
@@ -145,7 +148,7 @@ def _flatten(xml: Xml, model: Element) -> None:
         links = [e for e in inner if e.tag == "link"]
         if not links:
             continue
-        placed = inner.find("pose")  # of the outer model, with its names
+        placed = inner.find("pose")  # pose of the inner model in the outer model; its frame names are the outer ones
         pose = Element("pose") if placed is None else copy.deepcopy(placed)
         for element in inner:
             for owner, key in _references(element):
@@ -167,7 +170,7 @@ def _flatten(xml: Xml, model: Element) -> None:
                     element.append(pose)
                 if not pose.get("relative_to"):
                     pose.set("relative_to", f"{name}::{ORIGIN}")
-        for element in model:  # the model's name stands for its frame; inside other models it is theirs
+        for element in model:  # a reference to the nested model's name means its frame; skip contents of other models
             of = element.find("pose") if element.tag == "model" else element
             for owner, key in () if of is None else _references(of):
                 if (owner.get(key) if key else (owner.text or "").strip()) == name and key != "name":

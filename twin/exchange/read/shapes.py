@@ -17,13 +17,13 @@ from twin.exchange.read.xml import Xml
 from twin.model.mechanism import Mesh
 
 SIZES = {"box": ("size",), "cylinder": ("radius", "length"), "sphere": ("radius",)}
-"""Attributes of the shapes of URDF and SDF, by shape."""
+"""Names of the size attributes of the shapes in URDF and SDF, by shape."""
 
 Color = tuple[float, float, float, float]
-"""Named colours in display values 0..1, as in URDF, MJCF and SDF."""
+"""Red, green, blue and alpha as display values (sRGB) 0..1, as in URDF, MJCF and SDF."""
 
 GREY: Color = (0.8, 0.8, 0.8, 1.0)
-"""Default colour in display values 0..1."""
+"""Default colour as display values 0..1."""
 
 
 def primitive(kind: str, size: Sequence[float]) -> tuple[Array, np.ndarray]:
@@ -50,7 +50,7 @@ def primitive(kind: str, size: Sequence[float]) -> tuple[Array, np.ndarray]:
 
 
 def size(xml: Xml, where: str, kind: str, text: Callable[[str], str | None]) -> list[float]:
-    """Return the positive sizes of a box, cylinder or sphere; `text` is a function that returns the text of a key."""
+    """Return the positive sizes of a box, cylinder or sphere; `text` returns the text of an attribute."""
     size = [
         float(s) for k in SIZES[kind] for s in xml.numbers(where, f"{kind} {k}", text(k), 3 if k == "size" else 1, None)
     ]
@@ -60,14 +60,14 @@ def size(xml: Xml, where: str, kind: str, text: Callable[[str], str | None]) -> 
 
 
 def placed(name: str, vertices: Array, triangles: np.ndarray, T_body_mesh: Array, color: Color) -> Mesh:
-    """Return a mesh moved into the frame of its body; its colour is converted to linear components."""
+    """Return a mesh transformed to the frame of its body, with its colour converted to linear components."""
     points = vertices @ T_body_mesh[:3, :3].T + T_body_mesh[:3, 3]
     r, g, b, a = color
     return Mesh(name, points, np.asarray(triangles, np.int32), (linear(r), linear(g), linear(b), a))
 
 
 def find(uri: str, beside: Path) -> Path | None:
-    """Return the file for a `package://`, `model://`, `file://` or plain address, or None if it is not found.
+    """Return the file of a `package://`, `model://` or `file://` address or a plain path; None if it is not found.
 
     A package is searched in the folders beside and above the description; environment variables are not used.
     """

@@ -1,4 +1,4 @@
-"""Common parts of all readers: names converted to identifiers, findings, checked frames and limits, a tool frame."""
+"""Common functions of all readers: convert names to identifiers, add findings, check limits, add a tool frame."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ class Imported:
 
     Attributes:
         mechanism: bodies, joints and loops.
-        findings: see above.
+        findings: on renamed, guessed, missing and omitted data.
         efforts: maximum effort in N or N m of joints without gains in the file.
         assumed: joints with assumed drives.
-        posed: whether the file gives rest poses; a URDF does not.
-        keys: named states of the file: values in m or rad by joint of the tree, driven or passive.
+        posed: whether the file states rest poses; a URDF does not.
+        keys: named states of the file: values in m or rad by joint of the tree, active or passive.
     """
 
     mechanism: Mechanism
@@ -41,7 +41,7 @@ class Imported:
 
 
 class Names:
-    """Conversion of the file's names of one kind to identifiers; each change is a finding."""
+    """Map from the file's names of one kind (such as joints) to identifiers; each changed name is a finding."""
 
     def __init__(self, kind: str, names: Iterable[str], findings: list[Finding]) -> None:
         names = list(names)
@@ -65,13 +65,13 @@ class Names:
 def named_apart(
     kind: str, wanted: Iterable[tuple[Hashable, str]], taken: Collection[str], findings: list[Finding]
 ) -> dict[Any, str]:
-    """Return a unique identifier that is not in `taken` for each key; each change is a finding.
+    """Return a unique identifier for each key that is not in `taken`; each changed name is a finding.
 
     Args:
-        kind: of the named objects, for the findings.
-        wanted: (key, name in the file).
+        kind: kind of the named objects (such as "joint"), for the findings.
+        wanted: (key, name in the file) of each object.
         taken: identifiers in use.
-        findings: receives the changes.
+        findings: receives a finding for each changed name.
     """
     out: dict[Any, str] = {}
     for key, name in wanted:
@@ -88,24 +88,24 @@ def named_apart(
 
 
 def note(code: str, message: str, where: str) -> Finding:
-    """Return a finding of severity info: data were changed without loss."""
+    """Return a finding of severity info, for data that were changed without loss."""
     return finding("info", f"import.{code}", where, message)
 
 
 def warning(code: str, message: str, where: str) -> Finding:
-    """Return a finding of severity warning: data of the file are not in the mechanism."""
+    """Return a finding of severity warning, for data of the file that are missing or assumed in the mechanism."""
     return finding("warning", f"import.{code}", where, message)
 
 
 def rpy(angles: Array) -> Array:
-    """Return R = Rz(yaw) Ry(pitch) Rx(roll), (3, 3), of (roll, pitch, yaw) in rad."""
+    """Return R = Rz(yaw) Ry(pitch) Rx(roll), (3, 3), for angles (roll, pitch, yaw) in rad."""
     ex, ey, ez = np.eye(3)
     return spatial.exp_so3(angles[2] * ez) @ spatial.exp_so3(angles[1] * ey) @ spatial.exp_so3(angles[0] * ex)
 
 
 def along(axis: Array) -> Array:
-    """Return a pose (4, 4) at the origin whose z is along the nonzero axis (3,); the identity if the axis is z."""
-    z = axis / np.abs(axis).max()  # scaled first: the square of a huge or tiny number is infinite or zero
+    """Return a pose (4, 4) at the origin with its z along the nonzero axis (3,); the identity if the axis is z."""
+    z = axis / np.abs(axis).max()  # scaled first, because squares of huge or tiny numbers overflow or underflow
     z = z / np.linalg.norm(z)
     if np.array_equal(z, [0.0, 0.0, 1.0]):
         return np.eye(4)
@@ -122,7 +122,7 @@ def possible(inertia: Inertia, link: str, findings: list[Finding]) -> Inertia | 
 
 
 def limits(lower: float | None, upper: float | None, joint: str, findings: list[Finding]) -> tuple[float, float] | None:
-    """Return the limits in m or rad, or None without limits.
+    """Return (lower, upper) limits in m or rad; None if there are none.
 
     Raises:
         SourceError: the lower limit is above the upper limit.
@@ -151,7 +151,7 @@ def assemble(
     findings: list[Finding],
     efforts: dict[str, float] | None = None,
 ) -> Imported:
-    """Return the mechanism at zero joint values, with a tool.
+    """Return the mechanism that consists of the given parts, with a tool; its rest pose has zero joint values.
 
     The tool is the frame named `tool`, else a new frame at the end of the longest chain, reported in a finding.
 
@@ -170,7 +170,7 @@ def assemble(
 
 
 def rest_poses(mechanism: Mechanism) -> dict[str, Array]:
-    """Return T_base_body (4, 4) of every body with all coordinates of the tree zero."""
+    """Return T_base_body (4, 4) of every body, by name, at zero coordinates of all joints of the tree."""
     rest = {mechanism.base: np.eye(4)}
     for joint in mechanism.tree:
         rest[joint.child] = rest[joint.parent] @ joint.T_parent_joint @ spatial.inverse(joint.T_child_joint)

@@ -1,7 +1,7 @@
-"""Convert a STEP assembly to the skeleton of a robot: one body per node, features, and proposed joints where faces fit.
+"""Convert a STEP assembly to the skeleton of a robot: a body per node, features, proposed joints where faces fit.
 
-A STEP file has shapes, but no joints: every body is fixed to the base until its joint is named. Proposed joints are
-comments in the description.
+A STEP file has shapes, but no joints: every body is fixed to the base until the user defines its joint. Proposed joints
+are comments in the description.
 """
 
 from __future__ import annotations
@@ -41,12 +41,21 @@ DRIVE = (
 """Comment about drives in the description of a skeleton."""
 
 _GROUND = ("base", "frame", "ground", "world", "housing", "fixed")
-"""Words by which the base body is recognised in names."""
+"""Words in a body's name that mark it as the base."""
 
 
 @dataclass
 class Skeleton:
-    """The content of a STEP: parts by body, node of each body, base, fitting pairs of faces, proposed joints."""
+    """Content of a STEP assembly.
+
+    Attributes:
+        parts: parts by body.
+        nodes: name of the assembly node by body.
+        base: name of the base body.
+        pairs: pairs of fitting faces.
+        proposals: proposed joints.
+        findings: of the import.
+    """
 
     parts: dict[str, list[Part]]
     nodes: dict[str, str]
@@ -139,7 +148,7 @@ def _left(p: Pair) -> Finding:
 
 
 def _inside(node: str, parts: list[Part]) -> Finding | None:
-    """Return the finding on pins and balls that can move in bores and cups of the same node."""
+    """Return a finding if pins or balls can move in bores or cups of the same node; else None."""
     pairs = [p for p in find_pairs({str(i): [part] for i, part in enumerate(parts)}) if p.movable()]
     if not pairs:
         return None
@@ -155,7 +164,7 @@ def _inside(node: str, parts: list[Part]) -> Finding | None:
 
 
 def bodies(parts: Iterable[Part]) -> dict[str, list[Part]]:
-    """Return the parts of each assembly node on the first level with more than one node."""
+    """Return the parts by assembly node, at the first level of the assembly that has more than one node."""
     chains = [((*p.path, p.name), p) for p in parts]
     level = 0
     while all(len(c) > level + 1 for c, _ in chains) and len({c[level] for c, _ in chains}) == 1:

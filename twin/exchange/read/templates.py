@@ -1,4 +1,4 @@
-"""Templates for a new robot: a formula without equations, and a protocol with a motion near home."""
+"""Generate the initial files of a new robot: a formula without equations, and a protocol with a motion near home."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from twin.model.mechanism import Mechanism
 from twin.reference import ReferenceModel
 
 _STEP = {"revolute": 5 * DEG, "prismatic": 10 * MM}
-"""Distance in rad or m that a driven joint moves in the first protocol, within its limits."""
+"""Displacement of a driven joint in the initial protocol, in rad (revolute) or m (prismatic)."""
 
 
 def formula(mechanism: Mechanism) -> str:
@@ -48,7 +48,7 @@ def inverse(pose, length):
 def protocol(mechanism: Mechanism) -> str:
     """Return a protocol that moves a driven joint by a small amount and back; all its numbers are ASSUMED.
 
-    It moves a joint instead of the tool, so that every mechanism can follow it.
+    The protocol moves a joint instead of the tool, so that every mechanism can execute it.
     """
     home, near, how = _near(mechanism)
     return f"""# A first motion: from home to a place nearby and back, by the driven joints; the tool follows. {how}
@@ -85,9 +85,10 @@ name = "back"
 
 
 def _near(mechanism: Mechanism) -> tuple[dict[str, float], dict[str, float], str]:
-    """Return (values of the driven joints at home, values nearby, text on the difference); values by name and unit.
+    """Return (joint values at home, joint values nearby, text on the difference) of the driven joints.
 
-    The moved joint is the first driven joint that moves the tool within its limits, else any that can be moved.
+    The joint values are by TOML key, which is the joint's name with its unit. The moved joint is the first driven joint
+    that can move the tool within the joint limits; without such a joint, the first that can move at all.
     """
     model = ReferenceModel(mechanism)
     home = model.home()

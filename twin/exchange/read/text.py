@@ -14,7 +14,7 @@ from twin.core.units import DEG, MM
 
 def number(value: float) -> str:
     """Return a number as TOML with all its digits."""
-    text = repr(float(value) + 0.0)  # no -0.0
+    text = repr(float(value) + 0.0)  # turns -0.0 into 0.0
     return text if np.isfinite(value) else ("inf" if value > 0 else "-inf")
 
 
@@ -24,7 +24,7 @@ def numbers(values: Iterable[float]) -> str:
 
 
 def string(text: str) -> str:
-    """Return a quoted text: a JSON string is a TOML string, except for one character that TOML requires escaped."""
+    """Return a text as a TOML string: a JSON string, in which TOML requires one more character to be escaped."""
     return json.dumps(text).replace("\x7f", "\\u007f")
 
 
@@ -34,6 +34,6 @@ def one_line(text: str) -> str:
 
 
 def frame(T: Array) -> str:
-    """Return the TOML of a frame T (4, 4) given by numbers: position_mm and angles_deg."""
+    """Return a frame T (4, 4) as TOML with position_mm and angles_deg."""
     angles = numbers(spatial.euler_angles(T[:3, :3], "zyx") / DEG)
     return f"{{ position_mm = {numbers(T[:3, 3] / MM)}, angles_deg = {angles} }}"

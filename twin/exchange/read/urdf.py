@@ -62,7 +62,7 @@ _KNOWN = {
 }
 
 _LIGHT = 1e-6
-"""Mass in kg up to which a link without shape becomes a frame instead of a body."""
+"""Maximum mass in kg of a link without shape that becomes a frame instead of a body."""
 
 
 def read_urdf(path: Path, closures: Path | None = None) -> Imported:
@@ -145,7 +145,7 @@ class _Urdf:
         return out
 
     def _strange(self, element: Element, kind: str, where: str) -> None:
-        """Report tags that are not supported, once for each element."""
+        """Report each unsupported child tag of an element once."""
         for tag in dict.fromkeys(str(child.tag) for child in element):
             if tag not in _KNOWN[kind]:
                 self.findings.append(warning("unread", f"{where}: <{tag}> is not read.", where))
@@ -212,7 +212,7 @@ class _Urdf:
         return heavy or link.find("visual") is not None or link.find("collision") is not None
 
     def _unclosed(self, names: list[str]) -> None:
-        """If there is no closure YAML, report paired names that look like the two ends of a cut loop."""
+        """If there is no closure YAML, report pairs of names that look like the two ends of a cut loop."""
         ends = [
             n[:-1] for n in dict.fromkeys(names) if n.endswith("A") and f"{n[:-1]}B" in names and "loop" in n.lower()
         ]
@@ -237,12 +237,12 @@ class _Urdf:
         return retyped
 
     def _parts(self, name: str) -> list[str]:
-        """Return the joints made from one joint of the file: one, or the two hinges of a universal joint."""
+        """Return the names of the joints made from one joint of the file: one, or two hinges for a universal joint."""
         kind = self.retyped.get(name, "")
         return [f"{name}_{a}" for a in kind[-2:]] if kind.startswith("UJOINT") else [name]
 
     def _driven(self, root: Element, joints: dict[str, Element]) -> set[str]:
-        """Return the driven joints: those of the closure YAML, else of the transmissions, else all that move."""
+        """Return the driven joints: from the closure YAML, else from the transmissions, else all movable joints."""
         if self.closures is not None:
             for motor in self.closures.motors:
                 known = {m: n for n in joints for m in self._parts(n)}
@@ -266,7 +266,7 @@ class _Urdf:
     def _geared(
         self, root: Element, joints: dict[str, Element], driven: set[str], names: Names
     ) -> tuple[tuple[Actuator, ...], tuple[Transmission, ...]]:
-        """Return the motors that drive one joint each by a ratio other than 1; other joints are driven directly."""
+        """Return the motors that drive one joint with a ratio other than 1; other joints are driven directly."""
         found: dict[str, tuple[Element, float]] = {}
         for t in root.findall("transmission"):
             name, told = str(t.get("name")), [str(j.get("name")) for j in t.findall("joint")]
@@ -332,7 +332,7 @@ class _Urdf:
     def _retype(
         self, name: str, names: Names, joint: Element, ends: tuple[str, str], driven: set[str]
     ) -> Iterator[Joint]:
-        """Yield the joints that replace a joint of the URDF by the closure YAML, about the axes of its joint frame."""
+        """Yield the joints that replace a URDF joint, as the closure YAML states; their axes are those of its frame."""
         kind, where, (parent, T) = self.retyped[name], f"joint '{name}'", self.home[ends[0]]
         T = T @ origin(self.xml, joint, where)
         child = self.home[ends[1]][0]
@@ -366,7 +366,7 @@ class _Urdf:
                     warning("limits", f"{where}: <limit> gives no lower and upper: the joint is unlimited.", name)
                 )
             else:
-                # a missing bound is zero in URDF
+                # In URDF a missing limit means zero.
                 try:
                     out["limits"] = limits(low or 0.0, high or 0.0, name, self.findings)
                 except SourceError as error:
@@ -391,7 +391,7 @@ class _Urdf:
         return out
 
     def _within(self, out: dict, name: str) -> None:
-        """Return soft limits cut to the hard limits, beyond which they have no effect."""
+        """Clip the soft limits to the hard limits, beyond which they have no effect."""
         if out.get("limits") is None or out["soft_limits"] is None:
             return
         (low, high), (first, last) = out["limits"], out["soft_limits"]
@@ -416,7 +416,7 @@ class _Urdf:
         return Coupling(f"{names[name]}_mimic", (names[name], names[leader]), (1.0, -ratio), total)
 
     def _loops(self, links: dict[str, Element], ends: dict[str, tuple[str, str]], names: Names) -> list[Joint]:
-        """Return the joints that the closure YAML adds; it names links, or joints that represent their child links."""
+        """Return the joints that the closure YAML adds; a joint named there means the child link of that joint."""
         out = []
         for i, (a, b, kind) in enumerate(self.closures.loops if self.closures else ()):
             sides = []

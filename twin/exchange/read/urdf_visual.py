@@ -24,7 +24,7 @@ def origin(xml: Xml, element: Element, where: str) -> Array:
 
 
 class Visuals:
-    """The meshes of the links of one file; colours may be defined for the whole robot by name."""
+    """Reader of the links' meshes in one file; colours may be defined by name for the whole robot."""
 
     def __init__(self, xml: Xml, findings: list[Finding]) -> None:
         self.xml, self.findings = xml, findings

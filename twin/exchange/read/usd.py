@@ -1,4 +1,4 @@
-"""Read any UsdPhysics stage: a mechanism by `twin.usd.read`, and findings on data that a mechanism cannot hold."""
+"""Read any UsdPhysics stage with `twin.usd.read`, and report data that a mechanism cannot hold."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ _READ = (
 """Applied API schemas whose content is read."""
 
 _WITHOUT = ("friction", "armature", "breakforce", "breaktorque", "damping", "stiffness", "solver", "actuator")
-"""Name parts of joint properties that a mechanism cannot hold."""
+"""Parts of the names of joint properties that a mechanism cannot hold."""
 
 
 def read_usd(path: Path, root: str | None) -> Imported:
-    """Read a stage; a tool frame is added if it has none.
+    """Read a stage; if it has no tool frame, add one.
 
     Raises:
-        SourceError: the stage has data without which the mechanism would be wrong.
+        SourceError: the stage has unsupported data without which the mechanism would be wrong.
         TwinError: the stage is invalid.
     """
     from twin.usd.read import inspect_stage
@@ -65,7 +65,7 @@ def _left_out(path: Path, root: str | None) -> list[Finding]:
         strange = [str(s) for s in prim.GetPrimTypeInfo().GetAppliedAPISchemas() if str(s).split(":")[0] not in _READ]
         joint = prim.IsA(UsdPhysics.Joint)
         for schema in strange:
-            if joint and "mimic" in schema.split(":")[0].lower():  # the instance name follows the colon
+            if joint and "mimic" in schema.split(":")[0].lower():  # the part after the colon is the instance name
                 raise SourceError(
                     f"{path}: joint {where} is coupled to another joint by {schema}: couplings of other vendors are "
                     "not supported. "

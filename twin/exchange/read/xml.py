@@ -36,14 +36,14 @@ class Xml:
         raise SourceError(f"{self.path}: {where}: {message}")
 
     def name(self, element: ElementTree.Element, kind: str) -> str:
-        """Return the name of an element; an element without a name is an error."""
+        """Return the name of an element; raise `SourceError` if it has none."""
         name = (element.get("name") or "").strip()
         if not name:
             self.fail(f"<{kind}>", "it has no name")
         return name
 
     def numbers(self, where: str, what: str, text: str | None, count: int, default: Sequence[float] | None) -> Array:
-        """Return `count` finite numbers of a text; the default if the text is missing."""
+        """Return `count` finite numbers parsed from a text; the default if the text is None."""
         if text is None:
             if default is None:
                 self.fail(where, f"{what} is missing")
@@ -57,5 +57,5 @@ class Xml:
         return values
 
     def number(self, where: str, what: str, text: str | None, default: float | None = None) -> float:
-        """Return one finite number of a text; the default if the text is missing."""
+        """Return one finite number parsed from a text; the default if the text is None."""
         return float(self.numbers(where, what, text, 1, None if default is None else (default,))[0])

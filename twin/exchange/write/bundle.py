@@ -1,6 +1,6 @@
-"""Write the export folder: every requested format, a README and a proof.
+"""Write the export folder: every requested format, README.txt, and proof.json with the results of the audit.
 
-The auditor is an argument of the writer, so that writers do not check their own files.
+The audit function is passed as an argument, so that no writer checks its own files.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ _BUDGET = Kind(
 
 
 class Audit(Protocol):
-    """Required interface of an auditor's result."""
+    """Interface of the result of an audit function."""
 
     @property
     def checks(self) -> Sequence[Any]:
@@ -57,9 +57,9 @@ class Bundle(Result):
         folder: the export folder.
         formats: names of the written formats.
         files: all files, relative to the folder.
-        order: the data that were written.
-        findings: of the robot, the writers and the audit.
-        checks: measurements in the proof.
+        order: the data that were exported.
+        findings: findings on the robot, from the writers and from the audit.
+        checks: measurements in proof.json.
     """
 
     folder: Path
@@ -73,7 +73,7 @@ class Bundle(Result):
 
     @property
     def size(self) -> int:
-        """Size of all files in bytes."""
+        """Total size of the files in bytes."""
         return sum((self.folder / f).stat().st_size for f in self.files)
 
     def content(self) -> dict[str, Any]:
@@ -123,10 +123,10 @@ def _row(c: Clip) -> tuple[str, ...]:
 
 
 def chosen_formats(asked: Sequence[str] | None) -> tuple[str, ...]:
-    """Return the chosen formats in the order of `FORMATS`; all formats if none are chosen.
+    """Return the names of the chosen formats in the order of `FORMATS`; all formats if `asked` is None.
 
     Raises:
-        TwinError: a format does not exist; the message lists those that exist.
+        TwinError: `asked` is empty, or a format does not exist; the message lists the known formats.
     """
     if asked is None:
         return FORMATS
@@ -145,14 +145,14 @@ def write_bundle(
     audit: Callable[..., Audit],
     progress: Progress,
 ) -> Bundle:
-    """Write an export folder (bundle); obsolete files of an earlier export are removed, other files are kept.
+    """Write an export folder (bundle); remove obsolete files of an earlier export, and keep all other files.
 
     Args:
         order: the data to write.
-        folder: the export folder; unchanged after an error.
+        folder: the export folder; it is unchanged if an error occurs.
         formats: see `chosen_formats`.
-        audit: (folder, truth, mechanism) -> result of independent readers; truth: for each clip (times (k,) in s,
-            T_world_link (k, 4, 4) by link) of the reference model.
+        audit: function (folder, truth, mechanism) that reads the files independently and returns its result; `truth`:
+            for each clip (times (k,) in s, T_world_link (k, 4, 4) by link) of the reference model.
         progress: see `twin.api.Progress`.
 
     Raises:
@@ -161,7 +161,7 @@ def write_bundle(
     """
     with assets.atomic_folder(folder, replacing=_written_before(folder)) as work:
         findings = list(order.findings)
-        written: dict[str, set[str]] = {}  # by format, without schemas, which do not depend on the robot
+        written: dict[str, set[str]] = {}  # files by format, except schemas, which do not depend on the robot
         for i, name in enumerate(formats):
             progress(f"write {name}", i / len(formats))
             before = _tree(work)
@@ -185,7 +185,7 @@ def _tree(folder: Path) -> set[str]:
 
 
 def _unjudged(written: Mapping[str, set[str]], judged: set[str]) -> list[Finding]:
-    """Return an error for each format none of whose files the audit has read, so that no unread format passes."""
+    """Return an error for each format of which the audit has read no file, so that no unread format passes."""
     return [
         error(
             "export.unjudged",
@@ -257,7 +257,7 @@ def _urdf(order: Order, work: Path) -> list[Finding]:
 
     write_urdf(order.mechanism, work)
     hung = {j.name for j in spanning(order.mechanism).tree} & set(order.mechanism.trocars)
-    for scene in order.elsewhere if hung else ():  # a trocar at which the tree is cut has no place in the file
+    for scene in order.elsewhere if hung else ():  # the file cannot hold a trocar at which the tree is cut
         write_urdf(scene.mechanism, work, f"{order.mechanism.name}_{scene.clip.name}")
     return urdf_findings(order.mechanism)
 
@@ -313,7 +313,7 @@ def _budgets(order: Order) -> tuple[list[dict[str, Any]], list[Finding]]:
 def _proof(
     order: Order, work: Path, files: Sequence[Path], checks: Sequence[dict[str, Any]], findings: Sequence[Finding]
 ) -> dict[str, Any]:
-    """Return the content of proof.json: sources, and results of every check; independent of the date."""
+    """Return the content of proof.json: sources and results of every check; it does not depend on the date."""
     return {
         "schema": "twin-proof",
         "version": 1,
@@ -352,7 +352,7 @@ def _proof(
 
 
 def _lines(proof: Mapping[str, Any]) -> str:
-    """Return JSON with one line for each entry and each list element, for reading and line-based comparison."""
+    """Return JSON text with one line for each entry and each list element, so that versions can be compared by line."""
     out = []
     for key, value in proof.items():
         if isinstance(value, list) and value:
@@ -373,7 +373,7 @@ def _sha256(path: Path) -> str:
 
 
 def _written_before(folder: Path) -> list[str]:
-    """Return the files of the earlier export in the folder that are unchanged since, according to its proof.json."""
+    """Return the files of an earlier export in the folder that still have the hashes in its proof.json."""
     with contextlib.suppress(OSError, ValueError, KeyError, TypeError):
         proof = json.loads((folder / PROOF).read_text(encoding="utf-8"))
         if proof["schema"] == "twin-proof":

@@ -1,7 +1,7 @@
-"""A motion for players: poses of every link at keys, at the lowest rate within an error budget.
+"""A motion for players: poses of every link at keys, at the lowest key rate whose interpolation error is acceptable.
 
-A player interpolates linearly between two keys. The interpolation error is measured against the mechanism at quarter
-points of every interval or closer: position of any point of a link, rotation of a link, and joint gaps.
+A player interpolates between two keys. The interpolation error is measured against the mechanism at three or more
+points in every interval: position of any point of a link, rotation of a link, and joint gaps.
 """
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ if TYPE_CHECKING:
     from twin.planning.trajectory import Trajectory
 
 RATES = (10, 12, 15, 20, 24, 30, 40, 60, 120)
-"""Available key rates in Hz: those from 10 upwards whose keys are multiples of 1/120 s."""
+"""Available key rates in Hz; the times of their keys are multiples of 1/120 s."""
 
 _LOOKS = 4
-"""Minimum number of samples of the mechanism in each interval between keys."""
+"""Minimum ratio of sample rate to key rate."""
 
 _GRIDS = (120, 240, 480)
-"""Sample rates in Hz; the lowest key rates are measured with the lowest sample rate."""
+"""Sample rates in Hz of the mechanism; each key rate is measured with the lowest suitable sample rate."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,14 @@ class Budget:
 
 @dataclass(frozen=True)
 class Between:
-    """Measured maximum errors between keys: position in m, rotation in rad, joint gap in m; and where and when."""
+    """Measured maximum errors between keys.
+
+    Attributes:
+        position: position error in m of any point of a link.
+        rotation: rotation error in rad of a link.
+        joint_gap: gap in m of a joint.
+        position_at, rotation_at, joint_gap_at: (name of the link or joint, time in s) of each maximum.
+    """
 
     position: float
     rotation: float
@@ -65,22 +72,22 @@ class Clip:
     """A motion at keys, in SI units; the world is the base frame, z up.
 
     Attributes:
-        name, title: of the protocol.
+        name, title: name and title of the protocol.
         times: (k,) in s: 0, then every 1 / rate, and the end.
         links: T_world_body (k, 4, 4) by body.
         joints: (k,) in m or rad by joint, for all joints with a single coordinate: active and passive, of the tree and
             of loops.
         active: names of the driven joints, in the order of q.
-        phases: name, start and end in s.
-        rate: keys per second.
-        between: worst errors between keys, for players that interpolate positions linearly and rotations by slerp or by
-            components.
-        budget: the budget by which the rate was chosen; None if the keys are those of a file.
+        phases: (name, start in s, end in s) of each phase.
+        rate: key rate in Hz.
+        between: maximum errors between keys, for players that interpolate positions linearly and rotations by slerp or
+            by components.
+        budget: the error budget for which the rate was chosen; None if the keys are the samples of a file.
         frame: name of the frame that the protocol moves.
-        phase_rcm: for each phase the RCM (3,) in base in m, or None.
+        phase_rcm: for each phase the RCM (3,) in the base frame in m, or None.
         phase_rcm_enforced: for each phase whether the shaft must go through its RCM; otherwise the RCM is only
             monitored.
-        assumed: "name: reason" of numbers that the protocol assumes.
+        assumed: one text "name: reason" for each assumed number of the protocol.
         trocars: positions (3,) of the mechanism's trocars in the base frame in m, by name.
     """
 
@@ -117,7 +124,7 @@ class Clip:
 
     @property
     def rcm(self) -> Array | None:
-        """The RCM (3,) in the base frame in m of the first phase that has one, or None."""
+        """RCM (3,) in m in the base frame of the first phase with an RCM; None if no phase has one."""
         return next((p for p in self.phase_rcm if p is not None), None)
 
 
@@ -128,16 +135,16 @@ def make_clip(
     budget: Budget | None = None,
     assumed: tuple[str, ...] = (),
 ) -> Clip:
-    """Return the clip of a planned motion, at the lowest key rate of `RATES` at which players keep to the budget.
+    """Return the clip of a planned motion, at the lowest key rate of `RATES` whose errors are within the budget.
 
-    The highest rate is taken if none keeps to it.
+    If the errors exceed the budget at every rate, the highest rate is used.
 
     Args:
-        mechanism: with the trocar positions of the protocol.
+        mechanism: the robot, with the trocar positions of the protocol.
         trajectory: the planned motion.
-        title: of the protocol.
+        title: title of the protocol; "" means its name.
         budget: largest allowed interpolation errors; default `Budget()`.
-        assumed: one text "name: reason" for each number that the protocol assumes.
+        assumed: one text "name: reason" for each assumed number of the protocol.
 
     Raises:
         AssemblyError: the mechanism cannot reach the tool poses.
@@ -147,7 +154,7 @@ def make_clip(
     budget = budget or Budget()
     model = ReferenceModel(mechanism)
     reaches = {b.name: extremes(mechanism, b) for b in mechanism.bodies}
-    bad = ""  # the link with the largest error at the previous rate: it mostly decides the next rates
+    bad = ""  # link with the largest error at the previous rate; tested first, because it usually exceeds the budget
     for grid in _GRIDS:
         times = key_times(trajectory.duration, grid)
         run = trajectory.on(model, times)
@@ -183,7 +190,7 @@ def make_clip(
 
 
 def _first_grid(rate: int) -> int:
-    """Return the lowest sample rate in Hz that contains the keys of a rate and enough samples between them."""
+    """Return the lowest sample rate in Hz that is a multiple of a key rate and at least `_LOOKS` times as high."""
     return next(g for g in _GRIDS if g % rate == 0 and g >= _LOOKS * rate)
 
 
@@ -194,11 +201,10 @@ def key_rows(count: int, stride: int) -> Index:
 
 
 def extremes(mechanism: Mechanism, body: Body) -> Array:
-    """Return points (n, 3) in m, in the body's frame, whose convex hull contains the body.
+    """Return the corner points (n, 3) in m of a body, in its frame; their convex hull contains the body.
 
-    No point of the body has a larger error than these.
-
-    They are the corners of the meshes' bounding box, named frames and points, and the origin.
+    The largest position error of the body occurs at one of these points: the corners of the meshes' bounding box, named
+    frames, named points, and the origin.
     """
     points = [np.zeros((1, 3))]
     if meshes := [m.vertices for m in body.meshes if len(m.vertices)]:
@@ -215,15 +221,15 @@ def measure_between(
 ) -> Between:
     """Return the interpolation errors of players, measured at the samples between keys.
 
-    Positions are interpolated linearly; rotations by slerp (glTF, USD) and by components (Unity), and the larger error
-    counts.
+    Positions are interpolated linearly; rotations by slerp (glTF, USD) and by components (Unity), of which the larger
+    error is returned.
 
     Args:
-        mechanism: its joints must stay closed between keys; their gaps are measured too.
-        times: (k,) s.
-        links: true T_world_body (k, 4, 4) by body.
+        mechanism: the robot; the gaps of its joints between keys are measured too.
+        times: times (k,) of the samples in s.
+        links: exact T_world_body (k, 4, 4) by body.
         keys: indices of the keys among the samples.
-        reaches: outermost points (n, 3) of each body in m, from `extremes`; errors are measured at them.
+        reaches: points (n, 3) of each body in m, from `extremes`; position errors are measured at these points.
     """
     still = {n for n, Ts in links.items() if np.all(Ts == Ts[0])}
     true = {j.name: _apart(j, links) for j in mechanism.joints}
@@ -243,7 +249,7 @@ def measure_between(
                 continue
             off = drawn[name] - Ts
             note("position", name, _furthest(off, reaches[name]))
-            # |R - R'| is 2 sqrt(2) times the sine of half the angle: exact for small angles, and fast.
+            # The Frobenius norm of R - R' is 2 sqrt(2) sin(angle / 2): accurate for small angles, and fast.
             chord = np.linalg.norm(off[:, :3, :3], axis=(1, 2)) / np.sqrt(8)
             note("rotation", name, 2 * np.arcsin(np.minimum(chord, 1.0)))
         for joint in mechanism.joints:
@@ -266,30 +272,30 @@ def draw(times: Array, Ts: Array, keys: Index, blend: Callable[[Array, Array, Ar
 
 
 def _furthest(off: Array, reach: Array) -> Array:
-    """Return the largest position error (k,) in m of points (n, 3), from differences of poses (k, 4, 4)."""
+    """Return the largest position error (k,) in m of points (n, 3), from the pose differences `off` (k, 4, 4)."""
     moved = off[:, None, :3, :3] @ reach[None, :, :, None]
     return np.linalg.norm(moved[..., 0] + off[:, None, :3, 3], axis=-1).max(axis=1)
 
 
 def _apart(joint: Joint, links: Mapping[str, Array]) -> Array:
-    """Return the gaps (k, n) in m of a joint along the n directions that it locks."""
+    """Return the gaps (k, n) in m of a joint along its n locked directions."""
     locked = [i for i in range(3) if i not in joint.free_axes]
     return joint.relative(links[joint.parent], links[joint.child])[:, locked, 3]
 
 
 def quaternions_xyzw(Ts: Array) -> Array:
-    """Return unit quaternions (k, 4) of poses (k, 4, 4), x y z w, with continuous signs.
+    """Return unit quaternions (k, 4), x y z w, of poses (k, 4, 4), without sign changes between neighbours.
 
-    The first has w >= 0. Many players interpolate the four numbers, so that a change of sign would show as a rotation
-    by up to 180 degrees.
+    The first quaternion has w >= 0. Many players interpolate the four numbers; a change of sign would appear as a
+    rotation by up to 180 degrees.
     """
     return np.roll(spatial.continuous_signs(spatial.quat_from_matrix_wxyz(Ts[:, :3, :3])), -1, axis=1)
 
 
 def slerp(a: Array, b: Array, share: Array) -> Array:
-    """Return quaternions (k, 4) by spherical interpolation from a (k, 4) to b (k, 4) at fractions `share` (k,) 0..1."""
+    """Return quaternions (k, 4), spherically interpolated from a (k, 4) to b (k, 4) at fractions `share` (k,) 0..1."""
     cosine = np.clip(np.sum(a * b, axis=1), -1.0, 1.0)
-    # The angle from its chord is exact for the small turns between keys, the arc cosine is not.
+    # An arc tangent of the chord is accurate for small rotations between keys; an arc cosine is not.
     angle = 2 * np.arctan2(np.linalg.norm(b - a, axis=1), np.linalg.norm(b + a, axis=1))
     sine = np.sin(angle)
     small = (sine < 1e-9) | (np.abs(cosine) > 1 - 1e-18)
@@ -314,7 +320,7 @@ def home_poses(mechanism: Mechanism) -> dict[str, Array]:
 
 
 def model_hash(mechanism: Mechanism) -> str:
-    """Return "sha256:..." over what players show: bodies with meshes, joints with frames and limits, frames.
+    """Return the hash "sha256:..." of the data that players show: bodies, meshes, joints with limits, frames.
 
     Two files with the same hash show the same robot. Numbers are rounded to 1e-9, so that the hash does not depend on
     the processor.

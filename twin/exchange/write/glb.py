@@ -1,7 +1,7 @@
-"""Write <robot>.glb: glTF 2.0 in one file, written without a library so that the bytes are reproducible.
+"""Write <robot>.glb: glTF 2.0 in one file, written without a library so that the file is reproducible byte by byte.
 
-glTF is y up. One root node rotates the robot to y up; below the root every link node has its pose in the robot's own
-world (z up), so that absolute link poses from a track or a stream can be assigned to the nodes unchanged.
+glTF is y up. The root node rotates the robot to y up. The pose of every link node, a child of the root node, is given
+in the robot's base frame (z up), so that link poses from a track or a stream can be assigned to the nodes unchanged.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ UP_XYZW = (-float(np.sqrt(0.5)), 0.0, 0.0, float(np.sqrt(0.5)))
 _FLOAT, _UINT16, _UINT32 = 5126, 5123, 5125
 _VERTICES, _INDICES = 34962, 34963
 _STILL = 1e-10
-"""Changes of a pose up to this (m, entries of the rotation matrix) are not animated."""
+"""Maximum change of a pose (in m, and in entries of the rotation matrix) that is not animated."""
 
 _MOST_UINT16 = 65535
 """Maximum number of vertices with 16-bit indices; glTF reserves the highest index."""
@@ -42,16 +42,16 @@ def write_glb(
 
     Args:
         mechanism: the robot.
-        clips: each becomes an animation of its name.
+        clips: motions; each becomes an animation with the clip's name.
         path: the .glb file.
-        link_poses: T_world_body (4, 4) of every body at rest; default: home, loops closed.
+        link_poses: T_world_body (4, 4) of every body at rest; default: home with closed loops.
     """
     Path(path).write_bytes(glb_bytes(mechanism, clips, link_poses))
     return Path(path)
 
 
 def glb_bytes(mechanism: Mechanism, clips: Sequence[Clip] = (), link_poses: Mapping[str, Array] | None = None) -> bytes:
-    """Return the content of the file that `write_glb` writes."""
+    """Return the content of a .glb file; for the arguments see `write_glb`."""
     rest = home_poses(mechanism) if link_poses is None else link_poses
     out = _Document()
     names = node_names(mechanism, clips)
@@ -99,7 +99,7 @@ def glb_bytes(mechanism: Mechanism, clips: Sequence[Clip] = (), link_poses: Mapp
 
 
 class Names:
-    """Names of the nodes: of the root, and of named frames by frame; link nodes have the names of their bodies."""
+    """Names of the root node and, by frame, of the nodes of named frames; link nodes have the names of their bodies."""
 
     def __init__(self, root: str, frames: Mapping[str, str]) -> None:
         self.root, self.frames = root, frames
@@ -121,9 +121,10 @@ def node_names(mechanism: Mechanism, clips: Sequence[Clip]) -> Names:
 
 
 def moving_paths(clips: Sequence[Clip], rest: Mapping[str, Array]) -> set[tuple[str, str]]:
-    """Return (link, "translation" or "rotation") of all that moves in at least one clip.
+    """Return (link, "translation" or "rotation") for each link property that changes in at least one clip.
 
-    Every clip animates all of these, because players keep the last pose of nodes that the next clip does not set.
+    Every clip animates all these properties, because players keep the last value of a property that the next clip does
+    not animate.
     """
     out = set()
     for clip in clips:
@@ -139,12 +140,12 @@ def moving_paths(clips: Sequence[Clip], rest: Mapping[str, Array]) -> set[tuple[
 def surface(vertices: Array, triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return (points (n, 3) in m, unit normals (n, 3), triangles (m, 3)) of a mesh, in single precision.
 
-    Triangles share vertices with equal normals; vertices on sharp edges are doubled. Triangles that become degenerate
-    in single precision are dropped.
+    Triangles share vertices with equal normals; vertices on sharp edges are duplicated. Triangles that become
+    degenerate in single precision are removed.
     """
     corners = np.asarray(triangles).ravel()
     steps = np.round(corner_normals(vertices, triangles) * 1e4).astype(np.int64) + 10001
-    # Vertex and normal as one integer: sorting arrays of four numbers takes ten times as long.
+    # Vertex and normal are encoded as one integer: sorting rows of four numbers takes ten times as long.
     normal_key = (steps[:, 0] * 20003 + steps[:, 1]) * 20003 + steps[:, 2]
     _, normal = np.unique(normal_key, return_inverse=True)
     _, first, index = np.unique(
@@ -171,7 +172,7 @@ class _Document:
         self._materials: dict[Material, int] = {}
 
     def mesh(self, body: Body, materials: Mapping[str, Material]) -> int | None:
-        """Add the meshes of a body as one, a primitive for each material; return its index (None: no triangles)."""
+        """Add one mesh for a body, with a primitive for each material; return its index, or None without triangles."""
         by_material: dict[Material, list[tuple[np.ndarray, np.ndarray, np.ndarray]]] = {}
         for mesh in body.meshes:
             by_material.setdefault(materials[mesh.name], []).append(surface(mesh.vertices, mesh.triangles))
@@ -236,7 +237,7 @@ class _Document:
         if bounds:
             accessor |= {"min": values.min(axis=0).tolist(), "max": values.max(axis=0).tolist()}
         data = values.tobytes()
-        # What moves along with another link has the same keys: they are stored once.
+        # Links that move together have the same keys, which are stored once.
         same = (part, kind, bounds, data)
         if part == "keys" and same in self._known:
             return self._known[same]
@@ -247,7 +248,7 @@ class _Document:
         return len(self._accessors) - 1
 
     def lists(self) -> dict[str, Any]:
-        """Return meshes, materials, accessors, views and the buffer; empty lists are left out, as glTF requires."""
+        """Return meshes, materials, accessors, views and the buffer; empty lists are omitted, as glTF requires."""
         used = [p for p in self._parts if self._sizes[p]]
         views, start = [], 0
         for part in used:
@@ -269,7 +270,7 @@ class _Document:
         return {k: v for k, v in lists.items() if v}
 
     def binary(self) -> bytes:
-        """Return the parts concatenated, each starting at a multiple of four bytes."""
+        """Return the concatenated parts; each part starts at a multiple of four bytes."""
         return b"".join(b"".join(p).ljust(_aligned(self._sizes[n]), b"\0") for n, p in self._parts.items())
 
 
@@ -278,7 +279,7 @@ def _aligned(size: int) -> int:
 
 
 def _trs(T: Array) -> dict[str, Any]:
-    """Return a node's placement as translation and rotation, because nodes with a matrix cannot be animated."""
+    """Return a node's pose as translation and rotation, because glTF cannot animate nodes with a matrix."""
     q = quaternions_xyzw(T[None])[0]
     return {"translation": (T[:3, 3] + 0.0).tolist(), "rotation": (q + 0.0).tolist()}
 
@@ -293,7 +294,7 @@ def _material(material: Material) -> dict[str, Any]:
         },
         "doubleSided": False,
     }
-    if material.color_rgba[3] < 1:  # without it a player draws the part opaque
+    if material.color_rgba[3] < 1:  # the default alphaMode is opaque
         out["alphaMode"] = "BLEND"
     return out
 

@@ -10,10 +10,10 @@ from twin.core.findings import Finding, warning
 from twin.model.mechanism import Body, Inertia, Mechanism
 
 DENSITY = 1000.0
-"""Density in kg/m3 assumed for the bounding box of a body of unknown mass: water."""
+"""Density of water in kg/m3, assumed for the bounding box of a body of unknown mass."""
 
 LEAST = 1e-3
-"""Minimum mass in kg that is assumed: engines reject smaller values."""
+"""Minimum assumed mass in kg: simulators reject smaller masses."""
 
 
 def inertia_of(body: Body) -> Inertia:

@@ -1,6 +1,6 @@
-"""Write meshes/<mesh>.obj, the shapes that MJCF and URDF share.
+"""Write meshes/<mesh>.obj, the mesh files to which both MJCF and URDF refer.
 
-The files are in mm, so that numbers are short; MJCF and URDF scale them by `SCALE`.
+The coordinates are in mm, so that numbers are short; MJCF and URDF scale them by `SCALE`.
 """
 
 from __future__ import annotations
@@ -13,10 +13,10 @@ from twin.core.units import MM
 from twin.model.mechanism import Mechanism, Mesh
 
 SCALE = "0.001 0.001 0.001"
-"""Factor from millimetres in the files to metres."""
+"""Scale factors x, y, z from millimetres in the files to metres."""
 
 DECIMALS = 3
-"""Decimals of a millimetre: vertices are rounded by at most 0.5 um."""
+"""Number of decimals of coordinates in mm: rounding error at most 0.5 um."""
 
 
 def mesh_file(mesh: Mesh) -> str:

@@ -2,17 +2,17 @@
 
 Bodies are placed at home, and the `ref` of a joint is its coordinate at home, so that a simulation starts with closed
 loops; all joint coordinates equal those of the mechanism. A control is the displacement of a drive from home: the
-initial value zero holds the robot at home. A ball has no coordinate: its quaternion is relative to home. Because loops
-are closed at `ref`, one anchor defines where both bodies are tied; Drake reads no other form:
+initial value zero holds the robot at home. A ball joint has no scalar coordinate; its quaternion is relative to home.
+Because loops are closed at `ref`, one anchor point is sufficient for both bodies; Drake reads no other form:
 
     spherical       one connect at the ball
     revolute        two connects, at two points of the pin
     fixed           one weld, site to site
-    slides      a carrier of 1 g slides (and turns) on one body and is welded to the other body
+    slides      an auxiliary body (carrier) of 1 g slides (and rotates) on one body and is welded to the other body
     couplings       a fixed tendon of constant length
 
-A motor that a transmission leads to joints is also a fixed tendon: its coefficients are the motor's row of the inverse
-transmission matrix, so that its length is the motor's coordinate; an actuator pulls it.
+A motor with a transmission is an actuator that pulls a fixed tendon. The tendon's coefficients are the motor's row of
+the inverse transmission matrix, so that the tendon's length is the motor's coordinate.
 """
 
 from __future__ import annotations
@@ -34,20 +34,19 @@ from twin.model.transmission import Actuator
 from twin.usd.write.spanning import spanning
 
 PIN = 0.05
-"""Distance in m between the two points at which a pin is tied."""
+"""Distance in m along the pin between the two <connect> points of a revolute joint."""
 
 CARRIER = Inertia(1e-3, np.zeros(3), 1e-7 * np.eye(3))
-"""Mass in kg of an auxiliary body (carrier) for a slide that closes a loop."""
+"""Inertia of an auxiliary body (carrier) for a slide that closes a loop."""
 
 STIFF = {"solref": "0.001 1", "solimp": "0.9999 0.9999 0.001 0.5 2"}
-"""Solver parameters of the equality constraints: they act as springs, and with MuJoCo's defaults the loops would sag.
-"""
+"""Solver parameters of the equality constraints: stiffer than MuJoCo's defaults, with which loops open under load."""
 
 OPTION = {"timestep": "0.001", "integrator": "discrete", "iterations": "100", "tolerance": "1e-12"}
-"""This integrator solves drives and equality constraints together.
+"""Simulation options; the integrator "discrete" solves drives and equality constraints together.
 
-Other implicit integrators correct accelerations after the constraints are solved: at 1 ms the loops of SHER shake by 14
-mm (measured). With an explicit integrator LAPBOT is unstable.
+Other implicit integrators correct accelerations after the constraints are solved: at a time step of 1 ms the loops of
+SHER oscillate by 14 mm (measured). With an explicit integrator LAPBOT is unstable.
 """
 
 STEPPING = (
@@ -73,9 +72,9 @@ def write_mjcf(mechanism: Mechanism, folder: Path, name: str = "") -> Path:
     """Write <robot>.xml, or <name>.xml, and its meshes; return the .xml file.
 
     Args:
-        mechanism: with masses; see `mjcf_findings` for bodies without mass.
+        mechanism: the robot with masses; masses of bodies without one are assumed (see `mjcf_findings`).
         folder: created if it is missing; the caller moves it to its final place.
-        name: of the file, if a robot has several (one for each trocar position).
+        name: file name without suffix, if a robot has several files (one for each trocar position); "": its own name.
 
     Raises:
         AssemblyError: the loops of the mechanism cannot be closed.
@@ -86,7 +85,7 @@ def write_mjcf(mechanism: Mechanism, folder: Path, name: str = "") -> Path:
 
 
 def mjcf_text(mechanism: Mechanism) -> str:
-    """Return the text that `write_mjcf` writes; a mechanism without meshes needs no other file.
+    """Return the MJCF of a mechanism as text; a mechanism without meshes needs no other file.
 
     Raises:
         AssemblyError: the loops of the mechanism cannot be closed.
@@ -98,12 +97,12 @@ def mjcf_findings(mechanism: Mechanism) -> list[Finding]:
     """Return findings on differences between the file and the mechanism; the file also contains them."""
     file = f"{mechanism.name}.xml"
     found = [*unweighed(mechanism, file), *motors_left_out(mechanism, file, "max_speed")]
-    # MJCF limits the rotation angle of a ball, not its cone.
+    # MJCF can limit the rotation angle of a ball joint, but not the cone of its axis.
     return [*found, *left_out(mechanism, file, {**SOFT_LIMITS, **MAX_SPEEDS, **MAX_ACCELERATIONS, **CONES})]
 
 
 class _Writer:
-    """Builder of the document: writes the tree of bodies, and collects elements of the other sections."""
+    """Builder of the MJCF document: writes the tree of bodies, and collects elements of the other sections."""
 
     def __init__(self, mechanism: Mechanism) -> None:
         from twin.reference import ReferenceModel
@@ -129,7 +128,7 @@ class _Writer:
             ET.SubElement(asset, "material", {"name": look.name, "rgba": srgb(look.color_rgba), **finish})
         for body in mechanism.bodies:
             for mesh in body.meshes:
-                # Bodies have their own inertia, so that the mesh of a thin sheet need not be a solid.
+                # inertia="shell" accepts open meshes; masses come from <inertial>, not from meshes.
                 ET.SubElement(asset, "mesh", name=mesh.name, file=mesh_file(mesh), scale=SCALE, inertia="shell")
         equality = ET.Element("equality")
         for joint in self.spanning.cut:
@@ -142,7 +141,7 @@ class _Writer:
 
     def _body(self, parent: ET.Element, name: str, joint: Joint | None) -> None:
         T = np.eye(4) if joint is None else self._relative(joint.parent, joint.child)
-        # MuJoCo calls its own fixed body "world": a base of that name is this one.
+        # MuJoCo's own fixed body has the name "world"; a base of that name is written as this body.
         world = joint is None and name == "world"
         element = parent if world else ET.SubElement(parent, "body", {"name": name, **_place(T)})
         body = self.mechanism.body(name)
@@ -151,7 +150,7 @@ class _Writer:
         if not world and (joint is not None or body.inertia is not None):
             _inertial(element, inertia_of(body))
         for mesh in body.meshes:
-            # Neighbours overlap in their joints: links collide with the world (contype 1), never with each other.
+            # Adjacent links overlap at joints: links collide with the world (contype 1), not with each other.
             shape = {
                 "type": "mesh",
                 "mesh": mesh.name,
@@ -202,11 +201,11 @@ class _Writer:
         return spatial.inverse(self.home.link_poses[parent]) @ self.home.link_poses[child]
 
     def _motion(self, joint: Joint) -> Array:
-        """Return the pose (4, 4) of the joint's frame on the child in its frame on the parent, at home."""
+        """Return the pose (4, 4) of the joint's child frame in its parent frame, at home."""
         return joint.relative(self.home.link_poses[joint.parent], self.home.link_poses[joint.child])
 
     def _tie(self, equality: ET.Element, joint: Joint) -> None:
-        """Add a loop closure, and store the sites and carriers that it needs."""
+        """Add the equality constraint of a loop closure, and store the sites and carriers that it needs."""
         for n, along in enumerate({"spherical": (0.0,), "revolute": (-PIN / 2, PIN / 2)}.get(joint.type, ())):
             anchor = numbers(joint.T_parent_joint[:3, 3] + along * joint.T_parent_joint[:3, 2])
             tied = {"body1": joint.parent, "body2": joint.child, "anchor": anchor}
@@ -229,12 +228,12 @@ class _Writer:
             tendon = ET.SubElement(tendons, "fixed", name=coupling.name)
             for name, ratio in zip(coupling.joints, coupling.ratios, strict=True):
                 ET.SubElement(tendon, "joint", joint=name, coef=numbers([ratio]))
-            # The length is counted from that of the joints' `ref`, where the coupling holds.
+            # MuJoCo measures the length relative to the joints' `ref`, where the coupling is satisfied.
             line = {"name": coupling.name, "tendon1": coupling.name, "polycoef": "0 0 0 0 0"}
             ET.SubElement(equality, "tendon", {**line, **STIFF})
 
     def _motors(self) -> None:
-        """Write the tendons of motors, and a tuple for each transmission with its joints and motors."""
+        """Write a tendon for each motor, and a <tuple> for each transmission with its joints and motors."""
         m = self.mechanism
         if not m.transmissions:
             return
@@ -260,7 +259,7 @@ class _Writer:
                         ET.SubElement(tendon, "joint", joint=joint, coef=f"{coefficient:.12g}")
 
     def _motor(self, actuator: ET.Element, motor: Actuator, home: float, effort: float) -> float:
-        """Write the actuator of a motor that pulls a tendon, and return its control at home."""
+        """Write the actuator of a motor, which pulls its tendon, and return its control value at home."""
         line = {"name": motor.name, "tendon": motor.name}
         kp, kv = motor.stiffness, motor.damping
         if kp is None:
@@ -292,7 +291,7 @@ class _Writer:
                 control.append(self.efforts[joint.name])
                 continue
             kp, kv, home = joint.drive.stiffness, joint.drive.damping, self.home.q_full[joint.name]
-            # A position servo of MuJoCo with a bias: kp (ctrl + home - q) - kv dq/dt + effort at home.
+            # Position servo of MuJoCo; force = kp (ctrl + home - q) - kv dq/dt + effort at home.
             bias = numbers([kp * home + self.efforts[joint.name], -kp, -kv])
             line = {"name": joint.name, "joint": joint.name, "gainprm": numbers([kp])}
             out = ET.SubElement(actuator, "general", {**line, "biastype": "affine", "biasprm": bias})
@@ -311,6 +310,6 @@ def _place(T: Array) -> dict[str, str]:
 
 def _inertial(element: ET.Element, inertia: Inertia) -> None:
     I = inertia.I_com  # noqa: E741 - the symbol of the field
-    # Products of a few 1e-9 kg m2 are real: twelve significant digits, not twelve decimals.
+    # Twelve significant digits, not decimals, because real products of inertia can be a few 1e-9 kg m2.
     full = " ".join(f"{v:.12g}" for v in (I[0, 0], I[1, 1], I[2, 2], I[0, 1], I[0, 2], I[1, 2]))
     ET.SubElement(element, "inertial", pos=numbers(inertia.p_body_com), mass=f"{inertia.mass:.12g}", fullinertia=full)

@@ -22,10 +22,10 @@ from twin.model.mechanism import Mechanism
 from twin.planning.trajectory import Trajectory
 
 _KINDS = {".toml": "TOML", ".step": "STEP", ".stp": "STEP", ".py": "text"}
-"""Formats of the files that a robot's reader keeps, by suffix; meshes it does not."""
+"""Formats of source files whose bytes the reader of a robot keeps, by suffix; bytes of meshes are not kept."""
 
 _DRAWN = "drawing."
-"""Name prefix of lengths that affect only the appearance of parts."""
+"""Prefix of the names of lengths that affect only the appearance of parts."""
 
 Progress = Callable[[str, float], None]
 Plan = Callable[..., Trajectory]
@@ -53,7 +53,7 @@ class Robot(Protocol):
 
 @dataclass(frozen=True)
 class Scene:
-    """One clip, with the mechanism at the trocar positions of its protocol."""
+    """A clip, and the mechanism with the trocar positions of the clip's protocol."""
 
     clip: Clip
     mechanism: Mechanism
@@ -64,13 +64,13 @@ class Order:
     """All data for the writers and the README.
 
     Attributes:
-        mechanism: as in the CAD, with masses.
-        scenes: one for each protocol.
+        mechanism: the robot as in the CAD, with masses.
+        scenes: a clip and its mechanism for each protocol.
         quick_looks: names of the clips with a .usdz: <robot>_ar.usdz plays the first, <robot>_<clip>_ar.usdz another.
-        inputs: (shown path, sha256) of every source file.
-        assumed: "name: reason" of every unpublished number, except those of protocols.
-        title, source: of the robot.
-        findings: of the robot.
+        inputs: (displayed path, sha256) of every source file.
+        assumed: "name: reason" of every assumed (unpublished) number of the robot; protocols have their own.
+        title, source: title and source of the robot.
+        findings: findings on the robot.
     """
 
     mechanism: Mechanism
@@ -89,7 +89,7 @@ class Order:
 
     @property
     def elsewhere(self) -> tuple[Scene, ...]:
-        """Scenes with trocar positions other than in the CAD; each needs a file, because a file has fixed trocars."""
+        """Scenes whose trocar positions differ from the CAD; each needs its own file, because a file fixes trocars."""
         drawn = self.mechanism.trocar_places
         return tuple(
             s for s in self.scenes if any(not np.array_equal(s.mechanism.trocar_at(n), p) for n, p in drawn.items())
@@ -104,14 +104,14 @@ def order(
     plan: Plan,
     progress: Progress,
 ) -> Order:
-    """Read the robot, weigh it, plan its protocols and choose key rates.
+    """Return the data to export: compute masses, plan the protocols and choose key rates.
 
     Args:
-        robot: from CAD, or from a USD stage; a stage has no protocols, but may contain a motion.
-        trajectory: the only motion, already planned (of the first of `protocols` if these are given); None: plan the
-            protocols.
+        robot: a robot from CAD, or from a USD stage; a stage has no protocols, but may contain a motion.
+        trajectory: a planned motion, exported as the only one; it belongs to the first of `protocols`, if given. None:
+            plan the protocols.
         protocols: names or paths; None: all protocols of the robot.
-        budget: maximum errors of each clip; None: `Budget()`. For a stage, the keys are its own samples.
+        budget: maximum errors of each clip; None: `Budget()`. Ignored for a stage, whose keys are its own samples.
         plan: function that plans a protocol.
         progress: see `twin.api.Progress`.
 
@@ -136,7 +136,7 @@ def order(
             findings.append(warning("export.no_equations", "", text, suggestion="write formula.py"))
         chosen = []
     loaded = [robot.protocol(name) for name in chosen]
-    sources = _sources(files, cad.description, chosen, loaded)  # before planning, which takes time
+    sources = _sources(files, cad.description, chosen, loaded)  # hash the files first: planning takes time
     scenes = []
     for i, protocol in enumerate(loaded):
         progress(f"plan {protocol.name}", i / len(loaded))
@@ -170,7 +170,7 @@ def order(
 def _sources(
     files: RobotFiles, description: Description, chosen: Sequence[str | Path], loaded: Sequence[Any]
 ) -> tuple[tuple[str, str], ...]:
-    """Return name and hash of all files that the robot and its protocols are made from."""
+    """Return (displayed path, sha256) of every source file of the robot and its protocols."""
     made_from = inputs(files.description, description)
     made_from += [p for p in (files.cad / "dimensions.toml", files.formula) if p.is_file()]
     shown = [(_shown(p, files.cad), p) for p in made_from]
@@ -190,7 +190,7 @@ def _of_stage(robot: Robot, progress: Progress) -> Order:
     mechanism = robot.mechanism
     stage = Path(mechanism.source)
     clip = sampled_clip(mechanism, stage)
-    opened = Usd.Stage.Open(str(stage))  # its layers live as long as it does
+    opened = Usd.Stage.Open(str(stage))  # keep a reference: layers are freed with the stage
     layers = sorted({Path(x.realPath) for x in opened.GetUsedLayers() if x.realPath})
     return Order(
         mechanism,
@@ -205,7 +205,7 @@ def _of_stage(robot: Robot, progress: Progress) -> Order:
 
 
 def _quick_looks(default: str, names: list[str], asked: bool) -> tuple[str, ...]:
-    """Return the clips that get a .usdz: first the clip of <robot>_ar.usdz, then those requested by name."""
+    """Return the names of the clips with a .usdz: first the clip of <robot>_ar.usdz, then clips requested by name."""
     if not names:
         return ()
     first = default if default in names else names[0]
@@ -213,7 +213,7 @@ def _quick_looks(default: str, names: list[str], asked: bool) -> tuple[str, ...]
 
 
 def _assumed(parameters: Sequence[Parameter]) -> tuple[str, ...]:
-    """Return "name = value: reason" for each assumed parameter; parameters of appearance only are counted."""
+    """Return "name = value: reason" for each assumed parameter; for parameters of appearance, only their number."""
     assumed = [p for p in parameters if p.provenance == "ASSUMED"]
     lines = [f"{p.name} = {p.shown:g} {p.unit}: {p.note}" for p in assumed if not p.name.startswith(_DRAWN)]
     if drawn := sum(p.name.startswith(_DRAWN) for p in assumed):
@@ -222,11 +222,11 @@ def _assumed(parameters: Sequence[Parameter]) -> tuple[str, ...]:
 
 
 def _shown(path: Path, folder: Path) -> str:
-    """Return a path as text that does not depend on the machine."""
+    """Return a path as text that is the same on every machine."""
     return f"cad/{path.relative_to(folder).as_posix()}" if path.is_relative_to(folder) else path.name
 
 
 def _sha256(path: Path, read: Read | None = None) -> str:
-    """Return the hash of a file; of TOML, STEP and equations that of the bytes that `read` has returned before."""
+    """Return the sha256 of a file; for TOML, STEP and equations, of the bytes that `read` already returned."""
     kind = _KINDS.get(path.suffix.lower(), "")
     return hashlib.sha256(read(path, kind) if read is not None and kind else path.read_bytes()).hexdigest()

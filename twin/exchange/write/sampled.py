@@ -15,14 +15,14 @@ from twin.model.mechanism import Mechanism
 
 
 def sampled_clip(mechanism: Mechanism, stage: Path) -> Clip | None:
-    """Return the motion of a USD stage as a clip, or None if nothing moves in it.
+    """Return the motion of a USD stage as a clip; None if no link moves.
 
-    Between its samples a stage has no data. The stated errors are measured with every second sample left out, and are
-    therefore larger than the actual errors.
+    A stage has no data between its samples. The stated interpolation errors are measured with every second sample
+    removed, and are therefore larger than the actual errors.
 
     Args:
-        mechanism: as read from the stage.
-        stage: path of its root layer.
+        mechanism: the mechanism read from the stage.
+        stage: path of the root layer.
     """
     from twin.usd.read import read_motion
 

@@ -19,20 +19,20 @@ NO_LIMIT = 1e30
 """Value that means no limit, because JSON has no infinity."""
 
 _DIGITS = 7
-"""Decimals of metres, radians and components of quaternions (resolution 0.1 um)."""
+"""Number of decimals of values in m and rad and of quaternion components (resolution 0.1 um)."""
 
 
 def write_tracks(
     mechanism: Mechanism, clip: Clip, folder: Path, drawn: Mechanism | None = None, assumed: Sequence[str] = ()
 ) -> tuple[Path, Path]:
-    """Write <clip>.json and <clip>.csv into `folder` and return their paths; both hold the same numbers.
+    """Write <clip>.json and <clip>.csv, which contain the same numbers, into `folder`, and return their paths.
 
     Args:
-        mechanism: the robot that moves, with the trocar positions of the protocol.
+        mechanism: the robot, with the trocar positions of the protocol.
         clip: the motion.
         folder: created if it is missing.
-        drawn: the robot as in the CAD, whose hash and home the track states; default: `mechanism`.
-        assumed: "name: reason" of numbers that the robot assumes, in addition to the assumptions of the clip.
+        drawn: the robot as in the CAD; the track contains its model hash and home; default: `mechanism`.
+        assumed: "name: reason" of each assumed number of the robot, in addition to those of the clip.
     """
     folder.mkdir(parents=True, exist_ok=True)
     data = track(mechanism, clip, drawn, assumed)
@@ -60,7 +60,10 @@ def schema_text() -> str:
 def track(
     mechanism: Mechanism, clip: Clip, drawn: Mechanism | None = None, assumed: Sequence[str] = ()
 ) -> dict[str, Any]:
-    """Return the track of `write_tracks` as plain data; `twin.schema.track.Track` describes each entry."""
+    """Return a track as plain data for JSON; `twin.schema.track.Track` describes each entry.
+
+    For the arguments see `write_tracks`.
+    """
     joints = [j for j in mechanism.joints if j.name in clip.joints]
     turns = tree_coordinates(drawn or mechanism, clip.links)
     limits = [*(j.limits or (-NO_LIMIT, NO_LIMIT) for j in joints), *[(-NO_LIMIT, NO_LIMIT)] * len(turns)]
@@ -122,12 +125,12 @@ def _flat(values: Any, transpose: bool = False) -> list[float]:
 
 
 def _plain(values: Any) -> list[float]:
-    """Return numbers for JSON: whole numbers without .0, because poses have many."""
+    """Return numbers for JSON, with whole numbers as integers, because poses contain many zeros and ones."""
     return [int(v) if v == int(v) and abs(v) < 1e9 else v for v in (values + 0.0).tolist()]
 
 
 def _json(data: dict[str, Any]) -> str:
-    """Return JSON with one line for each entry, so that the short entries at the head stay readable."""
+    """Return JSON text with one line for each entry, so that the short entries at the start are readable."""
     lines = (
         f"{json.dumps(k)}:{json.dumps(v, separators=(',', ':'), ensure_ascii=False, allow_nan=False)}"
         for k, v in data.items()
@@ -136,7 +139,7 @@ def _json(data: dict[str, Any]) -> str:
 
 
 _COLUMNS = ("times", "poses", "positions")
-"""Entries that become columns of the CSV; all others are in its head."""
+"""Entries of the track that become columns of the CSV; all other entries are written in its header."""
 
 
 def _csv(data: dict[str, Any]) -> str:
@@ -157,6 +160,6 @@ def _csv(data: dict[str, Any]) -> str:
 
 
 def _text(value: float) -> str:
-    """Return a number as text without a leading zero, because half of the file is numbers below one."""
+    """Return a number as text without a leading zero, because most numbers in the file are below one."""
     text = repr(value)
     return text[1:] if text.startswith("0.") else f"-{text[2:]}" if text.startswith("-0.") else text

@@ -1,7 +1,7 @@
-"""Coordinates of joints with several degrees of freedom, needed for the URDF links beyond a ball joint.
+"""Compute the coordinates of ball joints and cylindrical joints, which a URDF player needs as joint values.
 
-A ball s has the coordinates s_x, s_y, s_z: rotations about x, then y, then z of its frame on the parent at home. A
-cylindrical joint c has c_slide and c: displacement along z and rotation about z.
+A ball joint s has the coordinates s_x, s_y, s_z: rotations about x, then y, then z of its frame on the parent at home.
+A cylindrical joint c has the coordinates c_slide and c: displacement along z and rotation about z.
 """
 
 from __future__ import annotations
@@ -26,11 +26,11 @@ class Coordinate(NamedTuple):
 
 
 def tree_coordinates(mechanism: Mechanism, links: Mapping[str, Array]) -> list[Coordinate]:
-    """Return the coordinates of the tree's balls and cylindrical joints, from link poses T_world_body (k, 4, 4).
+    """Return the coordinates of the ball joints and cylindrical joints of the tree, computed from link poses.
 
     Args:
-        mechanism: the one of which the URDF is written; at its home all ball coordinates are zero.
-        links: poses of its bodies.
+        mechanism: the mechanism of the URDF; at its home all coordinates of ball joints are zero.
+        links: T_world_body (k, 4, 4) by body.
 
     Raises:
         AssemblyError: the loops of the mechanism cannot be closed.

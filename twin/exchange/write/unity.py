@@ -7,11 +7,11 @@ from pathlib import Path
 from twin.core.errors import OutputError
 
 PACKAGE = Path(__file__).resolve().parents[2] / "ui/headset/unity"
-"""Folder of the package, in a checkout and in an installed wheel."""
+"""Folder of the package, both in a source checkout and in an installed wheel."""
 
 
 def package_files() -> tuple[str, ...]:
-    """Return the files of the package, sorted by their relative paths (with forward slashes).
+    """Return the relative paths of the package's files, sorted, with forward slashes.
 
     Raises:
         OutputError: the package does not exist.
@@ -24,10 +24,10 @@ def package_files() -> tuple[str, ...]:
 
 
 def write_unity(folder: Path) -> tuple[Path, ...]:
-    """Copy the package into `folder` and return its files, sorted.
+    """Copy the package into `folder` and return the paths of its files, sorted.
 
-    The package is the same for every robot: Unity's menu "Twin > Import bundle…" imports the model and the tracks from
-    the export folder. Only the contents of files are copied, not their times and permissions.
+    The package is the same for every robot: in Unity, the menu "Twin > Import bundle…" imports the model and the
+    tracks from the export folder. Times and permissions of the files are not copied.
 
     Args:
         folder: the package folder (`<bundle>/unity`); created if it does not exist.

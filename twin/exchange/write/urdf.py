@@ -1,8 +1,8 @@
-"""The robot as URDF: its tree only, because URDF cannot close a loop; the file states which joints are missing.
+"""Write a robot as URDF: only its tree, because URDF cannot hold loops; comments list the missing joints.
 
-Links have the names and the frames of the mechanism's bodies. A URDF joint turns about a line through the origin of its
-child; a body whose pin is not at its origin is therefore the child of an auxiliary link `<joint>_axis` at the pin. A
-ball becomes three hinges about x, y and z, which are zero at home, far from their singularity.
+Links have the names and the frames of the mechanism's bodies. A URDF joint rotates about a line through the origin of
+its child link; a body whose pin is not at its origin is therefore the child of an auxiliary link `<joint>_axis` at the
+pin. A ball joint becomes three hinges about x, y and z, which are zero at home, far from their singularity.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from twin.model.mechanism import Body, Coupling, Drive, Inertia, Joint, Material
 from twin.usd.write.spanning import spanning
 
 SMALL = Inertia(1e-6, np.zeros(3), 1e-9 * np.eye(3))
-"""Mass in kg of an auxiliary link: negligible, but with an inertia that engines accept."""
+"""Inertia of an auxiliary link: negligible, but large enough for simulators."""
 
 UNKNOWN = {"effort": "1e6", "velocity": "1e6"}
 """Values that mean "unknown" for numbers that URDF requires."""
@@ -34,13 +34,13 @@ SIMPLE = "transmission_interface/SimpleTransmission"
 """Transmission type of one motor and one joint: m = mechanicalReduction * q."""
 
 COUPLED = "twin/LinearTransmission"
-"""Transmission type of several motors and joints; URDF cannot hold the matrix."""
+"""Transmission type of several motors and joints; URDF cannot hold its matrix."""
 
 FAR = 1e3
 """Limit in m of a slide without limits, because URDF requires a limit."""
 
 _ON_AXIS = 1e-12
-"""Distance in m up to which a body's origin counts as on its pin axis."""
+"""Maximum distance in m between a body's origin and its pin axis at which the origin counts as on the axis."""
 
 
 _TRANSMISSION = Kind("export.urdf_transmission", "warning", "use MJCF or USD if motors matter")
@@ -50,12 +50,12 @@ _LOOPS = Kind("export.urdf_loops", "warning", "use MJCF or USD if loops must clo
 def write_urdf(mechanism: Mechanism, folder: Path, name: str = "") -> Path:
     """Write <robot>.urdf, or <name>.urdf, and its meshes; return the .urdf file.
 
-    `urdf_findings` lists what the file cannot hold.
+    `urdf_findings` lists the data that the file cannot hold.
 
     Args:
-        mechanism: with masses; loops are cut by `spanning`.
+        mechanism: the robot with masses; `spanning` chooses the joints at which loops are cut.
         folder: created if it is missing; the caller moves it to its final place.
-        name: of the file, if a robot has several (one for each trocar position).
+        name: file name without suffix, if a robot has several files (one for each trocar position); "": its own name.
 
     Raises:
         AssemblyError: the loops of the mechanism cannot be closed.
@@ -106,7 +106,7 @@ def urdf_findings(mechanism: Mechanism) -> list[Finding]:
 
 
 def _mimics(mechanism: Mechanism) -> dict[str, Coupling]:
-    """Return the couplings that URDF can hold (two joints of the tree), by the joint that is not driven."""
+    """Return the couplings that URDF can hold (two joints of the tree), by name of the joint that is not driven."""
     single = {j.name for j in spanning(mechanism).tree if j.type in ("revolute", "prismatic")}
     driven = {j.name for j in mechanism.active}
     out: dict[str, Coupling] = {}
@@ -145,7 +145,7 @@ def _document(mechanism: Mechanism) -> ET.Element:
 
 
 def _as_driven(mechanism: Mechanism, joint: Joint) -> Joint:
-    """Return a joint with the maximum effort and speed of its motor, if one motor alone moves it."""
+    """Return a joint with the maximum effort and speed of its motor, if a single motor drives the joint."""
     t = mechanism.transmission_of(joint.name)
     single = t and t.single(joint.name)
     if not single:
@@ -156,7 +156,7 @@ def _as_driven(mechanism: Mechanism, joint: Joint) -> Joint:
 
 
 def _transmissions(root: ET.Element, mechanism: Mechanism) -> None:
-    """Write transmissions of all driven joints, if at least one joint has a motor with a transmission."""
+    """Write a transmission for every driven joint, if at least one joint has a motor with a transmission."""
     if not mechanism.transmissions:
         return
     for joint in mechanism.active:

@@ -1,8 +1,8 @@
-"""Write the robot as layered USD with its motions, for simulators (Isaac Sim, Newton, PhysX) and editors.
+"""Write a robot with its motions as layered USD, for simulators (Isaac Sim, Newton, PhysX) and editors.
 
-physics.usda over geometry.usdc      the robot assembled at home, where simulators start
-motion/<protocol>.usdc               baked poses and joint values at the times of the clip
-<robot>_<protocol>.usda              the file to open to see the motion
+physics.usda, geometry.usdc          the robot at home with closed loops, the initial state of simulations
+motion/<protocol>.usdc               baked poses and joint values at the key times of the clip
+<robot>_<protocol>.usda              root layer of the motion; open this file to play the motion
 """
 
 from __future__ import annotations
@@ -28,16 +28,18 @@ if TYPE_CHECKING:
     from twin.planning.trajectory import Trajectory
 
 STEPS_PER_SECOND = 1000
-"""Time steps per second of the physics scene: at 240 the tool of SHER sags by 0.1 mm, at 1000 by a few um (measured).
+"""Time steps per second of the physics scene.
+
+Measured sag of the tool of SHER under gravity: 0.1 mm at 240 steps per second, a few um at 1000.
 """
 
 
 def write_usd(mechanism: Mechanism, clips: Sequence[Clip], folder: Path) -> list[Path]:
-    """Write the stage of a mechanism and one motion for each clip.
+    """Write the stage of a mechanism, and one motion for each clip.
 
     Args:
-        mechanism: with masses, if the stage is for simulators.
-        clips: motions to bake; their times become time codes at 60 per second.
+        mechanism: the robot, with masses if the stage is for simulators.
+        clips: motions to bake; their times in s are converted to time codes at 60 per second.
         folder: created if it is missing; the caller moves it to its final place.
 
     Returns:
@@ -54,7 +56,7 @@ def write_usd(mechanism: Mechanism, clips: Sequence[Clip], folder: Path) -> list
     home = model.home()
     try:
         efforts = holding_efforts(model, home)
-    except AssemblyError:  # loops stay open, or more drives than degrees of freedom: no small motion is possible
+    except AssemblyError:  # loops cannot be closed, or there are more drives than degrees of freedom
         efforts = {}
     files = write_stage(mechanism, folder, rounded(home.link_poses), home.q_full, efforts=efforts)
     out = [files.root, files.physics, files.geometry, _write_scene(mechanism, folder / f"{mechanism.name}_sim.usda")]
@@ -66,11 +68,11 @@ def write_usd(mechanism: Mechanism, clips: Sequence[Clip], folder: Path) -> list
 
 
 def bake(mechanism: Mechanism, bound: Mechanism, trajectory: Trajectory, folder: Path) -> None:
-    """Write a planned trajectory, sampled every 1/60 s and at its end, beside the stage of `mechanism` in `folder`.
+    """Add a planned trajectory to the stage of `mechanism` in `folder`, sampled every 1/60 s and at its end.
 
     Args:
         mechanism: the mechanism of the stage.
-        bound: the same mechanism with the trocar positions of the protocol.
+        bound: the mechanism with the trocar positions of the protocol.
         trajectory: the planned motion.
         folder: folder of the stage.
     """
@@ -88,14 +90,14 @@ def bake(mechanism: Mechanism, bound: Mechanism, trajectory: Trajectory, folder:
 
 
 def _write_scene(mechanism: Mechanism, path: Path) -> Path:
-    """Write a root layer with a physics scene beside the robot, so that references to the robot exclude the scene."""
+    """Write a root layer with a physics scene outside the robot's prim: references to the robot exclude the scene."""
     layer = new_layer(path)
     describe(layer, mechanism.name)
     layer.comment = (
         f"{mechanism.name} in a physics scene with {STEPS_PER_SECOND} steps a second, as measured with PhysX on a CPU."
     )
     _add_scene(layer)
-    # Last, when no stage is open: USD resolves sublayers at once, and this layer has no path yet.
+    # Set the sublayers last, when no stage is open: USD resolves them at once, but this layer has no path yet.
     layer.subLayerPaths = [f"./{mechanism.name}.usda"]
     return save(layer, path)
 
@@ -110,22 +112,22 @@ def _add_scene(layer: Sdf.Layer) -> None:
     for name, kind, value in (
         ("timeStepsPerSecond", Sdf.ValueTypeNames.UInt, STEPS_PER_SECOND),
         ("solverType", Sdf.ValueTypeNames.Token, "TGS"),
-        # Gravity applied once in each step moves a loop before the solver's iterations begin.
+        # By default, gravity is applied once per step, before the solver iterations, which opens loops.
         ("enableExternalForcesEveryIteration", Sdf.ValueTypeNames.Bool, True),
     ):
         prim.CreateAttribute(f"physxScene:{name}", kind, False).Set(value)
-    # MuJoCo, also as a solver of Newton: its only integrator that solves drives and ties together.
+    # The only integrator of MuJoCo (also as a solver of Newton) that solves drives and loop closures together.
     prim.CreateAttribute("mjc:option:integrator", Sdf.ValueTypeNames.Token, False).Set("discrete")
 
 
 @contextlib.contextmanager
 def fresh_stage(stage: Path, source: str, weighed: Callable[[], Mechanism]) -> Iterator[Path]:
-    """Yield a robot's USD stage if it is up to date, else one rebuilt in a temporary folder.
+    """Yield the path of a robot's USD stage: the existing stage if up to date, else one in a temporary folder.
 
     Args:
-        stage: where it is, if there is one.
-        source: `Mechanism.source` of the robot as it is now: its description, and the hash of its CAD.
-        weighed: returns the mechanism with masses, to rebuild the stage from.
+        stage: path of the existing stage; the file may be missing.
+        source: current `Mechanism.source` of the robot: its description and the hash of its CAD.
+        weighed: function that returns the mechanism with masses, called if the stage is rebuilt.
     """
     if stage.is_file():
         with contextlib.suppress(StageError):

@@ -1,8 +1,8 @@
 """Write one .usdz for AR Quick Look and other viewers: shape and motion, no physics.
 
-It is one flattened .usdc, y up, in metres. The robot's root prim rotates z up to y up; the links below keep their poses
-in the robot's own frame, which equal those of the tracks and of the GLB. Only links that move have samples. A viewer
-plays the motion in a loop: if the last pose differs from the first, it is held for `HOLD` seconds.
+The archive has one flattened .usdc, y up, in metres. The robot's root prim rotates z up to y up; poses of links are
+given in the robot's base frame, as in the tracks and in the GLB. Only links that move have samples. Viewers repeat the
+motion; if the last pose differs from the first, the last pose is held for `HOLD` seconds before the motion repeats.
 """
 
 from __future__ import annotations
@@ -26,16 +26,16 @@ if TYPE_CHECKING:
     from twin.exchange.write.clip import Clip
 
 HOLD = 1.0
-"""Time in s that the last pose is held before the motion repeats."""
+"""Time in s for which the last pose is held before the motion repeats."""
 
 STILL = 1e-9
-"""A link whose pose changes by at most this (m, and entries of its rotation matrix) has no samples."""
+"""Maximum change of a link's pose (in m, and in entries of its rotation matrix) that is not sampled."""
 
 _ALIGNMENT = 64
-"""Alignment of files in the archive in bytes (USDZ specification), so that readers can map them into memory."""
+"""Alignment in bytes of files in the archive (USDZ specification), so that readers can map the files into memory."""
 
 _PADDING = 0x1986
-"""Id of the extra field that pads a zip header to the alignment, as in usd-core."""
+"""Identifier of the zip extra field that pads a header to the alignment, as in usd-core."""
 
 
 def write_usdz(mechanism: Mechanism, clip: Clip | None, path: Path) -> Path:
@@ -43,7 +43,7 @@ def write_usdz(mechanism: Mechanism, clip: Clip | None, path: Path) -> Path:
 
     Args:
         mechanism: its meshes and materials are written; frames, points and joints are not.
-        clip: the motion, or None.
+        clip: the motion; None: the robot at home.
         path: the .usdz file, replaced if it exists.
 
     Raises:
@@ -74,9 +74,9 @@ def _rest(mechanism: Mechanism, clip: Clip | None) -> dict[str, Array]:
 
 
 def _flattened(mechanism: Mechanism, layers: list[str], end: float) -> Sdf.Layer:
-    """Return the given layers, strongest first, as one layer: rotated to y up, without twin's own data."""
+    """Return the given layers, strongest first, merged into one layer: rotated to y up, without twin's custom data."""
     stage = Usd.Stage.CreateInMemory()
-    # Before the layers come below it: times of a layer with another rate are rescaled.
+    # Set the rate before adding sublayers: USD rescales the times of sublayers with a different rate.
     stage.SetTimeCodesPerSecond(TIME_CODES_PER_SECOND)
     stage.GetRootLayer().subLayerPaths = layers
     flat = stage.Flatten(False)
@@ -102,10 +102,10 @@ def _flattened(mechanism: Mechanism, layers: list[str], end: float) -> Sdf.Layer
 
 
 def _single_precision(layer: Sdf.Layer) -> None:
-    """Store translations as float3, to which viewers convert them anyway.
+    """Convert translations to float3, the precision of viewers.
 
-    The reader of three.js (r187) does not support double3 values of small whole numbers, which usdc packs: a link whose
-    translation is (0, 0, 0) vanishes without an error.
+    The reader of three.js (r187) does not support the packed form in which usdc stores double3 values of small whole
+    numbers: a link with translation (0, 0, 0) is not displayed, without an error.
     """
     double = []
     layer.Traverse(
@@ -127,7 +127,7 @@ def _single_precision(layer: Sdf.Layer) -> None:
 
 
 def package(layer: Path, path: Path) -> None:
-    """Put one layer file into a zip as USDZ requires: uncompressed, data at a multiple of 64 bytes, without a date.
+    """Write one layer file to a zip archive as USDZ requires: uncompressed, aligned to 64 bytes, without a date.
 
     Raises:
         OSError: the archive cannot be written.

@@ -9,7 +9,7 @@ from xml.etree import ElementTree as ET
 from twin.core import units
 
 DECIMALS = 12
-"""Decimals of m and rad, so that the file does not depend on the processor."""
+"""Number of decimals of values in m and rad; rounding makes the file independent of the processor."""
 
 
 def numbers(values: Iterable[float]) -> str:
@@ -18,17 +18,17 @@ def numbers(values: Iterable[float]) -> str:
 
 
 def srgb(color_rgba: tuple[float, float, float, float]) -> str:
-    """Return the display values (sRGB) of a linear colour; viewers of these formats expect display values."""
+    """Return a linear colour as display values (sRGB), which viewers of these formats expect."""
     return " ".join(f"{v:.4g}" for v in (*map(units.srgb, color_rgba[:3]), color_rgba[3]))
 
 
 def xml_text(root: ET.Element) -> str:
-    """Return the text of an XML file with one element in each line."""
+    """Return an XML document as text, with one element per line."""
     ET.indent(root)
     return '<?xml version="1.0"?>\n' + ET.tostring(root, encoding="unicode") + "\n"
 
 
 def write_xml(root: ET.Element, path: Path) -> Path:
-    """Write an XML file with one element in each line, and return its path."""
+    """Write an XML document with one element per line, and return its path."""
     path.write_text(xml_text(root), "utf-8", newline="\n")
     return path

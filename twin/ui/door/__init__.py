@@ -1,1 +1,1 @@
-"""Access control and rate limits of both servers; the servers themselves define pages and messages."""
+"""Access control and rate limits of the viewer's and the headset's server; pages and messages are defined there."""

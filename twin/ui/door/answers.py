@@ -1,4 +1,4 @@
-"""Make responses to GET requests: a file in memory or an error, with security headers."""
+"""Build responses to GET requests: a file in memory or an error, with security headers."""
 
 from __future__ import annotations
 
@@ -24,7 +24,14 @@ POLICY = (
 
 @dataclass(frozen=True)
 class File:
-    """One response: content, content type, entity tag and Content-Security-Policy."""
+    """A file to serve.
+
+    Attributes:
+        content: its bytes.
+        type: content type.
+        tag: prefix of its entity tag.
+        policy: Content-Security-Policy.
+    """
 
     content: bytes
     type: str
@@ -33,13 +40,13 @@ class File:
 
     @cached_property
     def etag(self) -> str:
-        """Entity tag: the given tag followed by a hash of the content."""
+        """Entity tag: `tag` followed by a hash of the content."""
         digest = hashlib.sha256(self.content).hexdigest()[:16]
         return f'"{self.tag}-{digest}"' if self.tag else f'"{digest}"'
 
     @cached_property
     def gzipped(self) -> bytes | None:
-        """The content compressed by gzip, if that is smaller; else None."""
+        """Content compressed with gzip; None if compression does not make it smaller."""
         if self.type in _PACKED or len(self.content) < 512:
             return None
         packed = gzip.compress(self.content, 6, mtime=0)

@@ -1,7 +1,7 @@
-"""One TCP connection, with limits that the library `websockets` does not enforce.
+"""A TCP connection with limits that the library `websockets` does not enforce.
 
-The connection parses the request head itself (methods, lengths, a deadline), counts the bytes and frames that follow,
-and keeps at most one frame queued in this process.
+The connection reads the request head with limits on methods, lengths and time, then counts received bytes and frames,
+and allows the server to queue only one frame in this process.
 """
 
 from __future__ import annotations
@@ -21,23 +21,26 @@ from websockets.http11 import Response
 from twin.ui.door.limits import BYTES, FRAMES, Bucket, Doorman, household
 
 HEAD_SECONDS = 5.0
-"""Deadline in s for the request head."""
+"""Maximum time in s until the request head is complete."""
 
 _HEAD_BYTES, _TARGET_BYTES = 16_384, 2048
 _SLICE = 1024
-"""Maximum bytes that are parsed before frames are counted, because one read may contain ten thousand small frames."""
+"""Maximum number of bytes parsed between two counts of frames; a single read may contain ten thousand small frames."""
 
 _UNSENT = 4096
-"""Maximum bytes queued in the kernel, so that old frames do not delay the newest frame."""
+"""Maximum number of bytes queued in the kernel, so that old frames do not delay the newest frame."""
 
 _REQUEST = re.compile(rb"([A-Z]{1,20}) (\S+) HTTP/1\.(\d)")
 
 
 class Connection(ServerConnection):
-    """A connection that is counted and limited; a server sets `doorman`, and may set `bytes` and `frames`.
+    """A connection with limits; a server sets `doorman`, and may set `bytes` and `frames`.
 
     Attributes:
-        household: the address or network that it is counted for.
+        doorman: counter of connections.
+        bytes: limit of received bytes: (per second, burst).
+        frames: limit of received frames: (per second, burst).
+        household: IPv4 address or IPv6 network for which the connection is counted.
         head_only: whether the request method was HEAD.
     """
 
@@ -57,7 +60,7 @@ class Connection(ServerConnection):
     # -- the transport --------------------------------------------------------------------------------
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """Accept the connection if it is within the limits, else close it."""
+        """Accept the connection if it is within the limits; else close it."""
         assert isinstance(transport, asyncio.Transport)
         peer = transport.get_extra_info("peername")
         self.household = household(peer[0] if peer else "")
@@ -70,7 +73,7 @@ class Connection(ServerConnection):
         super().connection_made(transport)
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """Release the counted resources."""
+        """Remove the connection from the counts."""
         if self._deadline is not None:
             self._deadline.cancel()
         if self._admitted:
@@ -79,7 +82,7 @@ class Connection(ServerConnection):
             super().connection_lost(exc)
 
     def eof_received(self) -> None:
-        """Handle the end of the input; before a request there is nothing to answer."""
+        """Handle the end of the input; if no request was received, abort without a response."""
         if self.request is None:
             if self._admitted:
                 self.transport.abort()
@@ -87,7 +90,7 @@ class Connection(ServerConnection):
         super().eof_received()
 
     def data_received(self, data: bytes) -> None:
-        """Read the request head, then count bytes; disconnect clients that send too much."""
+        """Read the request head, then count bytes; disconnect clients that exceed the limits."""
         if self._refused:
             return
         if self.request is None:
@@ -113,21 +116,21 @@ class Connection(ServerConnection):
         self._refused = True
         self.transport.abort()
 
-    # -- what is sent ---------------------------------------------------------------------------------
+    # -- sending --------------------------------------------------------------------------------------
 
     def send_data(self) -> None:
-        """Write queued data at once; skip writes to a closed peer, each of which asyncio would log."""
+        """Write queued data at once; write nothing to a closed connection, because asyncio would log each write."""
         parts = self.protocol.data_to_send()
         if self.transport.is_closing():
             return
         if any(parts):
             self.transport.write(b"".join(parts))
-        if parts and not parts[-1]:  # the end of the stream
+        if parts and not parts[-1]:  # an empty part marks the end of the stream
             with contextlib.suppress(OSError, RuntimeError):
                 self.transport.write_eof() if self.transport.can_write_eof() else self.transport.close()
 
     def keep_little(self) -> None:
-        """Limit the kernel's send queue from now on (Linux, macOS)."""
+        """Limit the kernel's send queue to `_UNSENT` bytes (Linux, macOS)."""
         sock = self.transport.get_extra_info("socket")
         option = getattr(socket, "TCP_NOTSENT_LOWAT", None)
         if sock is not None and option is not None:
@@ -136,7 +139,7 @@ class Connection(ServerConnection):
     @property
     def waiting(self) -> int:
         """Number of bytes queued in this process."""
-        # Under TLS the encrypted bytes wait in a separate transport, which asyncio does not expose.
+        # With TLS, encrypted bytes are queued in an inner transport, which asyncio does not expose.
         inner = getattr(getattr(self.transport, "_ssl_protocol", None), "_transport", None)
         return self.transport.get_write_buffer_size() + (0 if inner is None else inner.get_write_buffer_size())
 
@@ -166,7 +169,7 @@ class Connection(ServerConnection):
             return self._refuse(HTTPStatus.METHOD_NOT_ALLOWED, Allow="GET, HEAD")
         if minor != b"1":
             return self._refuse(HTTPStatus.HTTP_VERSION_NOT_SUPPORTED)
-        if rest:  # a body, or a frame before the handshake: no valid client sends these
+        if rest:  # a body, or a frame before the handshake, which no valid client sends
             return self._refuse(HTTPStatus.BAD_REQUEST)
         if self._deadline is not None:
             self._deadline.cancel()
@@ -175,12 +178,12 @@ class Connection(ServerConnection):
         return super().data_received(b"GET" + head[len(method) :] + b"\r\n\r\n")
 
     def _refuse(self, status: HTTPStatus, **headers: str) -> None:
-        """Answer a request that `websockets` would not answer."""
+        """Send an error response to a request that `websockets` would not answer."""
         self._refused = True
         body = f"{status.value} {status.phrase}\n".encode()
         fields = Headers({"Connection": "close", "Content-Type": "text/plain", "Content-Length": str(len(body))})
         fields.update(headers)
         self.transport.write(Response(status.value, status.phrase, fields, body).serialize())
         self.transport.close()
-        # A client that does not read the answer is disconnected, because closing waits until it is written.
+        # Abort after 1 s if the client does not read the response; closing would wait until it is written.
         self.loop.call_later(1.0, self.transport.abort)

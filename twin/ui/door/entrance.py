@@ -1,4 +1,4 @@
-"""Entry point of both servers: checks every request and counts every WebSocket."""
+"""Check every request and count every WebSocket of the viewer's and the headset's server."""
 
 from __future__ import annotations
 
@@ -25,13 +25,15 @@ CLOSED = 1013
 
 @dataclass(frozen=True)
 class Visit:
-    """A request with an accepted Host and Origin.
+    """A request whose Host and Origin headers are accepted.
 
     Attributes:
-        path, query: of the request target; of a repeated parameter the first value.
-        head, upgrade: whether the method is HEAD; whether a WebSocket is requested.
+        path: path of the request target.
+        query: query parameters; the first value of a repeated parameter.
+        head: whether the method is HEAD.
+        upgrade: whether a WebSocket is requested.
         known: whether the client needs no token.
-        headers: of the request.
+        headers: headers of the request.
     """
 
     path: str
@@ -43,7 +45,7 @@ class Visit:
 
 
 def visit(gate: Gate, connection: ServerConnection, request: Request) -> Visit | Response:
-    """Return the visit, or an error response: wrong Host (421), wrong Origin (403), repeated header (400)."""
+    """Return the checked request, or an error response: wrong Host (421), wrong Origin (403), repeated header (400)."""
     assert isinstance(connection, Connection)
     head, headers = connection.head_only, request.headers
     try:
@@ -60,7 +62,10 @@ def visit(gate: Gate, connection: ServerConnection, request: Request) -> Visit |
 
 
 def page(gate: Gate, seen: Visit, files: Mapping[str, File]) -> Response:
-    """Return the response for a file by its exact path; a new client must give the token at "/" and gets a session."""
+    """Return the response for a file, found by its exact path.
+
+    A new client must send the token with its request for "/"; the response then sets a session cookie.
+    """
     cookie = None
     if not seen.known:
         if seen.path == "/" and not seen.head:
@@ -94,20 +99,20 @@ def listen(
     context: ssl.SSLContext | None = None,
     **more: Any,
 ) -> serve:
-    """Return a server of `websockets` with access control, to be awaited or used with `async with`.
+    """Return a `websockets` server with access control; use it with `await` or `async with`.
 
     Args:
         handler: called with each accepted WebSocket.
         host: address to listen on.
         port: port to listen on.
-        request: function that returns the response to a request, or None to accept a WebSocket; it calls `visit` first.
-        doorman: counts connections and WebSockets.
+        request: function that calls `visit` and returns the response to a request, or None to accept a WebSocket.
+        doorman: counter of connections and WebSockets.
         kind: class of the connections.
         longest: maximum length of a message in bytes.
-        bytes: limit of one connection: per second, and burst.
-        frames: limit of one connection: per second, and burst.
-        patience: time in s to wait for the answer to a ping.
-        context: TLS context.
+        bytes: limit of bytes on one connection: (per second, burst).
+        frames: limit of frames on one connection: (per second, burst).
+        patience: maximum time in s until the answer to a ping.
+        context: TLS context; None: no TLS.
         more: further arguments of `websockets.serve`.
     """
 
@@ -145,7 +150,7 @@ def listen(
 
 
 def query_of(target: str) -> dict[str, str]:
-    """Return the query parameters of a request target; of a repeated parameter the first value."""
+    """Return the query parameters of a request target; for a repeated parameter, the first value."""
     try:
         return {k: v[0] for k, v in parse_qs(target.partition("?")[2], max_num_fields=8).items()}
     except ValueError:

@@ -12,7 +12,7 @@ from http.cookies import CookieError, SimpleCookie
 from urllib.parse import urlsplit
 
 SESSIONS = 64
-"""Maximum number of remembered devices; the oldest is forgotten."""
+"""Maximum number of sessions; beyond it, the oldest session becomes invalid."""
 
 _LOCAL = ("127.0.0.1", "localhost", "::1")
 
@@ -28,11 +28,11 @@ def is_local(host: str) -> bool:
 
 
 class Gate:
-    """The rules of one server.
+    """Access rules of one server.
 
     Attributes:
         open: whether the server is open to the network; a token or a session is then required.
-        token: the next valid one-time token; empty if the server is not open.
+        token: the valid one-time token; "" if the server is not open.
     """
 
     def __init__(self, host: str, port: int, secure: bool, announce: Callable[[str], object]) -> None:
@@ -52,9 +52,9 @@ class Gate:
         self._announce(self.token)
 
     def answers_to(self, host: str | None, own: str) -> bool:
-        """Return whether a Host header names this server; `own` is the local address of the connection.
+        """Return whether a Host header contains the name of this server; `own` is the local address of the connection.
 
-        This prevents DNS rebinding: a page of another site whose host name resolves to this machine.
+        This check prevents DNS rebinding, by which the host name of another site resolves to this machine.
         """
         try:
             name = urlsplit(f"//{host or ''}").hostname
@@ -64,9 +64,9 @@ class Gate:
 
     @staticmethod
     def same_origin(origin: str | None, host: str | None) -> bool:
-        """Return whether a request comes from this server's own page, or not from a web page.
+        """Return whether a request comes from a page of this server, or from a program that is not a browser.
 
-        Browsers always send an Origin with a WebSocket; other programs send none.
+        Browsers always send an Origin header with a WebSocket; other programs send none.
         """
         if origin is None:
             return True
@@ -85,7 +85,7 @@ class Gate:
         return morsel is not None and morsel.value in self._sessions
 
     def enter(self, token: str) -> str | None:
-        """Return a Set-Cookie header for a valid token, and announce the next token; else return None."""
+        """Return a Set-Cookie header for a valid token, and announce the next token; None for an invalid token."""
         if not self.spend(token):
             return None
         session = secrets.token_urlsafe(24)

@@ -12,32 +12,32 @@ CLIENTS, CLIENTS_OF_ONE = 48, 32
 """Maximum number of simultaneous WebSockets: in total, and from one address."""
 
 OPENINGS = (40.0, 160.0)
-"""Limit of new connections from one address: per second, and burst; a page consists of few files."""
+"""Limit of new connections from one address: (per second, burst); a page consists of few files."""
 
 MESSAGES = (200.0, 400.0)
-"""Limit of messages from one client: per second, and burst; dragging sends 60 to 120 per second."""
+"""Limit of messages from one client: (per second, burst); dragging sends 60 to 120 messages per second."""
 
 FRAMES = (300.0, 600.0)
-"""Limit of WebSocket frames from one client, including pings and fragments: per second, and burst."""
+"""Limit of WebSocket frames from one client, including pings and fragments: (per second, burst)."""
 
 BYTES = (100_000.0, 200_000.0)
-"""Limit of bytes from one client after the handshake: per second, and burst."""
+"""Limit of bytes from one client after the handshake: (per second, burst)."""
 
 GARBAGE = (0.1, 5.0)
-"""Limit of malformed messages from one client: per second, and burst."""
+"""Limit of malformed messages from one client: (per second, burst)."""
 
 ADDRESSES = 4096
-"""Maximum number of addresses that are remembered."""
+"""Maximum number of addresses with stored counts."""
 
 
 class Bucket:
-    """Token bucket: holds at most `size`, refills by `rate` per second; `take` returns whether enough was available."""
+    """Token bucket with a capacity of `size` tokens, refilled at `rate` tokens per second; `now` is a time in s."""
 
     def __init__(self, rate: float, size: float, now: float) -> None:
         self.rate, self.size, self.level, self.last = rate, size, size, now
 
     def take(self, now: float, amount: float = 1.0) -> bool:
-        """Take an amount if it is available; return whether it was."""
+        """Remove `amount` tokens if they are available; return whether they were."""
         self.level = min(self.size, self.level + self.rate * max(0.0, now - self.last))
         self.last = now
         if self.level < amount:
@@ -47,10 +47,11 @@ class Bucket:
 
 
 class Doorman:
-    """Counts connections by address: an IPv4 address, or an IPv6 /64 network (one "household").
+    """Counter of connections by household: an IPv4 address, or an IPv6 /64 network.
 
     Args:
-        clients, of_one: maximum number of simultaneous WebSockets in total, and from one address.
+        clients: maximum number of simultaneous WebSockets in total.
+        of_one: maximum number of simultaneous WebSockets from one household.
     """
 
     def __init__(self, clients: int = CLIENTS, of_one: int = CLIENTS_OF_ONE) -> None:
@@ -71,7 +72,7 @@ class Doorman:
         return True
 
     def leave(self, address: str) -> None:
-        """Uncount an admitted connection that was closed."""
+        """Remove a closed connection from the counts."""
         _give_back(self._sockets, address)
 
     def join(self, address: str) -> bool:
@@ -82,7 +83,7 @@ class Doorman:
         return True
 
     def part(self, address: str) -> None:
-        """Uncount a WebSocket that was closed."""
+        """Remove a closed WebSocket from the counts."""
         _give_back(self._clients, address)
 
 
@@ -99,7 +100,7 @@ def _give_back(counts: dict[str, int], address: str) -> None:
 
 
 def household(peer: str) -> str:
-    """Return the address or network that a client address is counted for."""
+    """Return the household of a client's address: the IPv4 address, or the IPv6 /64 network."""
     try:
         address = ipaddress.ip_address(peer.partition("%")[0])
     except ValueError:

@@ -1,4 +1,4 @@
-"""UDP socket for pens and other input programs: packets in, forces back; on this machine only by default."""
+"""UDP socket for programs of haptic pens and other input devices: it receives packets and sends forces."""
 
 from __future__ import annotations
 
@@ -12,17 +12,18 @@ from twin.core.errors import TwinError
 from twin.simulation.devices.packets import HAND, Packets
 
 _MOST = 64
-"""Maximum number of packets read in one tick, so that a flood does not delay the tick."""
+"""Maximum number of packets read in one tick, so that too many packets do not delay the tick."""
 
 
 class PacketDoor:
-    """A UDP socket for a packet device; the code that steps the World calls `pump` before each tick.
+    """A UDP socket for a packet device; the caller of `World.step` calls `pump` before each tick.
 
-    Each hand belongs to the address that first sent a packet for it, until packets for that hand stop.
+    Each hand is controlled by the address that first sent a packet for it, until packets for this hand stop. By
+    default, only programs on this machine can send packets.
 
     Attributes:
-        port: the port it listens on.
-        refused: count of packets from addresses to which the hand does not belong.
+        port: port on which the socket listens.
+        refused: number of packets from addresses that do not control the hand.
     """
 
     def __init__(self, device: Packets, port: int = 0, host: str = "127.0.0.1") -> None:
@@ -46,7 +47,7 @@ class PacketDoor:
         self.port: int = self._socket.getsockname()[1]
 
     def pump(self, t: float) -> int:
-        """Read the packets that arrived before the World's tick at t in s; return their number."""
+        """Read the packets that have arrived before the tick at time t in s; return their number."""
         for count in range(_MOST):
             try:
                 data, address = self._socket.recvfrom(HAND.size + 1)
@@ -63,7 +64,7 @@ class PacketDoor:
         return _MOST
 
     def answer(self, hand: int, force: ArrayLike) -> None:
-        """Send a force (3,) in N in frame {H} to the address of a hand, if it has one."""
+        """Send a force (3,) in N in frame {H} to the address that controls a hand, if any."""
         if (owner := self._owners.get(hand)) is not None:
             self._socket.sendto(self.device.answer(hand, force), owner)
 

@@ -1,4 +1,4 @@
-"""Interface of the source of a stream, and one client of a stream."""
+"""Interface of the source of a stream, and data of a connected client."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ class Source(Protocol):
     """Source of a stream: live robots or a recorded session.
 
     Attributes:
-        replays: whether it is a recorded session.
+        replays: whether the source is a recorded session.
         version: version of the stream protocol.
-        send: function called with every document for all clients.
+        send: function that sends a document to all clients.
     """
 
     replays: bool
@@ -45,7 +45,20 @@ class Source(Protocol):
 
 @dataclass(eq=False)
 class Client:
-    """A connected client: `id` is public; `token` is secret and lets the client reconnect."""
+    """A connected client.
+
+    Attributes:
+        id: public identifier.
+        token: secret with which the client can reconnect.
+        ws: its connection.
+        messages: limit of its messages.
+        garbage: limit of its malformed messages.
+        heard: time in s of its last message.
+        documents: queued (kind, text) documents.
+        behind: whether it has not yet received the newest frame.
+        stalled: time in s since which its connection accepts no data; None if it does.
+        told_rate: time in s of the last error about its message rate.
+    """
 
     id: str
     token: str
@@ -59,7 +72,7 @@ class Client:
     told_rate: float = -1.0
 
     def queue(self, kind: str, text: str) -> None:
-        """Queue a document; a document `state` replaces a queued `state`."""
+        """Queue a document; a document of kind `state` replaces a queued `state`."""
         if kind == "state":
             for i, (waiting, _) in enumerate(self.documents):
                 if waiting == "state":
@@ -68,7 +81,7 @@ class Client:
         self.documents.append((kind, text))
 
     def flush(self, frame: bytes | None, now: float) -> None:
-        """Send queued documents and the newest frame while the kernel accepts them; disconnect a stalled client."""
+        """Send queued documents and the newest frame while the kernel accepts data; disconnect a stalled client."""
         ws = self.ws
         while self.documents and not ws.waiting:
             broadcast([ws], self.documents.popleft()[1])

@@ -30,10 +30,10 @@ def describe(
 
     Args:
         robot: the robot.
-        desk: its state.
-        protocols: arguments of `Robot.protocol`, by name of the protocol.
-        patients: patients of these protocols, see `patients_of`.
-        place: its place in a scene; None: a robot alone, with its own surroundings.
+        desk: state of the robot.
+        protocols: arguments of `Robot.protocol`, by protocol name.
+        patients: patients of these protocols, from `patients_of`.
+        place: place of the robot in a scene; None: the only robot, with its own surroundings.
     """
     from twin.exchange.write.clip import model_hash
 
@@ -90,12 +90,12 @@ def _frame(f: Frame) -> dict[str, Any]:
 def _title(robot: Robot, protocol: str) -> str:
     try:
         return robot.protocol(protocol).title
-    except TwinError:  # an invalid file is reported when it is requested
+    except TwinError:  # an invalid protocol is reported when a client requests it
         return protocol
 
 
 def _variants(desk: Desk) -> list[str]:
-    """Return the values that the message `variant` accepts: names, and "equation=variant" except the present."""
+    """Return the values that the message `variant` accepts: names, and "equation=variant" for unused variants."""
     if desk.kin is None:
         return []
     own = desk.kin.variants
@@ -104,18 +104,18 @@ def _variants(desk: Desk) -> list[str]:
 
 
 def patients_of(robot: Robot, desk: Desk, protocols: Mapping[str, str]) -> dict[str, Patient]:
-    """Return the patients of protocols, by name of the protocol; without protocols that cannot be read."""
+    """Return the patients by protocol name; protocols without patient and unreadable protocols are omitted."""
     floor = floor_of(desk.mechanism, desk.assembly.link_poses)
     out = {}
     for name, source in protocols.items():
-        with contextlib.suppress(TwinError):  # reported when it is requested
+        with contextlib.suppress(TwinError):  # reported when a client requests the protocol
             if (patient := patient_of(robot, robot.protocol(source), floor)) is not None:
                 out[name] = patient
     return out
 
 
 def _scenery(robot: Robot, desk: Desk, protocols: Mapping[str, str], patients: Mapping[str, Patient]) -> dict[str, Any]:
-    """Return the height of the floor, and for each protocol its patient with table, or the reason why it has none."""
+    """Return the height of the floor in m, and by protocol the patient with table or the reason for its absence."""
     none = {}
     for name, source in protocols.items():
         with contextlib.suppress(TwinError):
@@ -135,5 +135,5 @@ def pose(T: Array) -> list[float]:
 
 
 def numbers(values: Array) -> list[float]:
-    """Return numbers as a list for JSON, rounded so that they do not depend on the processor."""
+    """Return numbers as a list for JSON, rounded so that the file does not depend on the processor."""
     return (np.round(values, 12) + 0.0).tolist()

@@ -1,6 +1,6 @@
-"""Files of the server: the page and its assets, the robot's geometry and its description.
+"""Files of the server: the page with its assets, and the robot's geometry and description.
 
-All files are held in memory and found by their exact path, so that a request cannot reach other files.
+All files are in memory and are found by their exact path, so that requests have no access to other files.
 """
 
 from __future__ import annotations
@@ -34,11 +34,11 @@ _PRELOAD = '<link rel="preload" href="{}" as="fetch" crossorigin="anonymous">\n'
 
 
 def page_files(folder: Path, preload: Sequence[str] = ()) -> dict[str, File]:
-    """Return every file of the page by its path; index.html is also "/". Empty if there is no page.
+    """Return the files of the page by path; index.html is also at "/". Without a page, the result is empty.
 
     Args:
         folder: folder of the page.
-        preload: paths that the page will request, which a browser then fetches in parallel with the script.
+        preload: paths of files for the page; browsers load these files in parallel with the script.
     """
     out = {}
     for path in sorted(p for p in folder.rglob("*") if p.is_file() and not p.name.startswith(".")):
@@ -54,7 +54,7 @@ def page_files(folder: Path, preload: Sequence[str] = ()) -> dict[str, File]:
 
 
 def robot_files(glb: bytes, description: dict[str, Any], folder: str = "") -> dict[str, File]:
-    """Return the robot's two files (geometry and description) by path; `folder` ends with "/"."""
+    """Return the robot's geometry and description files by path; `folder` is "" or ends with "/"."""
     tag = _tag(description)
     return {
         f"/{folder}robot.glb": File(glb, _TYPES[".glb"], tag),
@@ -63,12 +63,12 @@ def robot_files(glb: bytes, description: dict[str, Any], folder: str = "") -> di
 
 
 def scene_file(description: dict[str, Any]) -> dict[str, File]:
-    """Return the file /scene.json: the descriptions of all robots, and the props."""
+    """Return the file /scene.json with the descriptions of all robots and the props."""
     return {"/scene.json": File(_json(description), _TYPES[".json"], _tag(description))}
 
 
 def glb_file(name: str, glb: bytes) -> dict[str, File]:
-    """Return the geometry file (GLB) by its path."""
+    """Return a geometry file (GLB) by its path."""
     return {f"/{name}": File(glb, _TYPES[".glb"])}
 
 
@@ -81,5 +81,5 @@ def _tag(description: dict[str, Any]) -> str:
 
 
 def patient_files(glbs: Mapping[str, bytes]) -> dict[str, File]:
-    """Return the patients' geometry files /patient/<protocol>.glb by path, from their contents by protocol."""
+    """Return the patients' geometry files by path /patient/<protocol>.glb; `glbs` has their contents by protocol."""
     return {k: v for name, glb in glbs.items() for k, v in glb_file(f"patient/{name}.glb", glb).items()}

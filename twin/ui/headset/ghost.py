@@ -1,4 +1,4 @@
-"""The ghost: the tool pose by the equations in a chosen variant, shown next to the mechanism's tool."""
+"""The ghost: tool pose computed by a chosen variant of the equations, shown with the mechanism's tool."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ from twin.ui.session.desk import Desk
 from twin.ui.session.timeline import Playback
 
 _CHUNK = 8
-"""Number of samples that are solved between two other jobs of the worker."""
+"""Number of samples that one job of the worker solves."""
 
 _PATIENCE = 10
-"""After a failure, wait this multiple of its duration, because drags have priority over the ghost."""
+"""Waiting time after a failure, as a multiple of the failure's duration, because drags have priority."""
 
 
 class Ghost:
-    """The tool pose by the equations at the joints of the mechanism.
+    """The tool pose computed by the equations for the joint values of the mechanism.
 
-    The event loop calls `at` and `forget`; the worker calls all other methods.
+    The event loop calls `at` and `forget`; the worker thread calls all other methods.
 
     Attributes:
-        name: the variant, or None for no ghost.
+        name: name of the variant; None: no ghost.
     """
 
     def __init__(self, robot: Robot, desk: Desk) -> None:
@@ -44,7 +44,7 @@ class Ghost:
         self.name, self._track, self._kin = name, None, None
 
     def choose(self, name: str | None) -> str:
-        """Set a variant; return the reason why it cannot be used, or ""."""
+        """Set a variant; return the reason if it cannot be used, else ""."""
         self._kin, self._chosen, self._track, self._solved = None, name, None, 0
         if name is None:
             return ""
@@ -57,7 +57,7 @@ class Ghost:
         return ""
 
     def follow(self, playback: Playback) -> None:
-        """Use the samples of a protocol from now on, with the desk at the protocol's trocar positions."""
+        """Use the samples of a protocol; the desk must have the trocar positions of this protocol."""
         self._playback = playback
         if self._chosen is not None:
             self.choose(self._chosen)
@@ -74,10 +74,10 @@ class Ghost:
         return self._track is not None and self._solved < len(self._track)
 
     def more(self) -> bool:
-        """Solve some samples; return whether any were left.
+        """Solve some samples; return whether there were unsolved samples.
 
-        A sample without solution takes a hundred times as long; after such failures increasingly long parts are
-        skipped.
+        A sample without solution takes a hundred times as long as others; after such failures, an increasing number of
+        samples is skipped.
         """
         track, playback, kin = self._track, self._playback, self._kin
         if track is None or playback is None or kin is None or self._solved >= len(track):
@@ -95,18 +95,18 @@ class Ghost:
 
     @property
     def nowhere(self) -> bool:
-        """Whether all samples are processed and the variant has no tool pose at any of them."""
+        """Whether all samples are processed and the variant has no solution at any sample."""
         return self._track is not None and not self.wanting and not np.isfinite(self._track).any()
 
     def at(self, k: int) -> Array | None:
-        """Return the tool pose of the ghost (7,) at a sample of the protocol, or None."""
+        """Return the ghost's tool pose (7,) at sample k of the protocol; None without a ghost or a solution."""
         track = self._track
         if self.name is None or track is None or not np.isfinite(track[k]).all():
             return None
         return track[k]
 
     def here(self) -> Array | None:
-        """Return the tool pose of the ghost (7,) at the joints of the desk, or None."""
+        """Return the ghost's tool pose (7,) at the joint values of the desk; None without a ghost or a solution."""
         if self.name is None or self._kin is None:
             return None
         now, start = self._desk.assembly, time.monotonic()

@@ -15,7 +15,15 @@ from twin.ui.session.desk import Desk, Moved
 
 @dataclass(frozen=True)
 class Hold:
-    """A grab by a client: of joint number `joint`, of link `body` at `point` (3,) in its frame, or of the tool."""
+    """A grab by a client.
+
+    Attributes:
+        client: identifier of the client.
+        target: "tool", "joint" or "link".
+        joint: number of the grabbed active joint; -1 for other targets.
+        body: name of the grabbed link.
+        point: grabbed point (3,) in m in the frame of the link.
+    """
 
     client: str
     target: str
@@ -25,7 +33,7 @@ class Hold:
 
 
 def hold_of(client: str, message: wire.Grab, desk: Desk) -> Hold:
-    """Return the grab that a client requests.
+    """Return the grab requested by a client's message.
 
     Raises:
         RefusedError: the joint or link does not exist, or cannot be moved.
@@ -46,7 +54,7 @@ def hold_of(client: str, message: wire.Grab, desk: Desk) -> Hold:
 
 
 def move_of(hold: Hold, message: wire.Drag, desk: Desk) -> Callable[[], Moved]:
-    """Return the function that moves the desk as a drag requests.
+    """Return a function that moves the desk to the target of a drag message.
 
     Raises:
         RefusedError: the drag does not match the grab.

@@ -1,4 +1,4 @@
-"""Live source of a server: one robot or the robots of a scene on one clock, and deformables."""
+"""Live source of a stream: one robot, or the robots of a scene with a common clock, and deformables."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from twin.ui.session.feed import Feed, vertices_of
 from twin.ui.session.timeline import RATE, Clock
 
 HEARTBEAT = 6
-"""Ticks after which a frame is sent even if nothing has moved."""
+"""Number of ticks after which a frame is sent even if nothing has moved."""
 
 _NOTHING = pack_field(np.zeros((0, 3)))
 
 
 class Live:
-    """Source of a server: robots that all clients play and move together.
+    """Source of a stream: robots that all clients can play and move.
 
     A single robot is sent in version 1 of the stream protocol; several robots, a scene or a feed of deformables in
     version 2.
@@ -31,7 +31,7 @@ class Live:
     Attributes:
         twins: the robots by name, in the order of their parts in a frame.
         clock: clock of all robots.
-        send: function called with every document for all clients.
+        send: function that sends a document to all clients.
     """
 
     replays = False
@@ -59,12 +59,12 @@ class Live:
 
     @property
     def links(self) -> tuple[str, ...]:
-        """Names of all links: those of the robot, or "<robot>/<link>"."""
+        """Names of all links: "<link>" for a single robot, "<robot>/<link>" for several robots."""
         return self._names({n: t.links for n, t in self.twins.items()})
 
     @property
     def joints(self) -> tuple[str, ...]:
-        """Names of all active joints: those of the robot, or "<robot>/<joint>"."""
+        """Names of all active joints: "<joint>" for a single robot, "<robot>/<joint>" for several robots."""
         return self._names({n: t.robot.joints for n, t in self.twins.items()})
 
     def _names(self, of: Mapping[str, Sequence[str]]) -> tuple[str, ...]:
@@ -78,10 +78,10 @@ class Live:
     # -- time -----------------------------------------------------------------------------------------
 
     def frame(self, tick: int, server_time: float) -> bytes | None:
-        """Advance to a tick (of 1 / RATE s); return a frame if something changed or `HEARTBEAT` ticks have passed.
+        """Advance to a tick; return a frame if something changed or `HEARTBEAT` ticks have passed, else None.
 
         Args:
-            tick: counts from 0; ticks may be skipped.
+            tick: number of the tick, from 0; a tick takes 1 / RATE s; ticks may be skipped.
             server_time: time of the frame in s on the monotonic clock.
         """
         passed = (tick - self._tick) / RATE if self._tick >= 0 else 0.0
@@ -105,7 +105,7 @@ class Live:
         return pack_scene(self._seq - 1, server_time, self.clock.time, flags, robots, self._fields)
 
     def _planned(self) -> None:
-        """Restart all robots, because one has another protocol."""
+        """Restart all robots, because the protocol of one robot has changed."""
         self._measure()
         self.clock.seek(0.0)
         self._bend()
@@ -118,13 +118,13 @@ class Live:
         self.clock.duration = max([*durations, 0.0 if self.feed is None else self.feed.duration])
 
     def _stand(self) -> None:
-        """Move all robots to the clock's time; a robot whose protocol has ended rests."""
+        """Move all robots to the clock's time; a robot whose protocol has ended stays at the end."""
         for twin in self.twins.values():
             twin.stand()
         self._bend()
 
     def _bend(self) -> None:
-        """Read the deformables (fields) at the clock's time; a missing field has no vertices, and is reported once."""
+        """Read the deformables (fields) at the clock's time; a missing field has no vertices and is reported once."""
         if self.feed is None:
             return
         fields = dict.fromkeys(self.feed.surfaces, _NOTHING)
@@ -132,17 +132,17 @@ class Live:
             frame = self.feed.at(self.clock.time)
             for name, surface in self.feed.surfaces.items():
                 fields[name] = pack_field(vertices_of(frame, name, surface))
-        except Exception as error:  # deformables must not stop the robots
+        except Exception as error:  # an error in deformables must not stop the robots
             if not self._broken:
                 self._broken = str(error) if isinstance(error, TwinError) else f"{type(error).__name__}: {error}"
                 logging.getLogger(__name__).warning("a field: %s", self._broken)
                 self.send({"type": "error", "code": "failed", "message": self._broken[:500]})
         self._fields = tuple(fields.values())
 
-    # -- what clients ask for -------------------------------------------------------------------------
+    # -- requests of clients --------------------------------------------------------------------------
 
     def holds(self, client: str) -> bool:
-        """Return whether a client has grabbed any robot."""
+        """Return whether a client has grabbed at least one robot."""
         return any(t.holder == client for t in self.twins.values())
 
     def release(self, client: str) -> None:
@@ -154,7 +154,7 @@ class Live:
         """Handle a request of a client.
 
         Raises:
-            RefusedError: the request cannot be fulfilled; nothing has changed.
+            RefusedError: the request is refused; nothing has changed.
         """
         if isinstance(message, wire.OfRobot):
             if isinstance(message, wire.Release) and message.robot is None:
@@ -173,7 +173,10 @@ class Live:
         return None
 
     def _of(self, client: str, message: wire.OfRobot) -> Twin:
-        """Return the robot of a request: the named one, the only one, or for a drag the only one held by the client."""
+        """Return the robot for a request.
+
+        If the request does not name a robot, this is the only robot or, for a drag, the only robot held by the client.
+        """
         if message.robot is not None:
             if message.robot not in self.twins:
                 raise RefusedError("unknown", unknown("robot", message.robot, self.twins))
@@ -210,7 +213,7 @@ class Live:
         return document if self.alone else {**document, "robot": twin.name}
 
     def welcome(self) -> list[dict[str, Any]]:
-        """Return the documents for a new client: paths and workspaces."""
+        """Return the documents for a new client: tip paths and workspaces."""
         return [self._signed(t, d) for t in self.twins.values() for d in t.welcome()]
 
     def state(self) -> dict[str, Any]:

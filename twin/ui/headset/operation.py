@@ -1,7 +1,7 @@
-"""Live source of a server: the robots of a scene in a World, led by the hands of a client.
+"""Live source of a stream: the robots of a scene in a World, teleoperated by the hands of a client.
 
-The client is a device like any other: its messages become states of `GivenHands`. Here the World is paced, its poses
-become frames, and what an operator must know is said: in the state for the page, and in the log.
+Messages of the client become states of the input device `GivenHands`. This module steps the World in real time,
+converts its poses to frames, and reports silence, jumps and limits in the state document and in the log.
 """
 
 from __future__ import annotations
@@ -31,35 +31,35 @@ from twin.ui.headset.scene_frame import pack_scene
 from twin.ui.session.timeline import RATE
 
 HEARTBEAT = 6
-"""Ticks after which a frame is sent even if nothing has moved."""
+"""Number of ticks after which a frame is sent even if nothing has moved."""
 
 _BUDGET, _CHUNK = 0.012, 4
-"""s of the wall clock that the World may take for one frame; ticks between two looks at it."""
+"""Maximum real time in s for steps of the World per frame; number of steps between two checks of this time."""
 
 _OWED = 0.1
-"""s that the World may be behind; what is more is dropped: the World then runs slower than the clock."""
+"""Maximum delay in s of the World; a larger delay is dropped, so that the World runs slower than real time."""
 
 _WALL = (0.5 * MM, 1 * DEG)
-"""m and rad between goal and tool of an arm at a limit, from which on it counts as a wall."""
+"""Minimum distance in m and angle in rad between goal and tool at which a joint limit is reported."""
 
 
 class Operation:
-    """The robots of a scene under its console: the source of a server.
+    """Source of a stream: the robots of a scene, controlled by its console.
 
     Attributes:
-        world: that is paced.
-        device: that a client feeds.
-        owner: client whose hands count, or None.
-        send: called with every document for all clients.
+        world: the World, stepped in real time.
+        device: the input device, which receives the hands of a client.
+        owner: identifier of the client whose hands control the robots; None: no client.
+        send: function that sends a document to all clients.
     """
 
     replays, alone, version = False, False, wire.VERSION
 
     def __init__(self, scene: Scene, robots: Mapping[str, Robot]) -> None:
-        """Stand as the scene says.
+        """Create the World with the robots at the places of the scene.
 
         Raises:
-            TwinError: the console does not fit its robots.
+            TwinError: the scene has no console, or the console does not match its robots.
         """
         if scene.console is None:
             raise TwinError(f"scene '{scene.name}' has no console: add the table [console] to {scene.file.name}")
@@ -80,7 +80,7 @@ class Operation:
 
     @property
     def about(self) -> dict[str, Any]:
-        """What scene.json says of the console."""
+        """Data of the console in scene.json."""
         table = self._table
         return {
             "hands": {hand: list(getattr(table, hand)) for hand in HANDS},
@@ -96,16 +96,16 @@ class Operation:
 
     @property
     def joints(self) -> tuple[str, ...]:
-        """Names of all active joints, likewise."""
+        """Names of all active joints, "<robot>/<joint>"."""
         return tuple(f"{n}/{j.name}" for n, m in self._members.items() for j in m.mechanism.active)
 
     def close(self) -> None:
-        """End; nothing is left behind."""
+        """Do nothing, because there are no processes or threads to end."""
 
     # -- time -----------------------------------------------------------------------------------------
 
     def frame(self, tick: int, server_time: float) -> bytes | None:
-        """Advance to a tick, 1 / RATE s each; return a frame if something moved or some time has passed."""
+        """Advance to a tick of 1 / RATE s; return a frame if a joint moved or after `HEARTBEAT` ticks, else None."""
         passed = (tick - self._tick) / RATE if self._tick >= 0 else 0.0
         self._tick = tick
         self._advance(passed)
@@ -153,14 +153,14 @@ class Operation:
         poses, q = self._sevens[name], self.world.signals[f"{name}.q"]
         return wire.pack(self._seq - 1, server_time, 0.0, 0, wire.pack_body(poses, q, None), len(poses), len(q))
 
-    # -- what clients ask for -------------------------------------------------------------------------
+    # -- requests of clients --------------------------------------------------------------------------
 
     def holds(self, client: str) -> bool:
-        """Return whether the hands of a client count."""
+        """Return whether the hands of this client control the robots."""
         return self.owner == client
 
     def release(self, client: str) -> None:
-        """Release the hands, if this client has them."""
+        """End the control by this client's hands, if this client has control."""
         if self.owner == client:
             self.owner = None
             self.device.leave()
@@ -169,7 +169,7 @@ class Operation:
         """Handle a request of a client.
 
         Raises:
-            RefusedError: it cannot be done; nothing has changed.
+            RefusedError: the request is refused; nothing has changed.
         """
         if isinstance(message, wire.Hands):
             return self._hands(client, message)
@@ -200,14 +200,14 @@ class Operation:
             pose = wire.pose_of(hand.pose)
             self.device.give(HandState(k, message.clutch, message.camera, message.number, pose, hand.grip))
 
-    # -- what is said ---------------------------------------------------------------------------------
+    # -- documents ------------------------------------------------------------------------------------
 
     def welcome(self) -> list[dict[str, Any]]:
-        """Return nothing: a new client needs the state alone."""
+        """Return no documents: a new client needs only the state."""
         return []
 
     def state(self) -> dict[str, Any]:
-        """Return what the hands lead, which arm is at a limit, and why nothing moves."""
+        """Return the document `state`: controlled arms, arms at a limit, and the reason if nothing moves."""
         return {
             "type": "state",
             "playing": False,
@@ -245,7 +245,7 @@ class Operation:
         }
 
     def _wall(self, name: str) -> str | None:
-        """Return which joint holds an arm back at its limit, or None."""
+        """Return a text on the joint limit that prevents an arm from reaching its goal; None if there is none."""
         member, signals = self._members[name], self.world.signals
         q, goal = signals[f"{name}.q"], signals[f"{name}.goal"].reshape(4, 4)
         T = member.kin.forward(q, goal)
@@ -269,7 +269,7 @@ class Operation:
         return None
 
     def _tell(self, new: dict[str, Any]) -> None:
-        """Take over what is said; what an operator must know goes to the log and, of a jump, to all clients."""
+        """Set the new state; log silence, jumps and limits, and also send jumps to all clients."""
         old, self._state = self._state, new
         log = logging.getLogger(__name__)
         if new["silent"] and not old["silent"]:

@@ -1,7 +1,7 @@
 """Wire protocol between `twin serve` and a page, a headset or Unity; see docs/stream.md.
 
-A frame is a binary message with the poses of all links at one time. All other messages are JSON text. This module
-validates client messages by strict models.
+A frame is a binary message with the poses of all links at one time; all other messages are JSON text. Messages from
+clients are validated with strict pydantic models.
 """
 
 from __future__ import annotations
@@ -27,8 +27,11 @@ MAGIC = 0x314E5754
 """First four bytes of a frame: "TWN1"."""
 
 GHOST, PLAYING, REFUSED, HELD = 1, 2, 4, 8
-"""Flags of a frame: the frame contains a ghost; a protocol is playing; the last request was refused; a client holds the
-robot."""
+"""Flags of a frame.
+
+GHOST: the frame contains a ghost. PLAYING: a protocol is playing. REFUSED: the last request was refused. HELD: a client
+holds the robot.
+"""
 
 LONGEST = 4096
 """Maximum length in bytes of a client's message."""
@@ -53,16 +56,16 @@ _HEADER = struct.Struct("<IIddHHI")
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """One whole frame.
+    """A complete frame.
 
     Attributes:
         seq: number of the frame, from 0, modulo 2^32.
         server_time: time of the poses in s on the server's monotonic clock.
         clip_time: time in the protocol in s.
-        poses: (links, 7) float32: x y z in m and quaternion x y z w, of every link in world, z up.
-        q: (joints,) float32 in m or rad, of the active joints.
+        poses: (links, 7) float32: pose of every link in the world frame (z up), x y z in m and quaternion x y z w.
+        q: (joints,) float32: active joint values in m or rad.
         flags: see `GHOST`, `PLAYING`, `REFUSED`, `HELD`.
-        ghost: (7,) float32, pose of the tool in world by the equations; valid with the flag `GHOST`.
+        ghost: (7,) float32: tool pose in the world frame, computed by the equations; None without the flag `GHOST`.
     """
 
     seq: int
@@ -75,7 +78,7 @@ class Frame:
 
 
 def pack(seq: int, server_time: float, clip_time: float, flags: int, body: bytes, links: int, joints: int) -> bytes:
-    """Return one message of the stream as bytes: the header, then the payload `body` from `pack_body`."""
+    """Return a frame as bytes: a header, followed by `body` from `pack_body`; `links` and `joints` are counts."""
     return _HEADER.pack(MAGIC, seq & 0xFFFFFFFF, server_time, clip_time, links, joints, flags) + body
 
 
@@ -103,7 +106,7 @@ def unpack(data: bytes) -> Frame:
     """Return the frame in a binary message.
 
     Raises:
-        TwinError: the message is not a frame, or its length differs from that in its header.
+        TwinError: the message is not a frame, or its length differs from the length in its header.
     """
     size = size_of(data)
     _, seq, server_time, clip_time, links, joints, flags = _HEADER.unpack_from(data)
@@ -122,14 +125,14 @@ def sevens(Ts: Array) -> Array:
 
 
 def pose_of(seven: Any) -> Array:
-    """Return the pose (4, 4) of x y z in m and a quaternion x y z w of any nonzero length."""
+    """Return the pose (4, 4) for seven numbers: x y z in m, and a quaternion x y z w of any nonzero length."""
     v = np.asarray(seven, float)
     q = np.roll(v[3:], 1)
     return spatial.pose(spatial.matrix_from_quat_wxyz(q / np.linalg.norm(q)), v[:3])
 
 
 def near_signs(sevens: Array, last: Array | None) -> Array:
-    """Return poses (n, 7) with the sign of each quaternion chosen nearest to the previous poses (n, 7)."""
+    """Return poses (n, 7) with signs of quaternions nearest to the previous poses `last` (n, 7); None: unchanged."""
     if last is None or len(last) != len(sevens):
         return sevens
     out = sevens.copy()
@@ -138,11 +141,11 @@ def near_signs(sevens: Array, last: Array | None) -> Array:
 
 
 def floats(values: np.ndarray) -> str:
-    """Return float32 values, little endian, in base64, the format of point clouds."""
+    """Return values as float32, little endian, in base64 (the format of point clouds)."""
     return base64.b64encode(np.ascontiguousarray(values, "<f4").tobytes()).decode()
 
 
-# -- what a client says ---------------------------------------------------------------------------------
+# -- client messages ------------------------------------------------------------------------------------
 
 _Coordinate = Annotated[float, Field(ge=-100, le=100)]
 _Name = Annotated[str, Field(min_length=1, max_length=64)]
@@ -172,7 +175,7 @@ class Play(_Message):
 
 
 class Seek(_Message):
-    """Go to a time of the protocol, in s."""
+    """Set the playback time in s."""
 
     type: Literal["seek"]
     t: Annotated[float, Field(ge=0, le=1e6)]
@@ -200,14 +203,14 @@ class Protocol(_OfRobot):
 
 
 class Posture(_OfRobot):
-    """Go to a named posture."""
+    """Move the robot to a named posture."""
 
     type: Literal["posture"]
     name: _Name
 
 
 class Grab(_OfRobot):
-    """Grab the tool, a joint, or a link at a point (3,) in m in the link's frame."""
+    """Grab the tool, a joint, or a link at `point` (3,) in m in the link's frame."""
 
     type: Literal["grab"]
     target: Literal["tool", "joint", "link"]
@@ -224,7 +227,7 @@ class Grab(_OfRobot):
 
 
 class Drag(_OfRobot):
-    """Drag what was grabbed: the tool to a pose, a joint to a value, a link's point to a position; m, rad, world."""
+    """Drag the grabbed tool to a pose, joint to a value, or link's point to a position; in m and rad, world frame."""
 
     type: Literal["drag"]
     pose: tuple[_Coordinate, _Coordinate, _Coordinate, _Part, _Part, _Part, _Part] | None = None
@@ -247,14 +250,14 @@ class Release(_OfRobot):
 
 
 class Variant(_OfRobot):
-    """Show the ghost, the tool pose by the equations in a variant ("printed" or "eq1=printed"); null hides it."""
+    """Show the ghost for a variant of the equations ("printed" or "eq1=printed"); null hides the ghost."""
 
     type: Literal["variant"]
     name: _Name | None
 
 
 class Workspace(_OfRobot):
-    """Compute the reachable tool positions at the present orientation, or stop and clear them."""
+    """Compute the tool positions reachable at the present orientation, or stop the computation and clear the points."""
 
     type: Literal["workspace"]
     on: bool
@@ -268,7 +271,7 @@ class Record(_Message):
 
 
 class Hand(BaseModel):
-    """One hand: pose of its handle in {H}, m; angle of its gripper, rad."""
+    """One hand: pose of its handle in frame {H} (x y z in m, quaternion x y z w), and angle of its gripper in rad."""
 
     model_config = ConfigDict(strict=True, extra="forbid", frozen=True, allow_inf_nan=False)
 
@@ -283,7 +286,7 @@ class Hand(BaseModel):
 
 
 class Hands(_Message):
-    """Both hands and the pedals of a console; `number` grows by one each time."""
+    """Both hands and the pedals of a console; `number` increases by one with each message."""
 
     type: Literal["hands"]
     number: Annotated[int, Field(ge=0, lt=2**32)]
@@ -294,14 +297,14 @@ class Hands(_Message):
 
 
 class Scale(_Message):
-    """The motion scale of a console."""
+    """Set the motion scale of a console."""
 
     type: Literal["scale"]
     value: Annotated[float, Field(ge=0.05, le=1)]
 
 
 class Ping(_Message):
-    """Request a `pong` with the same t and the server's clock; this also keeps a grab alive."""
+    """Request a `pong` with the same t and the server's time; a grab is not released while a client sends pings."""
 
     type: Literal["ping"]
     t: Annotated[float, Field(ge=-1e15, le=1e15)]
@@ -327,7 +330,7 @@ Message = (
 """Classes of all client messages."""
 
 OfRobot = Protocol | Posture | Grab | Drag | Release | Variant | Workspace
-"""Classes of messages for one robot; the others concern clock, recording or connection."""
+"""Classes of messages for one robot; other messages concern clock, recording, console or connection."""
 
 _ADAPTER: TypeAdapter[Message] = TypeAdapter(Annotated[Message, Field(discriminator="type")])
 
@@ -336,8 +339,8 @@ class RefusedError(TwinError):
     """A refused message.
 
     Attributes:
-        code: a key of `ERRORS`.
-        id: the id of the refused message, or None.
+        code: key of `ERRORS`.
+        id: identifier of the refused message; None if it has none.
     """
 
     def __init__(self, code: str, text: str, id: int | str | None = None) -> None:
@@ -346,10 +349,10 @@ class RefusedError(TwinError):
 
 
 def parse(text: str | bytes) -> Message:
-    """Return the message in a text of at most `LONGEST` bytes.
+    """Return the client message in a JSON text of at most `LONGEST` bytes.
 
     Raises:
-        RefusedError: with code "invalid"; its text names the mistake without repeating the content.
+        RefusedError: the message is invalid (code "invalid"); the text does not repeat the content of the message.
     """
     if isinstance(text, bytes):
         raise RefusedError("invalid", "clients send JSON text, not binary messages")
@@ -366,7 +369,7 @@ def parse(text: str | bytes) -> Message:
 def _id(text: str) -> int | str | None:
     try:
         data = from_json(text)
-    except (ValueError, TypeError):  # no JSON, or a lone surrogate
+    except (ValueError, TypeError):  # not JSON, or an unpaired surrogate
         return None
     found = data.get("id") if isinstance(data, dict) else None
     return found[:40] if isinstance(found, str) else found if type(found) is int else None

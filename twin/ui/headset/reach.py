@@ -1,4 +1,4 @@
-"""Compute the reachable tool positions in a separate process, and send them in pieces."""
+"""Compute the reachable tool positions in a separate process, and send them in several documents."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from twin.ui.session.desk import Desk
 from twin.ui.session.workspace import Cloud, Job
 
 POSES = 100_000
-"""Number of poses that are evaluated."""
+"""Number of evaluated poses."""
 
 _MOST = 4000
-"""Maximum number of points in one piece, small enough for a headset to draw."""
+"""Maximum number of points in one document, so that headsets can draw the points in time."""
 
 
 class Reach:
-    """The workspace of a desk, on request.
+    """Computation of the workspace of a desk.
 
     Attributes:
         on: whether the workspace is shown.
@@ -63,7 +63,7 @@ class Reach:
         )
 
     def poll(self) -> list[dict[str, Any]]:
-        """Return new points as documents."""
+        """Return documents with new points."""
         if self._new:
             new, self._new = self._new, []
             return new

@@ -1,6 +1,6 @@
-"""Record a session (every sent frame and document and every request, with their ticks), and replay it.
+"""Record a session (all sent frames and documents and all requests, with their ticks), and replay a recorded session.
 
-Frames are stored as sent, so that a replay sends the same bytes.
+Frames are stored as bytes, so that a replay sends exactly the same frames.
 """
 
 from __future__ import annotations
@@ -27,10 +27,10 @@ LONGEST = 30 * 60
 """Maximum duration in s of a recording, at 60 frames of about 1 kB per second."""
 
 LARGEST = 200_000_000
-"""Maximum size of a recording in bytes, frames and client messages together."""
+"""Maximum total size in bytes of the frames and client messages of a recording."""
 
 FILES, IN_ALL = 50, 1_000_000_000
-"""Maximum number of recordings of one server, and their maximum total size in bytes."""
+"""Maximum number of recordings by one server, and their maximum total size in bytes."""
 
 
 _ENTRY = 64
@@ -38,10 +38,10 @@ _ENTRY = 64
 
 
 class Recording:
-    """Recorder of a server's traffic; `finish` returns the function that writes the file.
+    """Recorder of the messages of a server; `finish` returns a function that writes the file.
 
     Attributes:
-        running: whether it records.
+        running: whether a recording is in progress.
         path: path of the next file; the second recording of a server gets the suffix -2.
     """
 
@@ -54,7 +54,7 @@ class Recording:
         joints: tuple[str, ...],
         version: int = wire.ALONE,
     ) -> None:
-        """Begin the first recording; if `version` is that of scenes, `robot` and `links` are those of the scene."""
+        """Begin the first recording; with `version` = `wire.VERSION`, `robot` and `links` are names of the scene."""
         self.path, self._stem, self._saved, self._written = Path(path), Path(path).stem, 0, 0
         self._version = version
         self._of = {"robot": robot, "model_hash": model_hash, "links": list(links), "joints": list(joints)}
@@ -62,14 +62,14 @@ class Recording:
         self.begin(0)
 
     def begin(self, tick: int) -> None:
-        """Begin another recording after `finish`."""
+        """Begin the next recording after `finish`."""
         self.running, self._first, self._size = True, tick, 0
         self._frames: list[tuple[int, bytes]] = []
         self._documents: list[tuple[int, dict[str, Any]]] = []
         self._requests: list[tuple[int, str, dict[str, Any]]] = []
 
     def check_room(self) -> None:
-        """Check that another recording may begin.
+        """Check that another recording is allowed.
 
         Raises:
             RefusedError: the maximum number or total size of recordings is reached.
@@ -95,16 +95,16 @@ class Recording:
             self._documents.append((tick - self._first, document))
 
     def add_request(self, tick: int, client: str, message: wire.Message) -> None:
-        """Add a client request, accepted or refused."""
+        """Add an accepted or refused request of a client."""
         if self.running:
             said = message.model_dump(mode="json", exclude_none=True)
             self._size += len(json.dumps(said)) + _ENTRY
             self._requests.append((tick - self._first, client, said))
 
     def finish(self) -> Callable[[], None]:
-        """End the recording; return a function that writes the file and may be called from any thread.
+        """End the recording; return a function that writes the file, for use in any thread.
 
-        That function raises `OutputError` if the file cannot be written.
+        The returned function raises `OutputError` if the file cannot be written.
         """
         if not self.running or not self._frames:
             self.running = False
@@ -149,7 +149,7 @@ class _Frame(Table):
 
 class _File(Table):
     kind: Annotated[Literal["twin-stream-session"], Field(alias="schema")]
-    version: Literal[1, 2]  # of the stream
+    version: Literal[1, 2]  # version of the stream protocol
     robot: str
     model_hash: str
     links: list[str]
@@ -161,7 +161,7 @@ class _File(Table):
 
 
 class Replay:
-    """A recorded session as a source of a stream: at each tick it plays one recorded tick, without skipping any."""
+    """A recorded session as a source of a stream: each tick plays the next recorded tick, without skipping any."""
 
     replays = True
 
@@ -186,7 +186,7 @@ class Replay:
         self._documents: dict[int, list[dict[str, Any]]] = {}
         for d in file.documents:
             self._documents.setdefault(d.tick, []).append(d.document)
-        # A document may follow the last frame: a still robot sends none.
+        # A document may follow the last frame, because no frames are sent while the robot does not move.
         self.last, self.version = max(self._frames.keys() | self._documents.keys()), int(file.version)
         self.send: Callable[[dict[str, Any]], object] = lambda document: None
         self._at, self._running, self._begun = -1, False, False
@@ -194,7 +194,7 @@ class Replay:
         self._others: dict[tuple[str, str], dict[str, Any]] = {}
 
     def frame(self, tick: int, server_time: float) -> bytes | None:
-        """Return the frame of the next recorded tick, with recorded tick and time; None if none was sent then."""
+        """Return the frame of the next recorded tick, with its recorded time; None if this tick has no frame."""
         if self._at >= self.last:
             self._running = False
         if not self._running:
@@ -208,19 +208,19 @@ class Replay:
         return self._frames.get(self._at)
 
     def state(self) -> dict[str, Any]:
-        """Return the recorded state, with `replay`: current time and duration in s."""
+        """Return the recorded state, with the additional entry `replay` (time and duration in s)."""
         return {**self._state, "replay": {"time": max(self._at, 0) / RATE, "duration": self.last / RATE}}
 
     def welcome(self) -> list[dict[str, Any]]:
-        """Return the last recorded path of each robot; the replay starts when the first client connects."""
+        """Start the replay if this is the first client; return the last recorded tip path of each robot."""
         self._running, self._begun = self._running or not self._begun, True
         return [d for (kind, _), d in self._others.items() if kind == "path"]
 
     def ask(self, client: str, message: wire.Message) -> None:
-        """Play, pause or seek; a recording accepts no other request.
+        """Play, pause or seek; other requests are refused.
 
         Raises:
-            RefusedError: it is another request.
+            RefusedError: the request is not to play, pause or seek.
         """
         if isinstance(message, wire.Play):
             if message.on and self._at >= self.last:
@@ -233,11 +233,11 @@ class Replay:
             raise RefusedError("refused", "a recorded session is replayed: only play, pause and seek are possible")
 
     def holds(self, client: str) -> bool:
-        """Return False, because a recording cannot be grabbed."""
+        """Return False, because robots in a recording cannot be grabbed."""
         return False
 
     def release(self, client: str) -> None:
-        """Do nothing, because a recording cannot be grabbed."""
+        """Do nothing, because robots in a recording cannot be grabbed."""
 
     def close(self) -> None:
-        """Do nothing, because a recording has no process and no thread."""
+        """Do nothing, because there are no processes or threads to end."""

@@ -1,7 +1,8 @@
-"""Frame of a scene: the frames of its robots in sequence, and the vertices of its deformables (fields).
+"""Frame of a scene: the frames of its robots, followed by the vertices of its deformables (fields).
 
-A robot's part is a complete frame of `protocol`, as for a single robot, so that a client for one robot can be reused. A
-vertex is stored as 16-bit fractions of the field's bounding box: the resolution is 16 um in a box of 1 m.
+The part of a robot is a complete frame of `protocol`, as for a single robot, so that the code of clients for one robot
+can be reused. Vertices are stored as 16-bit fractions of the field's bounding box; the resolution is 16 um for a box of
+1 m.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ VERTICES = 1 << 16
 """Maximum number of vertices in a field."""
 
 LEVELS = 65535
-"""Number of steps along an edge of the bounding box."""
+"""Number of quantisation steps along an edge of the bounding box."""
 
 _HEADER = struct.Struct("<IIddHHI")
 _BOX = struct.Struct("<I3f3f")
@@ -31,14 +32,14 @@ _BOX = struct.Struct("<I3f3f")
 
 @dataclass(frozen=True, eq=False)
 class SceneFrame:
-    """One whole frame of a scene.
+    """A complete frame of a scene.
 
     Attributes:
-        seq, server_time: as in `wire.Frame`.
+        seq, server_time: see `wire.Frame`.
         time: time of the scene's clock in s.
         flags: `wire.PLAYING`, and `wire.HELD` if a client holds a robot.
         robots: frames of the robots, in the order of the scene.
-        fields: vertices (n, 3) float32 in m in world, in the order of the scene; n = 0: unknown at this time.
+        fields: vertices (n, 3) float32 in m in the world frame, in the order of the scene; n = 0: unknown at this time.
     """
 
     seq: int
@@ -52,13 +53,13 @@ class SceneFrame:
 def pack_scene(
     seq: int, server_time: float, time: float, flags: int, robots: Sequence[bytes], fields: Sequence[bytes]
 ) -> bytes:
-    """Return a scene's frame as bytes, from robots' frames made by `wire.pack` and fields made by `pack_field`."""
+    """Return a scene's frame as bytes, from frames of robots (`wire.pack`) and fields (`pack_field`)."""
     head = _HEADER.pack(MAGIC, seq & 0xFFFFFFFF, server_time, time, len(robots), len(fields), flags)
     return b"".join([head, *robots, *fields])
 
 
 def pack_field(vertices: Array) -> bytes:
-    """Return vertices (n, 3) in m in wire format; the error is at most half a step of the box, plus rounding.
+    """Return vertices (n, 3) in m as bytes; the error is at most half a quantisation step of the box, plus rounding.
 
     Raises:
         TwinError: there are too many vertices.
@@ -110,6 +111,6 @@ def unpack_any(data: bytes) -> wire.Frame | SceneFrame:
     """Return the frame of a robot or of a scene in a binary message.
 
     Raises:
-        TwinError: the message is neither.
+        TwinError: the message is not a valid frame of a robot or of a scene.
     """
     return unpack_scene(data) if data[:4] == MAGIC.to_bytes(4, "little") else wire.unpack(data)

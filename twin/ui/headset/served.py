@@ -1,4 +1,4 @@
-"""Content that `twin serve` serves: the live robot or scene, and the files that display it."""
+"""Content of `twin serve`: the live robot or scene, and the files to display it."""
 
 from __future__ import annotations
 
@@ -39,10 +39,10 @@ class Served:
 
     Attributes:
         live: source of the stream.
-        name: of the robot or the scene.
-        model_hash: hash of the shown geometry.
-        files: all files except the page, by path.
-        preload: paths of files that a page requests first.
+        name: name of the robot or of the scene.
+        model_hash: hash of the displayed geometry.
+        files: all files except those of the page, by path.
+        preload: paths of the files that the page requests first.
     """
 
     live: Live | Operation
@@ -53,14 +53,14 @@ class Served:
 
     @property
     def hello(self) -> dict[str, Any]:
-        """First document that a client receives."""
+        """The first document for a client."""
         return {"robot" if self.live.alone else "scene": self.name, "model_hash": self.model_hash}
 
 
 def of_robot(
     robot: Robot, source: str, protocol: str | None = None, plans: bool = True, feed: Feed | None = None
 ) -> Served:
-    """Return the content for one robot, with the patients of its protocols; call it in an event loop.
+    """Return the content for one robot, with the patients of its protocols; call this function in an event loop.
 
     The arguments are those of `Twin`.
     """
@@ -81,14 +81,14 @@ def of_robot(
 def of_scene(
     scene: Scene, robots: Mapping[str, Robot], props: Mechanism | None, plans: bool = True, feed: Feed | None = None
 ) -> Served:
-    """Return the content for a scene: robots at their places, and props; call it in an event loop.
+    """Return the content for a scene: robots at their places, and props; call this function in an event loop.
 
     Args:
         scene: the scene.
-        robots: robots by the name of their place.
-        props: mechanism of the props, or None.
+        robots: robots by name of their place.
+        props: mechanism of the props; None: no props.
         plans: whether the robots plan and play their protocols.
-        feed: deformables, or None.
+        feed: deformables; None: no deformables.
     """
     clock = Clock()
     twins = [Twin(robots[p.name], p.robot, p.protocol, plans, clock, p) for p in scene.places]
@@ -97,10 +97,10 @@ def of_scene(
 
 
 def of_console(scene: Scene, robots: Mapping[str, Robot], props: Mechanism | None) -> Served:
-    """Return the robots of a scene under the hands of its console; the arguments are those of `of_scene`.
+    """Return the content for a scene whose robots are controlled by its console; for the arguments see `of_scene`.
 
     Raises:
-        TwinError: the console does not fit its robots.
+        TwinError: the scene has no console, or the console does not match its robots.
     """
     operation = Operation(scene, robots)
     about = [describe(robots[p.name], Desk(robots[p.name]), {}, {}, p) for p in scene.places]

@@ -1,4 +1,4 @@
-"""The server of `twin serve`: files and the stream on one port, for several clients that see the same robots."""
+"""The server of `twin serve`: files and stream on one port, for several clients that show the same robots."""
 
 from __future__ import annotations
 
@@ -29,20 +29,20 @@ from twin.ui.headset.recording import Recording
 from twin.ui.session.timeline import RATE
 
 STATE = 6
-"""Ticks between two documents `state`."""
+"""Number of ticks between two `state` documents."""
 
 SILENCE, GRACE = 5.0, 3.0
-"""Time in s after which a grab is released: if its client sends nothing; if its client is disconnected."""
+"""Time in s after which a grab is released if its client sends nothing, and if its client is disconnected."""
 
 REMEMBERED = 256
-"""Maximum number of disconnected clients that can reconnect with their identity."""
+"""Maximum number of disconnected clients whose identity is stored, so that they can reconnect."""
 
 
 class StreamServer:
-    """Serves one source until `stop`.
+    """Server of the files and the stream of one source.
 
     Attributes:
-        port: port that it listens on, once `start` has returned.
+        port: port on which it listens; valid after `start`.
         stopping: event that ends the server.
     """
 
@@ -70,10 +70,10 @@ class StreamServer:
         self.source = source
         source.send = self._tell
 
-    # -- life -----------------------------------------------------------------------------------------
+    # -- start and stop -------------------------------------------------------------------------------
 
     async def start(self, host: str, port: int, context: ssl.SSLContext | None = None) -> None:
-        """Start to listen."""
+        """Start listening on an address and a port; `context` enables TLS."""
         self._server: Server = await listen(
             self._client, host, port, self._request, self._doorman, longest=wire.LONGEST, context=context
         )
@@ -94,7 +94,7 @@ class StreamServer:
             await self.close()
 
     async def close(self) -> None:
-        """Close all connections (code 1001) and end; a client that does not close in time is disconnected."""
+        """Close all connections (code 1001) and stop; clients that do not close in time are disconnected."""
         self._say_state()
         self._server.close(code=1001, reason="the server ends")
         try:
@@ -172,7 +172,7 @@ class StreamServer:
         now = time.monotonic()
         if token in self._known:
             name = self._known[token]
-            for other in [c for c in self.clients if c.token == token]:  # replaced by the new connection
+            for other in [c for c in self.clients if c.token == token]:  # the new connection replaces the old one
                 self.clients.remove(other)
                 other.ws.cut()
         else:
@@ -245,7 +245,7 @@ class StreamServer:
                 self.recording.add_document(self._tick, document)
 
     def _write(self, write: Callable[[], None]) -> None:
-        """Write a recording in a thread; on failure every client is notified."""
+        """Write a recording in a thread; on failure notify all clients."""
 
         async def work() -> None:
             try:

@@ -1,4 +1,4 @@
-"""Convert samples and data of a protocol to the stream's format: link poses, tip path, trocars."""
+"""Convert samples and data of a protocol to the format of the stream: link poses, tip path, trocars."""
 
 from __future__ import annotations
 
@@ -18,12 +18,19 @@ from twin.ui.session.timeline import Playback
 from twin.ui.session.trocars import in_trocars, rcm_at
 
 PATH_POINTS = 600
-"""Maximum number of points of a tool path that is sent."""
+"""Maximum number of points in a sent tip path."""
 
 
 @dataclass(frozen=True, eq=False)
 class Shown:
-    """One sample: poses (links, 7) and q (joints,) in double precision, and the ghost's tool pose (7,) or None."""
+    """A displayed state of the robot, in double precision.
+
+    Attributes:
+        poses: link poses (links, 7): x y z in m, quaternion x y z w.
+        q: active joint values (joints,) in m or rad.
+        ghost: the ghost's tool pose (7,); None without a ghost.
+        reason: why the last request was refused; "" if it was not.
+    """
 
     poses: Array
     q: Array
@@ -33,7 +40,7 @@ class Shown:
 
 @dataclass(frozen=True, eq=False)
 class Track:
-    """A playback with its link poses (k, links, 7) in the stream's format."""
+    """A playback, with its link poses (k, links, 7) in the format of the stream."""
 
     playback: Playback
     poses: Array
@@ -54,7 +61,7 @@ def number(value: float | None) -> float | None:
 
 
 def trocars(desk: Desk, playback: Playback | None, time: float) -> list[dict[str, Any]]:
-    """Return the instruments in their trocars as data of `state`: name, position, trocar error and depth in m."""
+    """Return the entry `trocars` of `state`: name, position, trocar error and insertion depth in m by trocar."""
     found = () if playback is None else in_trocars(desk, rcm_at(playback, time))
     return [
         {
@@ -68,7 +75,7 @@ def trocars(desk: Desk, playback: Playback | None, time: float) -> list[dict[str
 
 
 def protocols_of(robot: Robot, given: str | None) -> dict[str, str]:
-    """Return the arguments of `Robot.protocol`, by protocol name: the robot's own protocols, and the given path.
+    """Return the arguments of `Robot.protocol` by protocol name, for the robot's protocols and `given` (a path).
 
     Raises:
         TwinError: the given protocol does not exist or is invalid.
@@ -83,7 +90,7 @@ def protocols_of(robot: Robot, given: str | None) -> dict[str, str]:
 
 
 def apart(shown: Shown, links: tuple[str, ...], tool: Mapping[str, Any]) -> float | None:
-    """Return the distance of the ghost from the tool in m; None without a ghost."""
+    """Return the distance in m between the ghost's origin and the tool's origin; None without a ghost."""
     if shown.ghost is None:
         return None
     T = pose_of(shown.poses[links.index(tool["link"])]) @ pose_of(tool["T_link_tool"])
@@ -91,10 +98,10 @@ def apart(shown: Shown, links: tuple[str, ...], tool: Mapping[str, Any]) -> floa
 
 
 def measured(reading: Reading | None, ghost: float | None) -> dict[str, Any]:
-    """Return the readings as data of `state`; `ghost` is the distance of the ghost from the tool in m.
+    """Return the readings as data of `state`; `ghost` is the distance in m between ghost and tool.
 
-    The stated residual is the largest difference of equations and mechanism (a length or an angle); if a ghost is
-    shown, it is the distance of the ghost from the tool.
+    The residual is the largest difference between equations and mechanism (a length or an angle) or, with a ghost, the
+    distance between ghost and tool.
     """
     residual = None if reading is None or ghost is not None else reading.residual
     length = ghost if residual is None or residual.is_angle else residual.size

@@ -1,7 +1,7 @@
-"""One live robot: playback, dragging, readings; only complete samples are sent.
+"""A live robot: playback, dragging, readings; only completely solved states are sent.
 
-All data are in the robot's own base; `live` has the clock and advances time. All methods run on the event loop, except
-jobs: these run one at a time in the worker, and their results are applied between two ticks.
+All data are in the base frame of the robot. The module `live` owns the clock and advances time. All methods run in the
+event loop. Jobs run one at a time in the worker thread; their results are applied between two ticks.
 """
 
 from __future__ import annotations
@@ -37,14 +37,14 @@ LOOK = 6
 
 
 class Twin:
-    """A robot that clients play and move; see `ask`, `poll` and `state`.
+    """A robot that clients can play and move; see `ask`, `poll` and `state`.
 
     Attributes:
         desk: state of the robot while it does not play; only jobs change it.
         clock: clock of the protocol, shared in a scene.
-        patients: patients by name of the protocol.
-        send: function called with every document for all clients.
-        planned: function called after a protocol was planned.
+        patients: patients by protocol name.
+        send: function that sends a document to all clients.
+        planned: function called when a protocol has been planned.
     """
 
     def __init__(
@@ -56,15 +56,15 @@ class Twin:
         clock: Clock | None = None,
         place: Place | None = None,
     ) -> None:
-        """Set up, and start planning the protocol (default: the robot's), unless `plans` is false.
+        """Create the robot and, if `plans` is True, start planning the protocol.
 
         Args:
             robot: the robot.
             source: argument of `twin.load`, for processes that load the robot again.
-            protocol: the first protocol.
-            plans: whether it plans and plays protocols.
-            clock: clock of the playback; None: a clock of its own.
-            place: place in a scene, which has its own surroundings; None: a robot alone, with its own patient.
+            protocol: the initial protocol; None: the robot's default protocol.
+            plans: whether the robot plans and plays protocols.
+            clock: clock of the playback; None: a new clock.
+            place: place in a scene, whose surroundings are shown; None: the only robot, shown with its own patient.
         """
         self.robot, self.source, self.place = robot, source, place
         self.send: Callable[[dict[str, Any]], object] = lambda document: None
@@ -112,7 +112,7 @@ class Twin:
             self._move(self._wish)
 
     def look(self) -> None:
-        """Send readings periodically, and new workspace points."""
+        """Update the readings every `LOOK` ticks, and send new workspace points."""
         if self._tick - self._looked >= LOOK:
             self._looked = self._tick
             self._look()
@@ -121,11 +121,11 @@ class Twin:
 
     @property
     def content_key(self) -> tuple[Any, ...]:
-        """Key of the frame's content; equal keys mean equal frames."""
+        """Key of the frame's content; frames with equal keys are equal."""
         return self._shown, self.flags, self.clip_time
 
     def frame(self, seq: int, server_time: float) -> bytes:
-        """Return a frame of the shown robot."""
+        """Return a frame of the present state as bytes."""
         shown = self._shown
         body = wire.pack_body(shown.poses, shown.q, shown.ghost)
         return wire.pack(seq, server_time, self.clip_time, self.flags, body, len(shown.poses), len(shown.q))
@@ -137,24 +137,24 @@ class Twin:
 
     @property
     def why_not(self) -> str:
-        """Reason why there is no protocol to play; empty if there is one."""
+        """Reason why there is no protocol to play; "" if there is a protocol."""
         if self._track is not None:
             return ""
         return "the protocol is being planned" if self._planner is not None else self._failed or "none is loaded"
 
     @property
     def name(self) -> str:
-        """Its name in the scene, or its own."""
+        """Name of the robot's place in the scene; without a scene, the robot's own name."""
         return self.robot.name if self.place is None else self.place.name
 
     @property
     def called(self) -> str:
-        """Name of the robot as a prefix of messages, if there are several robots."""
+        """Name of the robot in messages: the name of its place in a scene, else "the robot"."""
         return "the robot" if self.place is None else self.place.name
 
     @property
     def clip_time(self) -> float:
-        """Time of the shown sample in the protocol, in s."""
+        """Time in s in the protocol of the displayed sample."""
         if self._track is None or self._sample is None:
             return self.clock.time
         return float(self._track.playback.t[self._sample])
@@ -170,11 +170,11 @@ class Twin:
             | wire.HELD * (self._hold is not None)
         )
 
-    # -- what clients ask for -------------------------------------------------------------------------
+    # -- requests of clients --------------------------------------------------------------------------
 
     @property
     def holder(self) -> str | None:
-        """Id of the client that holds the robot, or None."""
+        """Identifier of the client that holds the robot; None: no client."""
         return None if self._hold is None else self._hold.client
 
     def ask(self, client: str, message: wire.OfRobot) -> None:
@@ -204,7 +204,7 @@ class Twin:
         return None
 
     def leave_to(self, client: str) -> None:
-        """Check that a client may move the robot.
+        """Check that no other client holds the robot.
 
         Raises:
             RefusedError: another client holds the robot.
@@ -213,7 +213,7 @@ class Twin:
             raise RefusedError("held", f"{self._hold.client} holds {self.called}")
 
     def let_go(self, client: str) -> None:
-        """Release the grab of a client whose next request replaces it; the last refusal stays shown."""
+        """Release the grab of a client before its next request; keep the message on the last refusal."""
         if self.holder == client:
             self._hold = None
 
@@ -232,7 +232,7 @@ class Twin:
         self._hold = hold
 
     def _leave_track(self) -> None:
-        """Stop playing, with the desk at the present pose of the protocol."""
+        """Stop playing, and set the desk to the present pose of the protocol."""
         self.clock.playing, self._wish = False, None
         self._worker.drop("look", "move")
         if self._track is None or self._sample is None:
@@ -275,11 +275,11 @@ class Twin:
     def _failure(self, text: str) -> None:
         self.send({"type": "error", "code": "failed", "message": text[:500]})
 
-    # -- jobs and what they find ----------------------------------------------------------------------
+    # -- jobs and their results -----------------------------------------------------------------------
 
     def _move(self, move: Callable[[], Moved]) -> None:
-        """Move the desk by the newest request, once in a tick, and show the result."""
-        if self._moved == self._tick:  # only one solution in a tick is shown
+        """Move the desk as the newest request states, at most once per tick, and display the result."""
+        if self._moved == self._tick:  # only one solution is displayed per tick
             self._wish = move
             return
         self._moved, self._wish = self._tick, None
@@ -292,7 +292,7 @@ class Twin:
 
         def done(found: tuple[Shown, bool]) -> None:
             shown, more = found
-            if hold is not None and self._hold is not hold:  # released meanwhile: the refused target no longer matters
+            if hold is not None and self._hold is not hold:  # already released: ignore the refused target
                 shown = replace(shown, reason="")
             elif more and self._wish is None and self._sample is None:
                 self._wish = move
@@ -306,7 +306,7 @@ class Twin:
         return Shown(poses, assembly.q, ghost, reason)
 
     def _show(self, shown: Shown) -> None:
-        """Show a sample, with the signs of its quaternions continuous to the previous sample."""
+        """Display a sample, with signs of quaternions continuous with the previous sample."""
         last = getattr(self, "_shown", shown)
         ghost = shown.ghost
         if ghost is not None and last.ghost is not None:
@@ -314,14 +314,14 @@ class Twin:
         self._shown = Shown(wire.near_signs(shown.poses, last.poses), shown.q, ghost, shown.reason)
 
     def _again(self) -> None:
-        """Show the present sample again, with a changed ghost."""
+        """Display the present sample again with a changed ghost."""
         if self._sample is not None:
             self.stand()
         else:
             self._move(lambda: self.desk.moved)
 
     def stand(self) -> None:
-        """Show the sample of the protocol at the clock's time."""
+        """Display the sample of the protocol at the clock's time."""
         track = self._track
         if track is None:
             return
@@ -400,7 +400,7 @@ class Twin:
         self._worker.ask("plan", job, done)
 
     def welcome(self) -> list[dict[str, Any]]:
-        """Return the documents for a new client: path and workspace."""
+        """Return the documents for a new client: tip path and workspace."""
         return [path(self._track), *self._reach.sent]
 
     def state(self) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""A solver thread, so that the event loop never waits for a solver."""
+"""A thread for solvers, so that the event loop never waits for a solver."""
 
 from __future__ import annotations
 
@@ -10,13 +10,14 @@ from typing import Any
 
 
 class Worker:
-    """Worker thread: a newer job replaces a waiting job of the same kind, so that fast input does not queue up.
+    """Worker thread with a queue of jobs; a new job replaces a waiting job of the same kind, because input is fast.
 
-    All methods are called from the event loop; `done` of a job is called on the event loop with the job's result.
+    All methods are called in the event loop. When a job ends, its function `done` is called in the event loop with the
+    job's result.
     """
 
     def __init__(self, broken: Callable[[Exception], object]) -> None:
-        """Start the thread; `broken` is called on the event loop with unexpected exceptions of jobs."""
+        """Start the thread; `broken` is called in the event loop with an unexpected exception of a job."""
         self._broken = broken
         self._jobs: dict[str, tuple[Callable[[], Any], Callable[[Any], object]]] = {}
         self._condition = threading.Condition()
@@ -26,14 +27,14 @@ class Worker:
         self._thread.start()
 
     def ask(self, kind: str, job: Callable[[], Any], done: Callable[[Any], object]) -> None:
-        """Queue a job; a waiting job of the same kind is dropped."""
+        """Queue a job, and remove a waiting job of the same kind."""
         with self._condition:
             self._jobs.pop(kind, None)
             self._jobs[kind] = (job, done)
             self._condition.notify()
 
     def drop(self, *kinds: str) -> None:
-        """Drop waiting jobs of these kinds."""
+        """Remove waiting jobs of these kinds."""
         with self._condition:
             for kind in kinds:
                 self._jobs.pop(kind, None)
@@ -44,7 +45,7 @@ class Worker:
             return kind in self._jobs
 
     def close(self, patience: float = 0.2) -> None:
-        """End the thread; wait at most `patience` s for the present job."""
+        """End the thread; wait at most `patience` s for the running job."""
         with self._condition:
             self._jobs.clear()
             self._ended = True
@@ -68,5 +69,5 @@ class Worker:
                     return
             try:
                 self._loop.call_soon_threadsafe(done, result)
-            except RuntimeError:  # the loop was closed meanwhile
+            except RuntimeError:  # the event loop has been closed
                 return

@@ -1,4 +1,4 @@
-"""Reports as HTML page, JSON and plots; matplotlib and jinja2 are imported only when needed."""
+"""Write reports as HTML pages, JSON and plots; matplotlib and jinja2 are imported only when needed."""
 
 from twin.ui.report.files import FORMATS, write_report
 from twin.ui.report.html import render_html

@@ -1,4 +1,4 @@
-"""Draw the results of a console check: each clause (requirement), and the path of the tool for a closed hand motion."""
+"""Draw the results of a console check: each requirement (clause), and the tool path for a closed hand motion."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def figure(found: Contract) -> Figure:
-    """Return a figure with two panels: clauses by equation, green or red; the tool's path for a closed hand motion."""
+    """Return a figure with two panels: clauses by equation (green or red), tool path for a closed hand motion."""
     with styled():
         from matplotlib.figure import Figure
 

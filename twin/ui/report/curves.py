@@ -1,4 +1,4 @@
-"""Data for the plots of a report: curves with fewer samples but all peaks, and their limits."""
+"""Data for the plots of a report: curves reduced to fewer samples without losing peaks, and their limits."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from twin.core.spatial import Array
 from twin.validation.result import Report, Residual, RowKind
 
 POINTS = 2000
-"""Maximum number of points of a drawn curve."""
+"""Maximum number of points in a drawn curve."""
 
 
 def thin(t: Array, y: Array, points: int = POINTS) -> tuple[Array, Array]:
-    """Return (t, y) with at most `points` samples of a curve that look the same: the extremes of many intervals.
+    """Return (t, y) with at most `points` samples of a curve: minimum and maximum of each of many intervals.
 
-    The first and last sample, the overall extremes and gaps (NaN) are kept.
+    The first and last sample, the overall extremes and gaps (NaN) are kept, so that the plot looks the same.
 
     Args:
         t: (k,) times, increasing.
@@ -31,19 +31,19 @@ def thin(t: Array, y: Array, points: int = POINTS) -> tuple[Array, Array]:
     intervals = (points - 2) // each
     starts = np.linspace(0, k, intervals + 1).astype(int)
     width = int(np.diff(starts).max())
-    rows = np.minimum(starts[:-1, None] + np.arange(width), starts[1:, None] - 1)  # the last repeats
+    rows = np.minimum(starts[:-1, None] + np.arange(width), starts[1:, None] - 1)  # short intervals repeat the last
     values = y[rows]
     low, high = np.where(np.isnan(values), np.inf, values), np.where(np.isnan(values), -np.inf, values)
     first = np.arange(intervals)
     keep = [rows[first, low.argmin(axis=1)], rows[first, high.argmax(axis=1)], np.array([0, k - 1])]
     if each == 3:
-        keep.append(rows[first, np.isnan(values).argmax(axis=1)])  # where a gap begins in the interval
+        keep.append(rows[first, np.isnan(values).argmax(axis=1)])  # the first NaN of each interval
     index = np.unique(np.concatenate(keep))
     return t[index], y[index]
 
 
 def pair(report: Report, key: str, times: str = "t") -> tuple[Array, Array] | None:
-    """Return (t, values) of a series, or None if it is missing, empty, all NaN or of another length."""
+    """Return (t, values) of a series; None if it is missing, empty, all NaN or not of the same length as t."""
     t, y = report.series.get(times), report.series.get(key)
     if t is None or y is None:
         return None
@@ -54,7 +54,7 @@ def pair(report: Report, key: str, times: str = "t") -> tuple[Array, Array] | No
 
 
 def named(report: Report, prefix: str, times: str = "t") -> Iterator[tuple[str, Array, Array]]:
-    """Yield (name, t, values) of every series `<prefix>.<name>`."""
+    """Yield (name, t, values) of each series `<prefix>.<name>`."""
     for key in report.series:
         if key.startswith(f"{prefix}."):
             found = pair(report, key, times)
@@ -63,12 +63,12 @@ def named(report: Report, prefix: str, times: str = "t") -> Iterator[tuple[str, 
 
 
 def rows(report: Report, quantity: RowKind, unit: str = "", pairs: str = "") -> list[Residual]:
-    """Return the rows of one quantity (a row: one residual of the report); only of `unit` and `pair`, if given."""
+    """Return the residuals (rows) of a quantity in the report; only those with `unit` and in `pairs`, if given."""
     return [r for r in report.residuals if r.quantity == quantity and unit in ("", r.unit) and pairs in ("", r.pair)]
 
 
 def tolerance(report: Report, quantity: RowKind, unit: str, pairs: str = "A-B") -> float | None:
-    """Return the smallest tolerance of the rows that `rows` returns; None if none has a tolerance."""
+    """Return the smallest tolerance of the residuals that `rows` returns; None if none has a tolerance."""
     return min((r.tolerance for r in rows(report, quantity, unit, pairs) if r.tolerance), default=None)
 
 
@@ -78,15 +78,16 @@ def joint_unit(report: Report, joint: str) -> str:
 
 
 def alarms(report: Report) -> dict[str, float]:
-    """Return the alarm value of each singularity measure, from the findings."""
+    """Return the alarm value of each singularity measure by name, from the findings."""
     codes = ("singularity.", "margin.singularity")
     return {f.where: f.limit for f in report.findings if f.code.startswith(codes) and f.limit}
 
 
 def rcm_tolerance(report: Report) -> float | None:
-    """Return the maximum RCM error in m that the protocol allows, from the findings, else from the residuals.
+    """Return the maximum allowed RCM error in m of the protocol, from the findings, else from the residuals; or None.
 
-    Residuals of the driven mechanism at an enforced RCM are not used: their tolerance is that of agreement.
+    Residuals of the driven mechanism at an enforced RCM are not used, because their tolerance is the tolerance of model
+    agreement.
     """
     scale = {"m": 1.0, "mm": 1e-3, "um": 1e-6}
     limits = [
@@ -98,7 +99,7 @@ def rcm_tolerance(report: Report) -> float | None:
 
 
 def duration(report: Report) -> float | None:
-    """Return the duration of the protocol in s, or None if unknown."""
+    """Return the duration of the protocol in s; None if unknown."""
     if report.phases:
         return report.phases[-1].t1 - report.phases[0].t0
     t = report.series.get("t")

@@ -20,7 +20,7 @@ def write_report(report: Report, folder: Path, formats: Iterable[str] = FORMATS)
 
     Args:
         report: the report.
-        folder: an existing or new folder; the caller makes the write atomic (`twin.core.assets.atomic_folder`).
+        folder: an existing or new folder; for an atomic write use `twin.core.assets.atomic_folder`.
         formats: any of `FORMATS`.
 
     Returns:
@@ -57,16 +57,16 @@ def write_report(report: Report, folder: Path, formats: Iterable[str] = FORMATS)
 
 
 _PICTURES = ("console", "operate", "scene", "stroke", "sweep", "tolerance", "track", "workspace")
-"""Kinds of results with a picture, drawn by `figure(result)` in the module of that name."""
+"""Kinds of results with a picture; the module with the same name draws it with `figure(result)`."""
 
 
 def write_result(result: Result, folder: Path, name: str = "") -> list[str]:
-    """Write <name>.json, <name>.html, <name>.png if such results have a picture, and further data files.
+    """Write the files of a result: <name>.json, <name>.html, a picture <name>.png for some kinds, and data files.
 
     Args:
         result: the result.
-        folder: an existing folder; the caller makes the write atomic.
-        name: of the files; default: the kind of the result.
+        folder: an existing folder; for an atomic write use `twin.core.assets.atomic_folder`.
+        name: file name without suffix; "": the kind of the result.
 
     Returns:
         Names of the main files: the page, and the picture.

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 VERDICTS = {"agree": "Equations (A), CAD (B) and USD (C) agree", "disagree": "", "unchecked": "Could not check"}
-"""Headline of each verdict; the headline of a disagreement also names the two sides."""
+"""Headline of each verdict; for a disagreement, see `word`."""
 
 CAPTIONS = {
     "residual_matrix": "Worst residual of every compared quantity over all samples. Read a row from left to right: the "
@@ -41,17 +41,17 @@ CAPTIONS = {
     "relative to its alarm value and is 0 at the singularity; 1 is the alarm.",
     "clearance": "Smallest distance between bodies, except pairs that touch by design.",
 }
-"""Caption of each plot."""
+"""Caption of each plot, by name."""
 
 _ORIGINS = ("ASSUMED", "DERIVED", "CITED", "PUBLISHED")
 
 
 def render_html(report: Report, figures: Mapping[str, Figure] | None = None) -> str:
-    """Return the report as a self-contained page; the same bytes for the same report.
+    """Return the report as a self-contained HTML page, reproducible byte by byte.
 
     Args:
         report: the report.
-        figures: from `twin.ui.report.plots.figures`; None: they are drawn here.
+        figures: figures from `twin.ui.report.plots.figures`; None: draw them.
     """
     from markupsafe import Markup
 
@@ -88,13 +88,13 @@ def render_html(report: Report, figures: Mapping[str, Figure] | None = None) -> 
 
 
 def word(report: Report) -> str:
-    """Return the verdict as text; for a disagreement, with the two sides."""
+    """Return the verdict as text; for a disagreement, with the names of the two models."""
     text = VERDICTS[report.verdict] or SIDES[report.causes[0].side]
     return text[:1].upper() + text[1:]
 
 
 def reason(report: Report) -> str:
-    """Return the reason of the verdict in one sentence."""
+    """Return the reason for the verdict as one sentence."""
     if report.verdict == "unchecked":
         return f"{_sentence(report.causes[0].head)} Unchecked quantities have no verdict."
     if report.verdict == "disagree":
@@ -106,13 +106,13 @@ def reason(report: Report) -> str:
     fewest, most = min(r.samples for r in judged), max(r.samples for r in judged)
     span = fmt.count(most, "sample") if fewest == most else f"{fewest} to {fmt.count(most, 'sample')}"
     over = f", each at {span}" if most > 1 else ""
-    if failing:  # a report in which a failing row has no finding
+    if failing:  # a failing residual without a finding
         return f"There are no other findings, but {fmt.count(len(failing), 'residual')} exceed the tolerance."
     return f"All {len(judged)} judged residuals are within their tolerances{over}."
 
 
 def key_figures(report: Report) -> list[dict[str, str]]:
-    """Return the main figures as (label, value, note); the largest difference first."""
+    """Return label, value and note of each key number of the report, the largest difference first."""
 
     def worst(name: str, rows: list[Residual]) -> dict[str, str]:
         if not rows:
@@ -151,7 +151,7 @@ def command(report: Report) -> str:
 
 
 def _with_commands(report: Report) -> Markup:
-    """Return the suggestion as HTML, with formatted command lines."""
+    """Return the report's suggestion as HTML, with formatted command lines."""
     from markupsafe import Markup, escape
 
     text = str(escape(report.what_to_do))
@@ -169,7 +169,7 @@ def _sentence(finding: Finding) -> str:
 
 
 def _headline_figure(report: Report) -> list[dict[str, str]]:
-    """Return the value of the first cause, the same as in the sentence on the verdict."""
+    """Return the value of the first cause, which `reason` also states; [] if there is none."""
     if report.verdict != "disagree" or report.causes[0].head.size is None:
         return []
     cause = report.causes[0]
@@ -180,7 +180,7 @@ def _headline_figure(report: Report) -> list[dict[str, str]]:
 
 
 def _rcm_figure(report: Report) -> dict[str, str]:
-    """Return the RCM error of the mechanism, else of the planned motion, and the maximum that the protocol allows."""
+    """Return the RCM error of the mechanism, else of the planned motion, and the maximum allowed by the protocol."""
     rows, planned = curves.rows(report, "rcm", "m"), curves.pair(report, "rcm_error")
     if not rows and planned is None:
         return {"label": "RCM error", "value": fmt.NONE, "note": "no RCM registered", "state": "none"}
@@ -209,7 +209,7 @@ def _clearance_figure(report: Report) -> dict[str, str]:
 
 
 def _counts(report: Report) -> list[str]:
-    """Return texts with the number of causes, of their consequences, and of the other findings."""
+    """Return texts with the numbers of causes, of their consequences, and of other findings."""
     causes = report.causes
     told = {id(f) for c in causes for f in c.findings}
     out = [fmt.count(len(causes), "cause")] if causes else []
@@ -223,7 +223,7 @@ def _counts(report: Report) -> list[str]:
 
 
 def _groups(report: Report) -> list[dict[str, Any]]:
-    """Return the residuals (rows) by pair of models, failing rows first; a consequence follows its cause."""
+    """Return the residuals by pair of models, failing residuals first, each followed by its consequences."""
     out = []
     for pair in pair_names(report):
         rows = [r for r in report.residuals if r.pair == pair]
@@ -247,13 +247,13 @@ def _groups(report: Report) -> list[dict[str, Any]]:
 
 
 def _aliases(row: Residual) -> set[str]:
-    """Return the names by which other rows refer to this row."""
+    """Return the names by which other residuals refer to this residual."""
     name = f"{row.quantity} {row.name}"
     return {row.name, label(row), name, f"{row.pair} {name}"} - {""}
 
 
 def _parameters(report: Report) -> list[tuple[str, list[Parameter]]]:
-    """Return (title, parameters) for two groups: of equations and motion, of the CAD; assumed parameters first."""
+    """Return (title, parameters) of two groups: equations and motion, and CAD; assumed parameters are first."""
     ordered = sorted(report.parameters, key=lambda p: _ORIGINS.index(p.provenance))
     drawn = [p for p in ordered if p.name.startswith("drawing.")]
     return [
@@ -271,9 +271,9 @@ def _when(row: Residual) -> str:
 
 
 def _bar(f: Finding, beside: Iterable[Finding] = ()) -> dict[str, float] | None:
-    """Return the positions of size and limit on a linear bar, 0 to 100; None if there is nothing to show.
+    """Return the positions of a finding's size and limit on a linear bar from 0 to 100; None without size or limit.
 
-    The bar ends at the largest size of the findings `beside` in the same unit, or at twice the limit if that is larger.
+    The end of the bar is the largest size of the findings `beside` in the same unit or, if larger, twice the limit.
     """
     if f.size is None or not f.limit or not math.isfinite(f.size):
         return None

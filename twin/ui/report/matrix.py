@@ -1,4 +1,4 @@
-"""Draw the residual matrix: one row for each compared quantity, one column for each pair of models."""
+"""Draw the residual matrix: a row for each compared quantity, a column for each pair of models."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ PAIRS = {
     "C": ("USD read back by itself", "C"),
     "B-D": ("mechanism against baked motion", "B–D"),
 }
-"""Titles of the pairs of models, in the order of display; other pairs follow."""
+"""(Long, short) title of each pair of models, in the order of display; other pairs follow."""
 
 _MOST_ROWS = 48
 _LONGEST = 28
 _DECADES = 6.0
-"""Orders of magnitude below (above) the tolerance at which a cell has its palest (strongest) colour."""
+"""Orders of magnitude below or above the tolerance at which the colour of a cell is darkest."""
 
 
 def pair_names(report: Report) -> list[str]:
@@ -34,7 +34,7 @@ def pair_names(report: Report) -> list[str]:
 
 
 def label(row: Residual) -> str:
-    """Return the compared quantity of a row as text: "point s1", "tool rotation", "driven joint q3"."""
+    """Return the compared quantity of a residual as text: "point s1", "tool rotation", "driven joint q3"."""
     angular = row.unit.startswith("rad")
     if row.quantity == "tool":
         where = "" if row.name == "tool" else f" {row.name}"
@@ -53,14 +53,14 @@ def label(row: Residual) -> str:
 
 
 def decades(row: Residual) -> float | None:
-    """Return log10 of a residual's worst value over its tolerance; None without a tolerance."""
+    """Return log10 of a residual's worst value divided by its tolerance; None without a tolerance."""
     if not row.tolerance or not math.isfinite(row.worst):
         return None
     return math.log10(max(row.worst / row.tolerance, 1e-300))
 
 
 def residual_matrix(report: Report) -> Figure | None:
-    """Draw the residual matrix as cells: green within tolerance, red beyond; darker further from the tolerance."""
+    """Draw the residual matrix: cells are green within tolerance, red beyond it, and darker further from it."""
     if len(report.residuals) < 2:
         return None
     from matplotlib.colors import to_rgb
@@ -113,7 +113,7 @@ def residual_matrix(report: Report) -> Figure | None:
 
 
 def _most_telling(table: dict[str, dict[str, Residual]]) -> list[str]:
-    """Return at most a number of row names in their order, leaving out those furthest below their tolerance."""
+    """Return at most `_MOST_ROWS` row names, in their order, without the rows furthest below their tolerance."""
     if len(table) <= _MOST_ROWS:
         return list(table)
 
@@ -126,7 +126,7 @@ def _most_telling(table: dict[str, dict[str, Residual]]) -> list[str]:
 
 
 def _heading(pair: str) -> str:
-    """Return the short and the long name of a pair, in two lines."""
+    """Return the heading of a pair: short and long title on separate lines."""
     words, short = PAIRS.get(pair, ("", pair))
     for break_at in (" against ", " by "):
         words = words.replace(break_at, f"\n{break_at[1:]}")

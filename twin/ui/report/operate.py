@@ -1,4 +1,4 @@
-"""Draw the trials of the simulated operator: remaining distance, and pedal state."""
+"""Draw the trials of the simulated operator: distance to the goal, and pedal state."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ _LEAST = 1e-4
 _TICKS = {1e-4: "0.1 µm", 1e-3: "1 µm", 1e-2: "10 µm", 0.1: "0.1 mm", 1.0: "1 mm", 10.0: "10 mm", 100.0: "100 mm"}
 
 _SHOWN = 4
-"""Maximum number of trials with a panel; the others are only in the table and the files."""
+"""Maximum number of trials with a panel; further trials are only in the table and the files."""
 
 
 def figure(found: Operated) -> Figure:
-    """Return a figure with a panel for each of the first trials: distance to the current goal, insertions shaded."""
+    """Return a figure with a panel for each of the first trials: distance to the goal; insertions are shaded."""
     with styled():
         from matplotlib.figure import Figure
         from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator

@@ -1,4 +1,4 @@
-"""Write any result as a self-contained HTML page: verdict, findings, picture, and the text of the command."""
+"""Write a result as a self-contained HTML page: verdict, findings, picture, and the text of the command."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ if TYPE_CHECKING:
 
 
 def render(result: Result, name: str, figure: Figure | None = None) -> str:
-    """Return the page of a result; the same text for the same result.
+    """Return the HTML page of a result; the same result always gives the same text.
 
     Args:
         result: the result.
-        name: of the file with its data, without suffix.
-        figure: its picture, or None.
+        name: name without suffix of the file with its data.
+        figure: its picture; None: no picture.
     """
     from jinja2 import DictLoader, Environment, StrictUndefined
     from markupsafe import Markup
@@ -46,7 +46,7 @@ def render(result: Result, name: str, figure: Figure | None = None) -> str:
 
 
 def merged(parts: Iterable[Part]) -> Iterator[str | Table]:
-    """Yield the tables of a text, and each group of lines between them as one block; without findings."""
+    """Yield the tables of a text, and each group of lines between two tables as one block; skip findings."""
     block: list[str] = []
     for part in parts:
         if isinstance(part, Table):

@@ -1,4 +1,4 @@
-"""The plots of a report. Each function takes a report and returns a figure, or None if the report lacks the curves."""
+"""Draw the plots of a report; each function returns a figure, or None if the report lacks the necessary curves."""
 
 from __future__ import annotations
 
@@ -39,9 +39,9 @@ if TYPE_CHECKING:
 
 _RATES = (("displacement", ""), ("speed", "/s"), ("acceleration", "/s²"))
 _NOISY = 800
-"""Maximum number of points of a noisy curve, because all points are written into the page."""
+"""Maximum number of points in a noisy curve, because the page contains all points."""
 _SIDE = 1.5
-"""Width in inches for a legend beside the axes."""
+"""Width in inches of a legend beside the axes."""
 
 
 def active_joints(report: Report) -> Figure | None:
@@ -74,9 +74,9 @@ def active_joints(report: Report) -> Figure | None:
 
 
 def tool_motion(report: Report) -> Figure | None:
-    """Draw displacement, speed and acceleration of the tool's origin and angles, as in Fig. 10 of the paper.
+    """Draw displacement, speed and acceleration of the tool's origin and angles, as in Fig. 10 of the SILS paper.
 
-    The independent model is a black dashed line, if the report has it.
+    Curves of the independent model, if the report has them, are black dashed lines.
     """
     linear = [curves.pair(report, f"{key}_tool") for key in "pva"]
     if linear[0] is None:
@@ -97,7 +97,7 @@ def tool_motion(report: Report) -> Figure | None:
 
 
 def residuals(report: Report) -> Figure | None:
-    """Draw the difference of formula and mechanism over time: tool, named points, driven joints, rotation."""
+    """Draw the differences between formula and mechanism over time: tool, named points, driven joints, rotation."""
     driven: dict[str, list[tuple[str, Array, Array]]] = {"m": [], "rad": []}
     for name, t, y in curves.named(report, "residual_driven", "t_coarse"):
         driven[curves.joint_unit(report, name)].append((name, t, y))
@@ -134,7 +134,7 @@ def residuals(report: Report) -> Figure | None:
 
 
 def rcm(report: Report) -> Figure | None:
-    """Draw the distance of the shaft axis from the registered RCM, with the maximum allowed distance."""
+    """Draw the distance of the shaft axis from the registered RCM, and the maximum allowed distance."""
     found = curves.pair(report, "rcm_error")
     if found is None or found[1].ndim != 1:
         return None
@@ -156,7 +156,7 @@ def fulcrum(report: Report) -> Figure | None:
     """Draw the sideways displacement of the tip and of the outer shaft, which move in opposite directions."""
     found = curves.pair(report, "fulcrum")
     if found is None or found[1].ndim != 2 or np.nanmax(found[1][:, 0]) - np.nanmin(found[1][:, 0]) < MM:
-        return None  # straight in and out: nothing moves sideways
+        return None  # the tip moves sideways by less than 1 mm
     t, y = found[0], found[1] / MM
     figure, axes = panels(headline("Fulcrum", report), [2.0], 1)
     ax = axes[0][0]
@@ -169,7 +169,7 @@ def fulcrum(report: Report) -> Figure | None:
 
 
 def margins(report: Report) -> Figure | None:
-    """Draw the margins to joint limits, end of reach, and singularities."""
+    """Draw the margins to the joint limits, to the end of reach, and to singularities."""
     limit = curves.pair(report, "limit_margin")
     reach = list(curves.named(report, "reach"))
     measures = list(curves.named(report, "singularity"))
@@ -198,7 +198,7 @@ def margins(report: Report) -> Figure | None:
 
 
 def clearance(report: Report) -> Figure | None:
-    """Draw the smallest distance between bodies, except pairs that touch by design."""
+    """Draw the minimum distance between bodies, except pairs that touch by design."""
     found = curves.pair(report, "clearance", "clearance_t")
     if found is None or found[1].ndim != 1:
         return None
@@ -223,11 +223,11 @@ PLOTS: dict[str, Callable[[Report], Figure | None]] = {
     "margins": margins,
     "clearance": clearance,
 }
-"""Every plot function by the name of its file."""
+"""Plot functions by file name."""
 
 
 def figures(report: Report) -> dict[str, Figure]:
-    """Return the plots for which the report has curves, by name, in the order of `PLOTS`."""
+    """Return by name the plots for which the report has curves, in the order of `PLOTS`."""
     with styled():
         drawn = {name: draw(report) for name, draw in PLOTS.items()}
     return {name: figure for name, figure in drawn.items() if figure is not None}
@@ -272,7 +272,7 @@ def _draw_xyz(
 
 
 def _draw_measures(ax: Axes, lines: list[tuple[str, Array, Array]], alarms: dict[str, float]) -> None:
-    """Draw absolute measures divided by their alarms; the five nearest to their alarm in colour, others grey."""
+    """Draw absolute values of measures divided by their alarms; the five smallest in colour, others in grey."""
     known = [(name, t, np.abs(y) / alarms.get(name, 1.0)) for name, t, y in lines]
     known.sort(key=lambda line: float(np.nanmin(line[2])))
     for i, (name, t, y) in enumerate(known):
@@ -294,7 +294,7 @@ def _draw_measures(ax: Axes, lines: list[tuple[str, Array, Array]], alarms: dict
 
 
 def _zero_based(ax: Axes, values: list[Array]) -> None:
-    """Let the axis begin at zero, or below zero if a margin is negative."""
+    """Set the start of the y axis to zero, or below zero if a margin is negative."""
     low = min(float(np.nanmin(v)) for v in values)
     high = max(float(np.nanmax(v)) for v in values)
     ax.set_ylim(min(0.0, 1.15 * low), max(high, 0.0) * 1.12 or 1.0)

@@ -1,4 +1,4 @@
-"""Draw a scene's clearances: between robots, and between robots and props."""
+"""Draw the clearances of a scene: between robots, and between robots and props."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _LEAST = 0.1
 
 
 def figure(played: Played) -> Figure:
-    """Return a figure of distances over time, one line for each pair of robots or props, above the robots' phases."""
+    """Return a figure with the distances of all pairs of robots or props over time, and the phases of the robots."""
     scene, actors = played.scene, played.actors
     with styled():
         from matplotlib.figure import Figure

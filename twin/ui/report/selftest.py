@@ -1,4 +1,4 @@
-"""Add the score of the validator, from `twin selftest` on the same robot, to a report."""
+"""Add the score of the validator (result of `twin selftest`) for the same robot to a report."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ HEADING = "the validator on this robot"
 
 
 def with_selftest(report: Report, path: Path) -> Report:
-    """Return the report with the score in a `selftest.json`, if that is for the same robot.
+    """Return the report with the score from a `selftest.json`, if the file is for the same robot.
 
     Args:
         report: the report.
-        path: the file, which may be missing. A score of another state of the CAD is left out; a score of only some
-            families of faults is shown with their names.
+        path: the file, which may be missing. A score for a different state of the CAD is omitted; a score for only some
+            families of faults is shown with the names of these families.
     """
     try:
         data = json.loads(path.read_text(encoding="utf-8"))

@@ -1,4 +1,4 @@
-"""Draw sweeps: error of the tool over the range of a joint, on a logarithmic axis."""
+"""Draw tool errors over the range of a joint, on a logarithmic axis."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _LEAST = 1e-9
-"""Difference in um below which it is rounding, and is drawn at the lower end of the axis."""
+"""Lower end of the axis in um; smaller differences are rounding errors and are drawn at this end."""
 
 _UNITS = {-9: "1 fm", -6: "1 pm", -3: "1 nm", 0: "1 µm", 3: "1 mm"}
 """Axis labels for powers of ten of a micrometre."""
 
 
 def figure(strokes: Strokes) -> Figure:
-    """Return a figure with one panel for each joint."""
+    """Return a figure with a panel for each joint."""
     robot, sweeps, requirement = strokes.robot, strokes.sweeps, strokes.requirement
     with styled():
         from matplotlib.figure import Figure

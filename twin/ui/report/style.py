@@ -19,12 +19,11 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 INK, GRID, BAND = "#1c2733", "#d5dbe1", "#eef2f5"
-"""Colours of text and axes, grid, every second phase; the page replaces them by CSS variables, to support a dark mode.
-"""
+"""Colours of text and axes, of the grid, and of every second phase; the page replaces them by CSS variables."""
 FIT, UNFIT, NEAR = "#00795c", "#c4420a", "#d99100"
-"""Colours for within tolerance, beyond tolerance, near an alarm; green and red also differ in lightness."""
+"""Colours of values within tolerance, beyond tolerance, near an alarm; green and red also differ in lightness."""
 PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#7A5195", "#8C8C8C")
-"""Colours of Okabe and Ito, distinguishable with any colour vision, the strong ones first."""
+"""Colours of Okabe and Ito, distinguishable with any colour vision, strong colours first."""
 XYZ = ("#D55E00", "#009E73", "#0072B2")
 
 WIDTH = 9.0
@@ -72,7 +71,7 @@ _RC: Any = {
 
 @contextlib.contextmanager
 def styled(salt: str = "twin") -> Iterator[None]:
-    """Draw and save only with these settings, independent of the user's matplotlibrc."""
+    """Apply the style within a `with` block, independent of the user's matplotlibrc; `salt` makes ids of SVG unique."""
     import matplotlib
 
     with matplotlib.rc_context():
@@ -92,8 +91,8 @@ def panels(
     """Return a figure with a title and rows of axes that share the time axis.
 
     Args:
-        title: at the top left.
-        heights: of the rows in inches.
+        title: title at the top left.
+        heights: heights of the rows in inches.
         columns: number of axes in a row.
         right: space at the right in inches, for a legend beside the axes.
         head: space above the first row in inches, for title, legend and phase names.
@@ -125,18 +124,18 @@ def panels(
             ax.tick_params(length=2.5)
             ax.locator_params(nbins=6, axis="y")
             wide = ax.get_position().width * WIDTH
-            ax.yaxis.set_label_coords((-0.66 if columns == 1 else -0.5) / wide, 0.5)  # not searched for
+            ax.yaxis.set_label_coords((-0.66 if columns == 1 else -0.5) / wide, 0.5)  # fixed position: faster
             if row is grid[-1]:
                 ax.set_xlabel("time [s]")
                 ax.xaxis.set_label_coords(0.5, -0.3 / tall)
             else:
-                ax.xaxis.set_visible(False)  # the bands say when; ticks are slow to draw
+                ax.xaxis.set_visible(False)  # the bands show the times; ticks are slow to draw
                 ax.spines["bottom"].set_visible(False)
     return figure, grid
 
 
 def phase_bands(axes: list[list[Axes]], phases: tuple[PhaseSummary, ...]) -> None:
-    """Shade every second phase, and name the phases above the first row, or number them if a name does not fit."""
+    """Shade every second phase, and write the names of phases above the first row; numbers if a name does not fit."""
     if not phases:
         return
     t0, t1 = phases[0].t0, phases[-1].t1
@@ -156,7 +155,7 @@ def phase_bands(axes: list[list[Axes]], phases: tuple[PhaseSummary, ...]) -> Non
                     fits = int((phase.t1 - phase.t0) * inches / 0.078)
                     name = phase.name.replace("_", " ")
                     text = name if len(name) <= fits else f"{name[: fits - 1]}…" if fits > 3 else str(i + 1)
-                    if fits < len(text):  # a number would run into its neighbours
+                    if fits < len(text):  # even the number would overlap adjacent ones
                         continue
                     middle = (phase.t0 + phase.t1) / 2
                     ax.annotate(
@@ -171,7 +170,7 @@ def legend_above(ax: Axes, columns: int = 8) -> None:
 
 
 def legend_beside(ax: Axes) -> None:
-    """Put the legend right of the axes."""
+    """Put the legend to the right of the axes."""
     if ax.get_legend_handles_labels()[0]:
         ax.legend(loc="upper left", bbox_to_anchor=(1.02, 1), labelspacing=0.35)
 
@@ -181,7 +180,7 @@ _LEAST = 1e-16
 
 
 def log_axis(ax: Axes, unit: str, values: list[np.ndarray], limits: list[float]) -> None:
-    """Make the y axis logarithmic, with a range around values and limits, and ticks such as "10 µm"."""
+    """Make the y axis logarithmic, with a range that contains values and limits, and ticks such as "10 µm"."""
     from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 
     positive = np.concatenate([v[np.isfinite(v) & (v > 0)] for v in values] + [np.array(limits)])
@@ -200,7 +199,7 @@ def log_axis(ax: Axes, unit: str, values: list[np.ndarray], limits: list[float])
 
 
 def _tick(value: float, unit: str) -> str:
-    """Return the label of a power of ten with its unit."""
+    """Return the tick label of a power of ten with its unit."""
     text = quantity(value, unit, 1)
     if text.startswith("<"):
         text = f"{power(value / DEG, 1)}°{unit[3:]}" if unit.startswith("rad") else f"{power(value, 1)} {unit}"
@@ -219,7 +218,7 @@ def limit_line(ax: Axes, value: float | None, label: str, color: str = UNFIT) ->
 
 
 def mark(ax: Axes, t: float, value: float, text: str, color: str = INK, below: bool = False) -> None:
-    """Mark one sample by a ring, and write its value above or below it, where there is room."""
+    """Mark a sample with a ring, and write its value above or (if `below`) under the ring, as far as there is space."""
     ax.plot([t], [value], "o", ms=6, mfc="none", mec=color, mew=1.2, zorder=4, clip_on=False)
     left, right = ax.get_xlim()
     late = t > left + 0.7 * (right - left)
@@ -243,7 +242,7 @@ def headline(what: str, report: Report) -> str:
 
 
 def png(figure: Figure) -> bytes:
-    """Return a figure as PNG on white, reproducible byte by byte."""
+    """Return a figure as PNG with white background, reproducible byte by byte."""
     buffer = io.BytesIO()
     with styled():
         figure.savefig(
@@ -258,11 +257,11 @@ def png(figure: Figure) -> bytes:
 
 
 def svg(figure: Figure, name: str, label: str) -> str:
-    """Return a figure as SVG for a page: no size, no timestamps, unique ids, colours of the page.
+    """Return a figure as SVG for a page: without size and timestamps, with unique ids and the colours of the page.
 
     Args:
         figure: the figure.
-        name: prefix of its ids, unique in the page.
+        name: prefix of its ids, which must be unique in the page.
         label: alternative text.
     """
     from markupsafe import escape

@@ -1,4 +1,4 @@
-"""Draw a sweep over designs: the trade-off of two objectives, and the effect of each factor."""
+"""Draw a sweep over designs: the trade-off between two objectives, and the effect of each factor."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 def figure(found: Sweep) -> Figure:
-    """Return the figure of a sweep."""
+    """Return a figure with the trade-off between two objectives, and the effect of each factor."""
     robot, judged, best, names = found.robot, found.judged, found.best, list(found.rows[0])[1:-1]
     scales = np.array([f.scale for f in found.work.factors])
     designs, factors, objectives = found.designs / scales, names[: len(scales)], names[len(scales) :]

@@ -1,4 +1,4 @@
-"""Draw a tolerance budget: error of each state, the requirement, and the largest contributions."""
+"""Draw a tolerance budget: error at each state, required value, and largest contributions."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _SHOWN = 14
-"""Maximum number of contributions with a bar; the others share one bar."""
+"""Maximum number of contributions with their own bar; the remaining contributions share one bar."""
 
 
 def figure(found: ToleranceBudget) -> Figure:
-    """Return the figure of a tolerance budget."""
+    """Return a figure with the error at each state, the required value, and the largest contributions."""
     robot, budgets, required = found.robot, found.content()["states"], found.required
     worst = max(budgets, key=lambda b: b["within_position"])
     with styled():

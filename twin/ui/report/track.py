@@ -1,4 +1,4 @@
-"""Draw computed-torque control: tip error over time, efforts relative to their limits, error over mismatch."""
+"""Draw results of computed-torque control: tip error over time, efforts relative to limits, error over mismatch."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _TICKS = 25
-"""Window in ticks of the running mean of the effort."""
+"""Window of the running mean of the effort in ticks."""
 
 
 def figure(result: Tracking) -> Figure:
-    """Return a figure: tip errors of all runs, efforts of the worst run, largest tip errors over inertia error."""
+    """Return a figure: tip errors of all runs, efforts of the worst run, maximum tip error over inertia error."""
     runs, worst, curves = result.runs, result.runs[result.worst], result.curves
     w = worst.conditions.w
     title = f"{result.robot}, {result.protocol}: computed torque control, Kp = w², Kv = 2 w, w = {w:g} rad/s"
@@ -70,10 +70,10 @@ def _errors(ax: Axes, runs: Mapping[str, Run]) -> None:
 
 
 def _efforts(ax: Axes, result: Tracking, run: Run) -> None:
-    """Draw the efforts of every tick faintly, because encoder steps make them noisy, with their running mean."""
+    """Draw the running mean of the efforts and, in pale colours, the efforts of every tick (noisy by encoder steps)."""
     largest = 0.0
     for i, row in enumerate(result.efforts):
-        whole = row.limit or row.peak or 1.0  # without a stated limit: percent of the peak
+        whole = row.limit or row.peak or 1.0  # without a stated limit, percent of the peak
         part = 100 * run.effort[:, i] / whole
         color = PALETTE[i % len(PALETTE)]
         ax.plot(*thin(run.t, part), color=color, lw=0.5, alpha=0.3)
@@ -103,7 +103,7 @@ def _curves(ax: Axes, curves: Mapping[str, Sequence[Run]]) -> None:
 
 
 def _up_to(ax: Axes, largest: float) -> None:
-    """Set the y axis from 0 to above the largest error in m, and above the paper's 1 mm if that is near."""
+    """Set the y axis from 0 to above the largest error in m, and also above the paper's 1 mm if it is near."""
     near = largest > 0.4 * TIP_LIMIT
     if near:
         limit_line(ax, TIP_LIMIT / UM, "1 mm, as the paper reports")

@@ -1,4 +1,4 @@
-"""Draw a workspace: three sections through its best region, and the distribution of conditioning."""
+"""Draw a workspace: three sections through its best region, and the distribution of its conditioning."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _SECTIONS = ((0, 1, 2), (0, 2, 1), (1, 2, 0))
-"""Axes (0, 1, 2 for x, y, z) of each section: horizontal, vertical, and perpendicular to the section."""
+"""Axes (0, 1, 2 for x, y, z) of each section: horizontal axis, vertical axis, axis normal to the section."""
 
 
 def figure(found: Workspace) -> Figure:
-    """Return the figure of a workspace."""
+    """Return a figure with three sections and the distribution of the conditioning."""
     robot, low, step, summary = found.robot, found.grid.low, found.grid.step, found.content()
     cube = found.cube
     shape = cube.shape
@@ -68,7 +68,7 @@ def _around(summary: Mapping[str, Any]) -> str:
 
 
 def _cut(reached: np.ndarray, shown: np.ndarray) -> tuple[int, int, int]:
-    """Return the indices (3,) of the cell in which the sections meet: the middle of the best tenth of cells."""
+    """Return the indices (3,) of the cell in which the sections intersect: the centre of the best tenth of cells."""
     if not reached.any():
         return (0, 0, 0)
     good = np.argwhere(reached & (np.nan_to_num(shown) >= np.nanquantile(shown, 0.9)))
@@ -78,7 +78,7 @@ def _cut(reached: np.ndarray, shown: np.ndarray) -> tuple[int, int, int]:
 
 
 def _volumes(ax: Axes, shown: np.ndarray, values: np.ndarray, step: float, label: str) -> None:
-    """Draw the volume in which the conditioning is at least a minimum, over that minimum."""
+    """Draw the volume of the cells whose conditioning is at least a minimum value, over this minimum value."""
     cell = (step / 0.1) ** 3
     share = values[:, 0].astype(float)
     ordered = np.sort(shown.astype(float))

@@ -1,1 +1,1 @@
-"""The active robot, independent of viewer and headset: its state (desk), timeline, readings, recorded sessions."""
+"""State (desk), timeline, readings and recorded sessions of the active robot, independent of viewer and headset."""

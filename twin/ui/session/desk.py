@@ -1,7 +1,8 @@
-"""The active robot: state, moves, and their limits. Independent of any browser.
+"""The active robot: its state, moves and their limits, independent of viewer and headset.
 
-The mechanism with its loops determines the link poses; the equations give the joints for a tool pose and are compared
-with the mechanism. After an unreachable target the robot stays at the last valid pose, and the reason is stored.
+The mechanism with its loops determines the link poses. The equations compute the joint values for a tool pose and are
+compared with the mechanism. If a target cannot be reached, the robot stays at the last valid pose, and the reason is
+stored.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ from twin.reference.states import Assembly
 from twin.ui.session.hand import Hand
 
 ENDOSCOPE = "endoscope_tip"
-"""Name of the frame of a robot's own endoscope camera, which looks along z."""
+"""Name of the frame of a robot's endoscope camera, which looks along z."""
 
 
 @dataclass(frozen=True)
@@ -35,10 +36,10 @@ class Moved:
     """Result of a move request.
 
     Attributes:
-        good: whether the robot reached the target.
-        reason: why it did not, with value and limit; "" if it did.
-        seconds: solving time.
-        more: whether only the time limit was reached; repeat the request to continue.
+        good: whether the robot has reached the target.
+        reason: why it has not reached the target, with value and limit; "" if it has.
+        seconds: solving time in s.
+        more: whether the move stopped only because of its time limit; repeat the request to continue.
     """
 
     good: bool
@@ -48,14 +49,14 @@ class Moved:
 
 
 class Desk:
-    """A robot that can be moved by its tool, its joints or any point of a link.
+    """State of a robot that can be moved by its tool, its joints or any point of a link.
 
     Attributes:
-        robot: with its equations; `mechanism` and `model` may be of a modified design.
-        kin: its equations, or None (a USD stage without robot folder).
-        assembly: its present state.
-        asked: (4, 4) the last requested tool pose, or None after another kind of move.
-        lock: held during a move; readers use `assembly`, which is replaced as a whole.
+        robot: the robot; `mechanism` and `model` may be of a modified design.
+        kin: equations of the robot; None for a USD stage without robot folder.
+        assembly: the present state.
+        asked: the last requested tool pose (4, 4); None after a different kind of move.
+        lock: held during a move; readers need no lock, because `assembly` is replaced in one step.
     """
 
     def __init__(self, robot: Robot) -> None:
@@ -80,9 +81,9 @@ class Desk:
         return self.model.home() if home is None else self.model.solve(home)
 
     def shaft(self) -> tuple[Array, Array]:
-        """Return (tip (3,) in m, direction (3,) of the shaft towards the tip) in base.
+        """Return (tip (3,) in m, unit vector (3,) along the shaft towards the tip) in the base frame.
 
-        Tip and shaft are those of the last used protocol; without a protocol the tool's origin and z axis.
+        Tip and shaft are those of the last used protocol; without a protocol, the tool's origin and z axis.
         """
         frame = self.mechanism.frame(self._frame)
         T = self.assembly.link_poses[frame.body] @ frame.T_body_frame
@@ -90,15 +91,15 @@ class Desk:
 
     @property
     def tip_body(self) -> str:
-        """Name of the body that carries the tip; see `shaft`."""
+        """Name of the body to which the tip belongs; see `shaft`."""
         return self.mechanism.frame(self._frame).body
 
     def speak_of(self, protocol: Protocol) -> None:
-        """Use the tip frame and shaft axis of this protocol instead of those of the default protocol."""
+        """Use the tip frame and the shaft axis of a protocol from now on."""
         self._frame, self._axis = protocol.frame, protocol.shaft_axis / np.linalg.norm(protocol.shaft_axis)
 
     def camera(self) -> tuple[Array, Array, Array]:
-        """Return (position, point ahead, point above) of an endoscope camera, each (3,) in m in base.
+        """Return (position, point ahead, point above) of an endoscope camera, each (3,) in m in the base frame.
 
         The camera is at the frame `endoscope_tip` and looks along its z with -y up; without such a frame it is at the
         tip of the shaft.
@@ -111,15 +112,15 @@ class Desk:
 
     @property
     def joints(self) -> tuple[Joint, ...]:
-        """Active joints, in the order of q."""
+        """The active joints, in the order of q."""
         return self.mechanism.active
 
     # -- moving ---------------------------------------------------------------------------------------
 
     def move_tool(self, T_base_tool: Array) -> Moved:
-        """Move the tool to a pose T_base_tool (4, 4), by the equations if the robot has any.
+        """Move the tool to a pose T_base_tool (4, 4), with the equations if the robot has any.
 
-        A robot that cannot keep the orientation (five joints) follows only with the tool's origin.
+        If a robot with fewer than six degrees of freedom cannot reach the pose, only the tool's origin follows.
         """
 
         def go() -> Assembly:
@@ -131,11 +132,11 @@ class Desk:
             out = self._try(go, T_base_tool)
             if out.good or not weak or not spatial.is_pose(T_base_tool, 1e-6):
                 return out
-            # the requested orientation is dropped, so that `asked` is not set for a comparison
+            # The orientation is not reached, so `asked` must not be set: it is used in comparisons.
             return self._led(*self._tool_point(), T_base_tool[:3, 3])
 
     def move_joint(self, joint: int, value: float) -> Moved:
-        """Move one active joint towards a value in m or rad; it stops at a limit, and the result states the reason."""
+        """Move an active joint towards a value in m or rad; if it stops earlier, the result states the reason."""
         with self.lock:
             q = self.assembly.q.copy()
             q[joint] = value
@@ -158,11 +159,11 @@ class Desk:
         return self._try(lambda: self._assembled(np.asarray(q, float)))
 
     def move_point(self, body: str, p_body: Array, target: Array) -> Moved:
-        """Move a point (3,) of a body towards a target (3,) in base, in m, in the same assembly mode."""
+        """Move a point (3,) in m of a body towards a target (3,) in m in the base frame, in the same assembly mode."""
         return self._led(body, p_body, target)
 
     def let_go(self) -> None:
-        """Clear the refused target after the release; the present state is valid."""
+        """Clear the message on an unreached target after a release."""
         with self.lock:
             self.moved = Moved(True)
 
@@ -175,17 +176,17 @@ class Desk:
         return self._try(lambda: self.model.solve(self.mechanism.posture(posture)))
 
     def keep(self, name: str) -> None:
-        """Store the present joint values under a name that `go` accepts."""
+        """Store the present joint values under a name, for `go`."""
         self._kept[name] = self.assembly.q.copy()
 
     def show(self, assembly: Assembly, asked: Array | None = None) -> None:
-        """Set the state to an assembly of the same model, such as a sample of a protocol with tool pose `asked`."""
+        """Set the state to an assembly of the same model, such as a sample of a protocol whose tool pose is `asked`."""
         with self.lock:
             self.assembly, self.asked, self.moved = assembly, asked, Moved(True)
 
     @property
     def edited(self) -> bool:
-        """Whether equations or mechanism differ from the robot's own."""
+        """Whether equations or mechanism differ from those of `robot`."""
         return bool(self.variants or self.parameters) or self.mechanism is not self.robot.mechanism
 
     @property
@@ -193,10 +194,10 @@ class Desk:
         """Names that `go` accepts."""
         return (*self.mechanism.postures, *(n for n in self._kept if n not in self.mechanism.postures))
 
-    # -- changing what is moved -----------------------------------------------------------------------
+    # -- changes of the robot -------------------------------------------------------------------------
 
     def bind(self, robot: Robot) -> None:
-        """Replace the robot by the same robot with other trocar positions."""
+        """Replace the robot by the same robot with different trocar positions."""
         with self.lock:
             self.robot, self.mechanism, self.model = robot, robot.mechanism, robot.reference()
             self.kin = self._compiled()
@@ -221,7 +222,7 @@ class Desk:
                 raise
 
     def redesign(self, mechanism: Mechanism) -> None:
-        """Use another design of the mechanism, in the state nearest to the present state.
+        """Use a different design of the mechanism, at the present joint values.
 
         Raises:
             AssemblyError: the design cannot be assembled at the present joints; nothing is changed.
@@ -239,13 +240,13 @@ class Desk:
             return self.robot.kinematics()
         return self.robot.kinematics(self.variants or None, self.parameters)
 
-    # -- inside ---------------------------------------------------------------------------------------
+    # -- internal functions ---------------------------------------------------------------------------
 
     def _joints_of(self, T: Array) -> Array | None:
-        """Return q (n,) by the equations, checked against the limits; None if there are no equations."""
+        """Return q (n,) computed by the equations for a tool pose (4, 4); None if there are no equations."""
         if self.kin is None:
             return None
-        if self.model.redundant:  # the nearest of many postures
+        if self.model.redundant:  # use the solution nearest to the present q
             return solve(self.kin, Pose(T), self.assembly.q, self.mechanism.limits, starts=1, any_branch=True).q
         return self.kin.inverse(T, self.assembly.q)
 
@@ -272,7 +273,7 @@ class Desk:
         return Hand(self.mechanism, self.model, gaps)
 
     def _led(self, body: str, p_body: Array, target: Array) -> Moved:
-        """Move a point; the result states by how far and why the point did not reach the target."""
+        """Move a point; the result states the remaining distance and the reason if the target was not reached."""
         dragged: list[Dragged] = []
 
         def go() -> Assembly:
@@ -296,7 +297,7 @@ class Desk:
             return out
 
     def _why(self, dragged: Dragged) -> str:
-        """Return as text what blocks the motion."""
+        """Return a text on the reason why the motion stopped."""
         reasons = [self._bound(b) for b in dragged.stops]
         if dragged.singular:
             reasons.append(_ended(dragged.singular))
@@ -319,7 +320,7 @@ class Desk:
         return "rad" if self.mechanism.actuator(bound.name).is_angle else "m"
 
     def _stopped(self, number: int, value: float, dragged: Dragged) -> str:
-        """Return as text why a joint did not reach a value."""
+        """Return a text on the reason why a joint did not reach a value in m or rad."""
         joint, (low, high) = self.joints[number], self.mechanism.limits[number]
         q = self.assembly.q.copy()
         q[number] = value
@@ -364,7 +365,7 @@ def _equations(robot: Robot) -> Kinematics | None:
 
 
 def _ended(singular: str) -> str:
-    """Return as text which singularity ended the motion."""
+    """Return a text on the singularity that stopped the motion."""
     if singular == "tool":
         return "the robot is at a singularity; the target is in another assembly mode"
     return f"{singular} is at a singularity and cannot move further in this assembly mode"

@@ -1,4 +1,4 @@
-"""Source of deformables for the pages: surfaces whose vertices are a function of the scene's time."""
+"""Source of deformables for viewer and headset: surfaces with vertices as a function of the scene's time."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from twin.simulation.frame import Frame
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """The constant data of a deformable: triangles and appearance.
+    """Constant data of a deformable: triangles and appearance.
 
     Attributes:
-        triangles: (m, 3) indices of vertices, counter-clockwise seen from outside; both sides are drawn.
-        color: red, green, blue in 0..1.
-        opacity: in 0..1.
+        triangles: (m, 3) indices of vertices, counter-clockwise as seen from outside; both sides are drawn.
+        color: red, green, blue, each 0..1.
+        opacity: 0 (invisible) to 1.
     """
 
     triangles: Array
@@ -29,11 +29,11 @@ class Surface:
 
 
 class Feed(Protocol):
-    """Deformables as a function of time; the same time always gives the same frame.
+    """Deformables as a function of time; the frame of a given time must always be the same.
 
     Attributes:
-        surfaces: by the names in `Frame.fields`.
-        duration: in s.
+        surfaces: surfaces by name, as in `Frame.fields`.
+        duration: duration in s.
     """
 
     @property
@@ -44,7 +44,7 @@ class Feed(Protocol):
 
 
 def vertices_of(frame: Frame, name: str, surface: Surface) -> Array:
-    """Return the vertices (n, 3) in m, world, of one surface in a frame.
+    """Return the vertices (n, 3) in m, world frame, of a surface in a frame.
 
     Raises:
         TwinError: the vertices are missing or not finite, or a triangle refers to a vertex that does not exist.

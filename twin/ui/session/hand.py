@@ -1,6 +1,6 @@
-"""Drag a robot: compiled loop equations move the mechanism, and the independent model closes the result.
+"""Drag a robot: compiled loop equations move the mechanism, then the independent model closes the loops.
 
-The compiled result is only a starting point: poses, gaps and readings come from the independent model.
+The compiled result is only the initial guess; poses, gaps and readings come from the independent model.
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ SECONDS = 0.014
 
 
 class Hand:
-    """Moves one mechanism; its functions are compiled at first use, or by `prepare`.
+    """Solver that moves a mechanism; its functions are compiled at the first use, or by `prepare`.
 
     Attributes:
-        gaps: (lower joint, upper joint, minimum distance in m) for joints that share a rail.
+        gaps: (lower joint, upper joint, minimum distance in m) of joints on a common rail.
     """
 
     def __init__(self, mechanism: Mechanism, model: ReferenceModel, gaps: Sequence[tuple[str, str, float]]) -> None:
@@ -37,11 +37,11 @@ class Hand:
 
     @cached_property
     def dragger(self) -> Dragger:
-        """The compiled loop equations, starting at the state that the independent model closes (or `AssemblyError`)."""
+        """The compiled loop equations, starting at home; `AssemblyError` if the loops cannot be closed there."""
         return Dragger(self.mechanism.with_rest(self.model.home().link_poses), self.bounds)
 
     def prepare(self) -> None:
-        """Compile in advance, so that the first drag does not wait; errors are raised at the drag."""
+        """Compile the functions before the first drag, which then need not wait; errors are raised by the drag."""
         with contextlib.suppress(AssemblyError, MechanismError):
             dragger, home = self.dragger, self.model.home()
             u = self._unknowns(home)
@@ -50,9 +50,9 @@ class Hand:
                 dragger.look(home.q, u, body.name, np.zeros(3))
 
     def point(self, now: Assembly, body: str, p_body: Array, target: Array) -> tuple[Assembly, Dragged]:
-        """Move a point (3,) of a body towards a target (3,) in base, in m.
+        """Move a point (3,) in m of a body towards a target (3,) in m in the base frame.
 
-        The path begins at the last target if nothing else has moved the robot since then; else at the point.
+        The path starts at the last target if nothing else has moved the robot since the last drag; else at the point.
         """
         last, p_body = self._last, np.asarray(p_body, float)
         if last is not None and last[0] is now and last[1] == body and np.array_equal(last[2], p_body):
@@ -70,7 +70,7 @@ class Hand:
         return self._closed(now, dragged), dragged
 
     def tools(self, now: Assembly, q: Array) -> list[Array]:
-        """Return the tool poses (4, 4) at q (n,), assembled from the home state and from the present state."""
+        """Return the tool poses (4, 4) at q (n,), solved with the home state and the present state as initial guess."""
         dragger, out = self.dragger, []
         with contextlib.suppress(AssemblyError, MechanismError):
             out.append(dragger.solver.forward(q))
@@ -82,7 +82,7 @@ class Hand:
         return out
 
     def _closed(self, now: Assembly, dragged: Dragged) -> Assembly:
-        """Return the assembly of the independent model, solved from the compiled result."""
+        """Return the assembly of the independent model, solved with the compiled result as initial guess."""
         if np.array_equal(dragged.q, now.q):
             return now
         x, tree, at = now.x.copy(), self.model.tree, 0
@@ -92,7 +92,7 @@ class Hand:
             state = dragged.u[at : at + passive.state.numel()]
             at += len(state)
             if passive.joint.type in ("spherical", "free"):
-                state = np.append(state[:-4], np.roll(state[-4:], -1))  # Pinocchio stores the scalar last
+                state = np.append(state[:-4], np.roll(state[-4:], -1))  # Pinocchio stores quaternions as x, y, z, w
             x[self._places(passive.name, len(state))] = state
         return self.model.solve(dragged.q, replace(now, x=x))
 
@@ -106,7 +106,7 @@ class Hand:
         return np.concatenate([*parts, []])
 
     def _places(self, joint: str, count: int) -> slice:
-        """Return the indices of a passive joint in a configuration; the indices of a slide come first."""
+        """Return the indices of a passive joint in a configuration; the index of a slide is first."""
         tree = self.model.tree
         model = tree.model.joints[tree.joint_id[joint]]
         end = model.idx_q + model.nq

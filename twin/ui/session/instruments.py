@@ -1,4 +1,4 @@
-"""Compute the readings of a robot: pose, limits, RCM, loops, singularities, equations against mechanism."""
+"""Compute the readings of a robot: pose, limits, RCM, loops, singularities, equations compared with mechanism."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from twin.ui.session.trocars import InTrocar, in_trocars
 
 
 class Residual(NamedTuple):
-    """The largest difference of equations and mechanism: size in m (or rad if `is_angle`), and its quantity."""
+    """Largest difference between equations and mechanism: size in m (rad if `is_angle`), and name of the quantity."""
 
     size: float
     what: str
@@ -26,8 +26,7 @@ class Residual(NamedTuple):
 
 
 AGREE = 1e-6
-"""Difference of equations and mechanism in m or rad above which the readout is red; reports use far smaller tolerances.
-"""
+"""Difference in m or rad between equations and mechanism above which the readout is red; reports are stricter."""
 
 
 OTHER = "other assembly: equations not comparable"
@@ -36,7 +35,7 @@ BEYOND = "beyond the reach of the equations: not comparable"
 
 @dataclass(frozen=True)
 class Limit:
-    """A joint relative to its limits; values in mm or deg."""
+    """Value and limits of a joint, in `unit` (mm or °)."""
 
     joint: str
     value: float
@@ -46,29 +45,31 @@ class Limit:
 
     @property
     def part(self) -> float | None:
-        """Position in the range (0..1), or None without limits."""
+        """Position of the value between the limits (0..1); None without limits."""
         width = self.high - self.low
         return float((self.value - self.low) / width) if np.isfinite(width) and width > 0 else None
 
 
 @dataclass(frozen=True)
 class Reading:
-    """One reading of the robot.
+    """The readings of a robot at one state.
 
     Attributes:
         coordinates: (name, value, unit mm or °) of the tool, in the convention of the equations.
-        limits: of each active joint.
+        limits: value and limits of each active joint.
         gap: largest loop gap in m.
-        branch: label of the assembly mode by the equations; empty without equations.
-        condition: condition number of the Jacobian, rotations scaled by the characteristic length; infinite at a
-            singularity.
-        singular: (name, kind type1 or type2, value divided by its alarm); up to 1 the robot is too near.
-        trocars: the instruments in their trocars, or the instrument in the RCM of a protocol.
-        residual: largest difference of equations and mechanism.
-        scope: why equations and mechanism cannot be compared here; empty if they can. In another assembly mode the
-            residual is the tool error at the joints by the equations, in their own assembly mode.
-        points: (k, 3) named points in m in base by the equations; `actual`: by the mechanism.
-        reason: why the last request was refused.
+        branch: label of the assembly mode, computed by the equations; "" without equations.
+        condition: condition number of the Jacobian, with rotations scaled by the characteristic length; infinite at a
+            singularity; None without equations.
+        singular: (name, "type1" or "type2", absolute value divided by its alarm) of each singularity measure; the robot
+            is too near to a singularity if the value is at most 1.
+        trocars: the instruments in their trocars, or the instrument at the RCM of a protocol.
+        residual: largest difference between equations and mechanism; None without equations.
+        scope: why equations and mechanism cannot be compared at this state; "" if they can. If the assembly modes
+            differ, the residual is the tool error at the joint values of the equations, in the equations' mode.
+        points: named points (3,) in m in the base frame, computed by the equations.
+        actual: the same points of the mechanism.
+        reason: why the last request was refused; "" if it was not.
     """
 
     coordinates: tuple[tuple[str, float, str], ...]
@@ -86,7 +87,7 @@ class Reading:
 
     @property
     def depth(self) -> float | None:
-        """Depth of the tip beyond its trocar in m; None without a trocar."""
+        """Insertion depth of the tip beyond its trocar in m; None without a trocar."""
         return next((t.depth for t in self.trocars if t.depth is not None), None)
 
     @property
@@ -96,7 +97,7 @@ class Reading:
 
     @property
     def comparable(self) -> bool:
-        """Whether equations and mechanism can be compared: same assembly mode, within the reach of both."""
+        """Whether equations and mechanism can be compared: same assembly mode, and pose reachable by both."""
         return not self.scope
 
     @property
@@ -106,7 +107,7 @@ class Reading:
 
 
 def read(desk: Desk, rcm: Array | None = None) -> Reading:
-    """Return all readings; `rcm` (3,) in m in base is the registered RCM, used if the mechanism has no trocars."""
+    """Return all readings; `rcm` (3,) in m in base is the registered RCM, for mechanisms without trocars."""
     with desk.lock:
         kin, now, T = desk.kin, desk.assembly, desk.assembly.T_base_tool
         asked, joints = desk.asked, desk.joints
@@ -138,7 +139,7 @@ def read(desk: Desk, rcm: Array | None = None) -> Reading:
         condition = float("inf")
     points = {n: p[0] for n, p in kin.points_many(**where).items()}
     actual = {n: now.points[n] for n in points if n in now.points}
-    if desk.model.redundant:  # the posture of a redundant arm is a choice, not an answer
+    if desk.model.redundant:  # a redundant arm has no unique posture for a tool pose, so points cannot be compared
         points = actual = {}
     residual, scope = _residual(desk, now, points, actual, asked)
     if scope:
@@ -162,11 +163,12 @@ def read(desk: Desk, rcm: Array | None = None) -> Reading:
 def _residual(
     desk: Desk, now: Assembly, points: dict[str, Array], actual: dict[str, Array], asked: Array | None
 ) -> tuple[Residual, str]:
-    """Return (largest difference of equations and mechanism in joints, named points and tool; scope).
+    """Return (largest difference between equations and mechanism, scope; see `Reading`).
 
-    A tool pose may have several assembly modes, and equations written for one mode cannot be compared in another. In
-    another mode they are still correct if the mechanism, driven to the joints by the equations, has the same tool pose.
-    Equations are written for the assembly mode of home if they give the joints of home at its tool pose.
+    Joint values, named points and tool are compared. A tool pose may be reached in several assembly modes, and
+    equations for one mode cannot be compared with a mechanism in another mode. The equations are nevertheless correct
+    if the mechanism has the same tool pose at the joint values of the equations. Equations are for the assembly mode of
+    home if they compute the home joint values from the home tool pose.
     """
     kin, q, T = desk.kin, now.q, now.T_base_tool
     assert kin is not None
@@ -199,7 +201,7 @@ def _residual(
 
 
 def _has_value(kin: Kinematics, q: Array) -> bool:
-    """Return whether forward equations, if there are any, have a tool pose at joints q (n,)."""
+    """Return whether the forward equations have a solution at q (n,); True without forward equations."""
     try:
         return not kin.closed_forward or bool(np.isfinite(kin.forward(q)).all())
     except KinematicsError:
@@ -211,7 +213,7 @@ def _largest(found: list[Residual]) -> Residual:
 
 
 def _joints_apart(desk: Desk, theirs: Array, q: Array) -> Residual:
-    """Return the largest difference of a joint, angles modulo full turns."""
+    """Return the largest joint difference; angles are compared modulo full turns."""
     angle = np.array([j.is_angle for j in desk.joints], bool)
     apart = np.where(angle, (theirs - q + np.pi) % (2 * np.pi) - np.pi, theirs - q)
     k = int(np.argmax(np.abs(apart)))
@@ -225,7 +227,7 @@ def _poses_apart(A: Array, B: Array) -> Residual:
 
 
 def _agree_as_drawn(desk: Desk) -> bool:
-    """Return whether the inverse at the home tool pose gives the home joint values, hence the same assembly mode."""
+    """Return whether the inverse equations compute the home joint values from the home tool pose."""
     home = desk.model.home()
     assert desk.kin is not None
     try:

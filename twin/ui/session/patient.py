@@ -1,4 +1,4 @@
-"""The patient of a protocol, with the table: shapes from cad/patients, placed with the port at the protocol's RCM."""
+"""The patient of a protocol, with the table: shapes from cad/patients, placed so that the port is at the RCM."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ from twin.planning.protocol import Protocol
 from twin.schema import Identifier, Origin, Table, Vector, error_at, load_toml
 
 _ROUND, _HIGH = 40, 20
-"""Number of facets of an ellipsoid about its axis, and from pole to pole."""
+"""Number of facets of an ellipsoid around its axis, and from pole to pole."""
 
 
 class PartTable(Table):
-    """An ellipsoid, a dome (the upper half of an ellipsoid) or a box; `size_mm` is its full extent along its own axes.
+    """A part of a patient: an ellipsoid, a dome (the upper half of an ellipsoid) or a box.
 
-    `floor`: a box is extended down to the floor, a dome is placed on the floor. `port`: the part exists only if that
-    port is used.
+    `size_mm` is its extent along its own axes. If `floor` is true, a box is extended down to the floor, and a dome is
+    placed on the floor. A part with a `port` exists only if this port is used.
     """
 
     name: Identifier
@@ -42,7 +42,7 @@ class PartTable(Table):
 
 
 class PortTable(Table):
-    """A port for instruments: a sphere of `diameter_mm`; within it instruments may penetrate the parts in `opens`."""
+    """A port for instruments: a sphere of `diameter_mm`, in which instruments may penetrate the parts in `opens`."""
 
     position_mm: Vector
     diameter_mm: float = Field(gt=0)
@@ -66,13 +66,13 @@ class Patient:
     """A placed patient, for a robot and a protocol.
 
     Attributes:
-        mechanism: the parts as fixed bodies, each with its mesh in m in base; it has the name of the file.
-        port: (3,) in m in base, the RCM.
-        port_radius: in m.
-        opens: parts that inserted instruments may penetrate at the port.
-        access: parts of the port, in which instruments may be before insertion.
-        replaces: links of the robot that are hidden when the patient is shown.
-        assumed: assumptions on the patient, as text.
+        mechanism: the parts as fixed bodies, each with its mesh in m in the base frame; named as in the file.
+        port: position (3,) of the port, which is the RCM, in m in the base frame.
+        port_radius: radius of the port in m.
+        opens: names of parts that inserted instruments may penetrate at the port.
+        access: names of parts of the port; instruments may be inside these parts before insertion.
+        replaces: links of the robot that are hidden while the patient is shown.
+        assumed: text on the assumptions about the patient.
     """
 
     mechanism: Mechanism
@@ -85,12 +85,12 @@ class Patient:
 
     @property
     def poses(self) -> dict[str, Array]:
-        """T_base_body (4, 4) of every part."""
+        """Poses T_base_body (4, 4) of the parts, by name."""
         return {b.name: np.eye(4) for b in self.mechanism.bodies}
 
 
 def patient_of(robot: Robot, protocol: Protocol, floor: float) -> Patient | None:
-    """Return the patient of a protocol, or None if it has none; `floor` is the floor's height in m in base.
+    """Return the patient of a protocol, None if it has none; `floor` is the height in m of the floor in base.
 
     Raises:
         TwinError: the patient, port or link does not exist, or the protocol has no RCM.
@@ -135,7 +135,7 @@ def patient_of(robot: Robot, protocol: Protocol, floor: float) -> Patient | None
 
 
 def none_there(robot: Robot, protocol: Protocol) -> str:
-    """Return as text why a protocol has no patient, and which protocols of the robot have one."""
+    """Return a text on why a protocol has no patient, with the robot's protocols that have one."""
     why = protocol.no_patient or "its file has no table [patient]"
     out = f"{protocol.name}: no patient: {why}"
     names = [] if robot.files is None else [n for n in robot.files.protocols() if robot.protocol(n).patient is not None]
@@ -166,7 +166,7 @@ def read_patient(path: Path) -> PatientFile:
 
 
 def floor_of(mechanism: Mechanism, poses: Mapping[str, Array]) -> float:
-    """Return the height in m of the lowest point of a robot at link poses T_base_body."""
+    """Return the height in m, in the base frame, of the lowest point of a robot at link poses T_base_body."""
     heights = [
         float((v.vertices @ poses[b.name][2, :3]).min() + poses[b.name][2, 3])
         for b in mechanism.bodies
@@ -177,14 +177,14 @@ def floor_of(mechanism: Mechanism, poses: Mapping[str, Array]) -> float:
 
 
 def _fixed(name: str, meshes: tuple[Mesh, ...]) -> Mechanism:
-    """Return a mechanism of one body for each mesh, all fixed to the first body."""
+    """Return a mechanism with a body for each mesh; all bodies are fixed to the first body."""
     base, *others = (Body(m.name, (m,)) for m in meshes)
     joints = tuple(Joint(f"at_{b.name}", "fixed", base.name, b.name) for b in others)
     return Mechanism(name, base.name, (base, *others), joints, (Frame("tool", base.name, np.eye(4)),))
 
 
 def _mesh(part: PartTable, T_base_patient: Array, floor: float) -> Mesh:
-    """Return the mesh of a part in base; a part with `floor` is moved to the floor."""
+    """Return the mesh of a part in the base frame; a part with `floor` reaches the floor at this height in m."""
     x, y, z = (0.5 * s * MM for s in part.size_mm)
     about_x, about_y = (
         spatial.exp_so3([part.angles_deg[2] * DEG, 0, 0]),

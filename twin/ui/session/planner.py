@@ -1,4 +1,4 @@
-"""Prepare a protocol in a separate process."""
+"""Plan a protocol for playback in a separate process."""
 
 from __future__ import annotations
 
@@ -8,19 +8,19 @@ from twin.ui.session.timeline import Playback, prepare
 
 
 class Planner:
-    """Preparation of one protocol; when `done`, `answer` is a playback or an error."""
+    """Planning of a protocol; when `done`, `answer` is the playback or an error text."""
 
     def __init__(self, robot: str, protocol: str | None) -> None:
         self._call = Call(prepare, robot, protocol, nice=5)
 
     @property
     def done(self) -> bool:
-        """Whether the preparation has ended."""
+        """Whether planning has ended."""
         return self._call.done
 
     @property
     def answer(self) -> Playback | str | None:
-        """The playback or the error; None until `done`."""
+        """The playback or the error text; None until `done`."""
         if not self._call.done:
             return None
         try:
@@ -29,5 +29,5 @@ class Planner:
             return str(error)
 
     def close(self) -> None:
-        """End the process that prepares the protocol."""
+        """End the process that plans the protocol."""
         self._call.close()

@@ -1,4 +1,4 @@
-"""A recorded interactive session: joints and tool pose over time, stored as JSON."""
+"""A recorded interactive session: joint values and tool poses over time, stored as JSON."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from twin.schema import Identifier, Table
 from twin.schema.lines import spell
 
 MOST = 20_000
-"""Maximum number of moments (recorded states) of a session: five minutes of continuous motion."""
+"""Maximum number of moments (recorded states) in a session: five minutes of continuous motion."""
 
 _COMMAS, _KEYS = 64 * MOST, 16
 """Maximum number of values in a session file, and of keys in one object, because the file is untrusted."""
@@ -28,7 +28,7 @@ _COMMAS, _KEYS = 64 * MOST, 16
 
 @dataclass(frozen=True)
 class Moment:
-    """One recorded state: `time` in s, `q` (n,) in m or rad, `T_base_tool` (4, 4), and a note."""
+    """A recorded state: `time` in s, `q` (n,) in m or rad, `T_base_tool` (4, 4), and a note `label`."""
 
     time: float
     q: Array
@@ -41,10 +41,10 @@ class Session:
     """A recorded session of one robot.
 
     Attributes:
-        robot: its name.
-        joints: active joints, in the order of q.
-        units: "m" or "rad" of each.
-        moments: recorded states in order of time; `add` appends one.
+        robot: name of the robot.
+        joints: names of the active joints, in the order of q.
+        units: unit of each joint, "m" or "rad".
+        moments: recorded states in the order of time; `add` appends a state.
     """
 
     robot: str
@@ -81,10 +81,10 @@ class Session:
         return self.moments[-1].time - self.moments[0].time if self.moments else 0.0
 
     def at(self, t: float) -> Array:
-        """Return q (n,) at time t in s, linear between states, constant before the first and after the last.
+        """Return q (n,) at time t in s: linear between states, constant before the first and after the last state.
 
         Raises:
-            TwinError: nothing is recorded.
+            TwinError: the session has no states.
         """
         if not self.moments:
             raise TwinError(f"session of {self.robot}: nothing is recorded; add a moment first")
@@ -113,10 +113,10 @@ class Session:
 
     @classmethod
     def load(cls, path: Path, mechanism: Mechanism) -> Session:
-        """Return the session in a file, if it was recorded with this robot.
+        """Read a session that was recorded with this robot.
 
         Raises:
-            TwinError: the file is missing, malformed or of another robot; the message names the key.
+            TwinError: the file is missing, malformed or from another robot; the message names the key.
         """
         try:
             text = read_text(Path(path), "JSON")

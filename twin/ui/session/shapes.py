@@ -1,4 +1,4 @@
-"""Prepare triangles for display: smooth shading, sharp edges, optional section."""
+"""Prepare meshes for display: smooth shading, sharp edges, optional section."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ CREASE = np.radians(35)
 """Angle in rad between faces above which an edge is drawn sharp."""
 
 Look = tuple[Array, np.ndarray, tuple[int, int, int], float]
-"""One mesh: vertices (n, 3) in m in the body's frame, triangles (m, 3), sRGB 0..255, opacity."""
+"""A mesh: vertices (n, 3) in m in the body's frame, triangles (m, 3), colour (sRGB 0..255), opacity (0..1)."""
 
 
 def looks(body: Body) -> list[Look]:
-    """Return the meshes of a body merged by colour, so that the browser has few nodes to move."""
+    """Return the meshes of a body, merged by colour so that the browser has few scene nodes."""
     by_color: dict[tuple[float, ...], list[tuple[Array, np.ndarray]]] = {}
     for mesh in body.meshes:
         by_color.setdefault(mesh.color_rgba, []).append(creased(mesh.vertices, mesh.triangles))
@@ -31,7 +31,7 @@ def looks(body: Body) -> list[Look]:
 
 
 def creased(vertices: Array, triangles: np.ndarray) -> tuple[Array, np.ndarray]:
-    """Return a surface with its vertices doubled along sharp edges, so that renderers do not smooth the edges."""
+    """Return (vertices, triangles) with vertices duplicated along sharp edges, so that renderers do not smooth them."""
     f = np.asarray(triangles, np.int64)
     a, b, c = (vertices[f[:, i]] for i in range(3))
     normals = np.cross(b - a, c - a)
@@ -43,7 +43,7 @@ def creased(vertices: Array, triangles: np.ndarray) -> tuple[Array, np.ndarray]:
     left, right = order[:-1][same] // 3, order[1:][same] // 3
     smooth = np.einsum("ij,ij->i", normals[left], normals[right]) > np.cos(CREASE)
     left, right = left[smooth], right[smooth]
-    # Faces that are connected smoothly get one label: the least face number, spread by pointer jumping.
+    # Smoothly connected faces get a common label, their smallest face number, propagated by pointer jumping.
     label = np.arange(len(f))
     while True:
         least = np.minimum(label[left], label[right])
@@ -59,7 +59,7 @@ def creased(vertices: Array, triangles: np.ndarray) -> tuple[Array, np.ndarray]:
 
 
 def behind(vertices: Array, triangles: np.ndarray, point: Array, normal: Array) -> tuple[Array, np.ndarray]:
-    """Return the part of a surface behind a plane, on the side opposite to the plane's normal."""
+    """Return (vertices, triangles) of the part of a surface behind a plane (on the side opposite to its normal)."""
     d = (vertices - point) @ normal
     f = np.asarray(triangles)
     inside = d[f] <= 0
@@ -71,7 +71,7 @@ def behind(vertices: Array, triangles: np.ndarray, point: Array, normal: Array) 
         cut = f[count == kept]
         if not len(cut):
             continue
-        # Roll so that the odd corner comes first.
+        # Rotate the corners so that the only corner on its side of the plane is first.
         odd = np.argmax(inside[count == kept] == (kept == 1), axis=1)
         i = (odd[:, None] + np.arange(3)) % 3
         corner = np.take_along_axis(cut, i, axis=1)

@@ -1,4 +1,4 @@
-"""A protocol prepared for playback, and its clock. Independent of any browser."""
+"""A protocol planned for playback, and its clock; independent of viewer and headset."""
 
 from __future__ import annotations
 
@@ -17,19 +17,20 @@ SPEEDS = (0.1, 0.25, 0.5, 1.0, 2.0, 4.0)
 
 @dataclass(frozen=True)
 class Playback:
-    """A planned protocol, solved by the mechanism, at `RATE`.
+    """A planned protocol, solved with the mechanism at `RATE` samples per second.
 
     Attributes:
-        protocol, title: from the protocol's file.
-        t: (k,) times in s.
-        x: (k, nq) configurations of the independent model.
-        q, qd, qdd: (k, n) positions, speeds and accelerations of the active joints, in m or rad.
-        Ts_base_tool: (k, 4, 4) planned tool poses.
-        tip: (k, 3) origin of the moved frame in m in base.
-        shaft: (k, 3) unit vectors along the shaft towards the tip.
-        rcm: (k, 3) in m in base; NaN while no RCM is registered.
-        rcm_error, depth: (k,) in m; NaN while no RCM is registered.
-        phases: name, start and end in s.
+        protocol, title: name and title of the protocol.
+        t: times (k,) in s.
+        x: configurations (k, nq) of the independent model.
+        q, qd, qdd: positions, speeds and accelerations (k, n) of the active joints, in m or rad, s.
+        Ts_base_tool: planned tool poses (k, 4, 4).
+        tip: origin (k, 3) of the moved frame in m in the base frame.
+        shaft: unit vectors (k, 3) along the shaft towards the tip, in the base frame.
+        rcm: RCM (k, 3) in m in the base frame; NaN while no RCM is registered.
+        rcm_error: distance (k,) in m of the shaft axis from the RCM; NaN while no RCM is registered.
+        depth: insertion depth (k,) in m; NaN while no RCM is registered.
+        phases: (name, start in s, end in s) of each phase.
     """
 
     protocol: str
@@ -58,12 +59,12 @@ class Playback:
 
 
 def prepare(robot: str, protocol: str | None) -> Playback:
-    """Plan a protocol of a robot and let the mechanism follow it.
+    """Plan a protocol of a robot, and solve the mechanism for each sample.
 
-    It takes several seconds and should run in a separate process.
+    This takes several seconds and should run in a separate process.
 
     Raises:
-        TwinError: the protocol does not exist, or cannot be planned or followed.
+        TwinError: the protocol does not exist or cannot be planned, or the mechanism cannot follow it.
     """
     from twin import api
 
@@ -95,12 +96,12 @@ def prepare(robot: str, protocol: str | None) -> Playback:
 
 
 class Clock:
-    """Clock of a playback: running or paused, with speed and loop.
+    """Clock of a playback.
 
     Attributes:
-        duration: in s; 0 if there is nothing to play.
-        time: in s.
-        speed: factor of the playback speed.
+        duration: duration in s; 0 without a playback.
+        time: present time in s.
+        speed: playback speed relative to real time.
         loop: whether the playback repeats.
         playing: whether the clock runs.
     """
@@ -116,11 +117,11 @@ class Clock:
         self.playing = self.duration > 0
 
     def seek(self, t: float) -> None:
-        """Go to a time in s, clamped to the duration."""
+        """Set the time in s, clamped to 0..duration."""
         self.time = float(np.clip(t, 0.0, self.duration))
 
     def advance(self, seconds: float) -> bool:
-        """Advance by an elapsed real time in s; return whether the clock's time has changed."""
+        """Advance the clock by an elapsed real time in s; return whether the clock's time has changed."""
         if not self.playing or self.duration <= 0:
             return False
         ahead = self.time + seconds * self.speed

@@ -1,4 +1,4 @@
-"""Compute the position of each trocar, and the trocar error and tip depth of the instrument in it."""
+"""Compute the position of each trocar, and the trocar error and insertion depth of its instrument."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from twin.ui.session.timeline import Playback
 
 @dataclass(frozen=True, eq=False)
 class InTrocar:
-    """One instrument in its trocar.
+    """An instrument in its trocar.
 
     Attributes:
-        name: of the trocar; "" for the RCM of a protocol if the mechanism has no trocar.
-        place: (3,) position of the trocar in m in base.
-        error: distance in m from the trocar to the shaft axis.
-        axis: (3,) unit vector along the shaft in base; towards the tip, if this instrument has the protocol's tip.
-        tip: (3,) the protocol's tip in m in base; None if another instrument has it.
-        depth: distance in m from the trocar to the tip, or None.
+        name: name of the trocar; "": the RCM of a protocol, for mechanisms without trocars.
+        place: position (3,) of the trocar in m in the base frame.
+        error: trocar error: distance in m from the trocar to the shaft axis.
+        axis: unit vector (3,) along the shaft in the base frame; towards the tip, if `tip` is not None.
+        tip: the protocol's tip (3,) in m in the base frame; None if the tip belongs to another instrument.
+        depth: insertion depth: distance in m from the trocar to the tip; None without a tip.
     """
 
     name: str
@@ -34,7 +34,7 @@ class InTrocar:
 
 
 def in_trocars(desk: Desk, rcm: Array | None = None) -> tuple[InTrocar, ...]:
-    """Return the instrument in each trocar; without trocars the instrument at `rcm` (3,) in m in base, if given."""
+    """Return the instruments in their trocars; without trocars, the instrument at `rcm` (3,) in m in base, if given."""
     tip, axis = desk.shaft()
     mechanism, now = desk.mechanism, desk.assembly
     if not mechanism.trocars:
@@ -45,7 +45,7 @@ def in_trocars(desk: Desk, rcm: Array | None = None) -> tuple[InTrocar, ...]:
     out = []
     carrying = {j.child for j in mechanism.path(desk.tip_body)}
     for name, place in mechanism.trocar_places.items():
-        error, along = now.worst_gap, axis  # the trocar closes a loop: its error is the gap
+        error, along = now.worst_gap, axis  # if the trocar closes a loop, its error is the loop gap
         held = mechanism.shaft_through(name)
         if held is not None:
             T = now.link_poses[held.body] @ held.T_body_frame
@@ -58,7 +58,7 @@ def in_trocars(desk: Desk, rcm: Array | None = None) -> tuple[InTrocar, ...]:
 
 
 def rcm_at(playback: Playback | None, time: float) -> Array | None:
-    """Return the RCM (3,) in m in base that is registered at a time in s of a protocol, or None."""
+    """Return the RCM (3,) in m in base registered at a time in s of a protocol; None if no RCM is registered."""
     if playback is None:
         return None
     k = int(np.clip(np.searchsorted(playback.t, time), 0, len(playback.t) - 1))

@@ -1,6 +1,6 @@
-"""Compute the reachable positions of a robot at its present orientation in a separate process.
+"""Compute the tool positions that a robot can reach at its present orientation, in a separate process.
 
-A thread would share the interpreter with dragging; a process of low priority does not slow dragging down.
+A process of low priority does not slow down dragging; a thread would share the interpreter with dragging.
 """
 
 from __future__ import annotations
@@ -22,18 +22,18 @@ if TYPE_CHECKING:
     from twin.kinematics import Kinematics
 
 CHUNK = 20_000
-"""Number of poses between two checks for cancellation: less than half a second of work."""
+"""Number of poses between two checks for cancellation: less than half a second of computation."""
 
 
 @dataclass(frozen=True, eq=False)
 class Job:
-    """One computation of a workspace.
+    """Arguments of the computation of a workspace.
 
     Attributes:
         robot, variants, parameters: arguments of `twin.load`.
-        limits: (n, 2) of the active joints, in rad or m; infinite without a limit.
-        T_base_tool: (4, 4), the orientation of all poses, and the centre of the searched box.
-        reach: half the edge of the box in m.
+        limits: limits (n, 2) of the active joints, in rad or m; infinite without a limit.
+        T_base_tool: present tool pose (4, 4): orientation of all poses, and centre of the searched box.
+        reach: half the edge length of the box in m.
         count: total number of poses.
         bounds: limits of joints, of motors, and of distances between carriages on a rail.
     """
@@ -53,10 +53,11 @@ class Chunk:
     """New results since the last poll.
 
     Attributes:
-        points: (m, 3) float32, reachable positions of the tool in base, in m.
-        condition: (m,) float32, condition numbers of these positions, infinite at a singularity.
-        evaluated, count: number of poses evaluated so far (reachable or not), and in total; 0 with an error.
-        error: why the job ended early or found nothing; empty without an error.
+        points: reachable tool positions (m, 3), float32, in m in the base frame.
+        condition: condition numbers (m,), float32, at these positions; infinite at a singularity.
+        evaluated: number of poses evaluated so far, reachable or not; 0 with an error.
+        count: total number of poses; 0 with an error.
+        error: why the job ended early or found no position; "" without an error.
     """
 
     points: np.ndarray
@@ -67,10 +68,10 @@ class Chunk:
 
 
 def poses(job: Job, first: int, last: int) -> Array:
-    """Return the poses `first` to `last` of a job, (last - first, 4, 4), in the order of evaluation.
+    """Return the poses (last - first, 4, 4) of a job with indices `first` to `last` - 1, in the order of evaluation.
 
-    The first is the present pose. The positions are a low-discrepancy sequence (additive recurrence): every initial
-    part covers the box evenly.
+    Pose 0 is the present pose. The positions are a low-discrepancy sequence (additive recurrence), so that the first
+    poses of any number cover the box evenly.
     """
     i = np.arange(first, last)[:, None]
     Ts = np.tile(job.T_base_tool, (last - first, 1, 1))
@@ -79,7 +80,7 @@ def poses(job: Job, first: int, last: int) -> Array:
 
 
 def evaluate(job: Job) -> Iterator[Chunk]:
-    """Yield the reachable poses of a job, chunk by chunk, evaluated by the same kernel as `twin workspace`.
+    """Yield the reachable positions of a job in chunks, evaluated with the same kernel as `twin workspace`.
 
     Raises:
         TwinError: the robot is unknown or has no closed-form inverse, the job does not match it, or nothing is
@@ -118,21 +119,21 @@ def _check(kin: Kinematics, job: Job) -> None:
         raise KinematicsError(f"{name}: limits {np.shape(job.limits)} must be ({n}, 2), count {job.count} at least 1.")
     if n < 6:
         held = np.isfinite(kin.inverse_many(poses(replace(job, reach=1e-2 * job.reach), 0, 1000))[:, 0])
-        if held[0] and held.mean() < 0.01:  # a surface: its thickness is the tolerance of the equations
+        if held[0] and held.mean() < 0.01:  # the reachable poses form a surface, as thick as the equations' tolerance
             raise KinematicsError(
                 f"{name}: its {n} joints cannot move the tool in every direction at constant orientation."
             )
 
 
 class Cloud:
-    """Computes one workspace at a time in a separate process, see `twin.core.jobs.Stream`."""
+    """Computation of one workspace at a time in a separate process; see `twin.core.jobs.Stream`."""
 
     def __init__(self) -> None:
         self._stream = Stream(evaluate)
         self.start, self.cancel, self.close = self._stream.start, self._stream.cancel, self._stream.close
 
     def poll(self) -> Chunk | None:
-        """Return the new results of the present job, or None if there are none."""
+        """Return the new results of the present job; None if there are none."""
         new, end = self._stream.poll()
         if not new and not end:
             return None

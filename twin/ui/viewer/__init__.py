@@ -1,1 +1,1 @@
-"""The interactive page in a browser, by the library viser; the robot's behaviour is in `twin.ui.session`."""
+"""The interactive page in a browser, built with the library viser; `twin.ui.session` holds the robot's state."""

@@ -1,7 +1,7 @@
 """Change the distance of two joints on one body without changing the CAD.
 
-`twin.cad.lengths` measures faces of the CAD; this module moves the measured frames. The meshes stay as in the CAD and
-serve as a ghost for comparison.
+This module moves joint frames that were measured on the CAD (`twin.cad.lengths` measures faces). The meshes stay as in
+the CAD and are displayed as a ghost for comparison.
 """
 
 from __future__ import annotations
@@ -17,12 +17,12 @@ from twin.core.units import MM, UM
 from twin.model.mechanism import Joint, Mechanism
 
 _SAME = 1 * UM
-"""Minimum distance in m of two origins that define a line."""
+"""Minimum distance in m between two origins that define a line."""
 
 
 @dataclass(frozen=True)
 class Distance:
-    """Two joints on one body, and the distance in m of the origins of their frames on that body."""
+    """Two joints of one body, and the distance in m between the origins of their frames on this body."""
 
     body: str
     joint: str
@@ -31,7 +31,7 @@ class Distance:
 
 
 def distances(mechanism: Mechanism) -> list[Distance]:
-    """Return the distances that `with_distance` can change: one for each pair of joints on one body, in file order."""
+    """Return the distances that `with_distance` can change: one for each pair of joints of a body, in file order."""
     out = []
     for a, b in combinations(mechanism.joints, 2):
         shared = _shared(a, b)
@@ -43,18 +43,18 @@ def distances(mechanism: Mechanism) -> list[Distance]:
 
 
 def with_distance(mechanism: Mechanism, joint: str, other: str, distance: float) -> Mechanism:
-    """Return the mechanism with one joint frame moved on its body, and nothing else changed.
+    """Return the mechanism with one joint frame moved on its body, and all other data unchanged.
 
-    The frame of `joint` on the body that it shares with `other` is moved, without rotation, along the line from the
-    origin of `other` until the origins are `distance` apart. If the line is oblique to the joint axes (two bores at
-    different heights), the shift has a component along the axes, by which a planar loop opens (`Assembly.worst_gap`). A
-    shift along the axis of a slide changes only its zero position.
+    The frame of `joint` on the body of both joints is moved, without rotation, along the line through both origins,
+    until the distance of the origins is `distance`. If the line is oblique to the joint axes (two bores at different
+    heights), the shift has a component along the axes, which opens a planar loop (`Assembly.worst_gap`). A shift along
+    the axis of a slide changes only its zero position.
 
     Args:
         mechanism: the mechanism.
-        joint: the joint that is moved.
-        other: the joint that stays.
-        distance: new distance in m of the two origins on the body.
+        joint: the joint whose frame is moved.
+        other: the joint whose frame is not moved.
+        distance: new distance in m between the two origins on the body.
 
     Raises:
         MechanismError: a joint is unknown, the joints share no body or two bodies, their origins coincide, or the
@@ -89,7 +89,7 @@ def _of(mechanism: Mechanism, joint: str) -> list[Distance]:
 
 
 def _shared(a: Joint, b: Joint) -> list[str]:
-    """Return the bodies that both joints connect to."""
+    """Return the bodies that both joints have in common."""
     return sorted({a.parent, a.child} & {b.parent, b.child})
 
 

@@ -1,4 +1,4 @@
-"""The design panel: parameters of the equations, distances of the mechanism, variants, two designs, workspace."""
+"""The design panel: parameters and variants of the equations, distances in the mechanism, two designs, workspace."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _REDRAW = 0.5
 
 
 class DesignPanel:
-    """Panel for changes to equations and mechanism; nothing is written to files."""
+    """Panel for changes of equations and mechanism; changes are not written to files."""
 
     def __init__(self, front: Front, tab: viser.GuiTabHandle) -> None:
         self.front, self.gui, self._tab = front, front.server.gui, tab
@@ -148,7 +148,7 @@ class DesignPanel:
                 except AssemblyError as error:
                     raise MechanismError(f"{d.joint} to {d.other} = {value / MM:g} mm: {error}") from error
                 self.front.rebuilt(a)
-                self.front.panels.ghost(True)  # the unedited mechanism
+                self.front.panels.ghost(True)  # the ghost shows the unedited mechanism
 
             self._wish(go)
 
@@ -207,7 +207,7 @@ class DesignPanel:
             self._other_nodes.place(aside @ a.T_world_base, a.scale)
 
     def other_poses(self, a: Actor) -> dict[str, Array] | None:
-        """Return the link poses of the original mechanism at the same joints, as a ghost, if it was edited."""
+        """Return the link poses of the original mechanism at the present joint values; None if it is not edited."""
         if a.desk.mechanism is a.desk.robot.mechanism:
             return None
         try:
@@ -216,7 +216,7 @@ class DesignPanel:
             return None
 
     def show(self, reading: Reading) -> None:
-        """Show the numbers of both designs side by side, with design B at the tool pose of design A."""
+        """Show the readings of both designs in a table; design B is moved to the tool pose of design A."""
         if self._other is None or self._other_nodes is None:
             return
         desk = self.front.hand.desk
@@ -304,7 +304,7 @@ class DesignPanel:
 
 
 def differs(reading: Reading) -> str:
-    """Return as text the difference of the present equations from a design, with unit and name."""
+    """Return a text on the largest difference between equations and mechanism, with unit and name."""
     if reading.residual is None:
         return "-"
     if not reading.comparable:
@@ -314,7 +314,7 @@ def differs(reading: Reading) -> str:
 
 
 def refused(moved: Moved) -> str:
-    """Return as HTML why design B cannot reach the pose of design A; empty if it can."""
+    """Return an HTML text on why design B cannot reach the pose of design A; "" if it can."""
     if moved.good:
         return ""
     text = f"Design B cannot reach the pose of design A and is shown at its nearest pose: {moved.reason}"
@@ -322,7 +322,7 @@ def refused(moved: Moved) -> str:
 
 
 def conditioned(condition: np.ndarray) -> np.ndarray:
-    """Return colours (m, 3) of condition numbers: green at 3 and below, red at 100 and above, logarithmic between."""
+    """Return colours (m, 3) 0..255 of condition numbers (m,): logarithmic scale from green (3) to red (100)."""
     s = np.clip((np.log10(np.maximum(condition, 1e-9)) - np.log10(3)) / (2 - np.log10(3)), 0, 1)[:, None]
     low, middle, high = np.array([[31, 138, 85], [235, 190, 50], [214, 47, 47]], float)
     color = np.where(s < 0.5, low + 2 * s * (middle - low), middle + (2 * s - 1) * (high - middle))

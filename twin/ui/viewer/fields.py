@@ -1,4 +1,4 @@
-"""Deformables in the viewer: a mesh for each field (deformable) of the feed, whose vertices change with time."""
+"""Deformables (fields) in the viewer: each field of the feed is a mesh whose vertices change with time."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from twin.ui.session.feed import Feed, vertices_of
 
 
 class FieldNodes:
-    """Scene nodes of a feed's fields, below /fields; vertices are in m in world."""
+    """Scene nodes of a feed's fields, below /fields; vertices are in m in the world frame."""
 
     def __init__(self, server: viser.ViserServer, feed: Feed) -> None:
         self._server, self._feed = server, feed
@@ -18,11 +18,11 @@ class FieldNodes:
         self.broken = ""
 
     def show(self, t: float) -> str:
-        """Show all fields at a time in s; return the first error. A field without vertices then is not drawn."""
+        """Show all fields at a time in s; return the first error or "". Fields without vertices are not drawn."""
         first = not self.broken
         try:
             frame = self._feed.at(t)
-        except Exception as error:  # deformables must not stop the page
+        except Exception as error:  # an error in deformables must not stop the page
             self.broken = f"{type(error).__name__}: {error}"
             for handle in self._meshes.values():
                 handle.visible = False

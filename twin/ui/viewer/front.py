@@ -1,7 +1,7 @@
-"""The front end: everything that viser shows; the robot's behaviour is in `twin.ui.session`.
+"""The front end: all content of the viser page; `twin.ui.session` holds the state of the robots.
 
-One loop solves and draws. Callbacks of the page only store requests, and only the last request of each kind counts, so
-that fast input does not queue up and all browsers see the same robot.
+A single loop solves and draws, so that all browsers show the same robot. Callbacks of the page only store requests; a
+new request replaces an earlier one of the same kind, so that fast input does not queue up.
 """
 
 from __future__ import annotations
@@ -33,11 +33,11 @@ FRAME = 1 / 60
 """Duration in s of a display frame."""
 
 _READ = 0.1
-"""Time in s between two readings, each of which redraws the page."""
+"""Time in s between two readings; each reading redraws the panels."""
 
 
 _DRAWN, _NOBODY = 1.5, 4.0
-"""Time in s for a browser's first picture, and maximum time to wait for all browsers."""
+"""Time in s in which a browser draws its first picture, and maximum waiting time in s without a browser."""
 
 
 @dataclass
@@ -45,13 +45,13 @@ class Actor:
     """A robot in the scene.
 
     Attributes:
-        name: shown name.
+        name: displayed name.
         source: argument of `twin.load`, for processes that load the robot again.
-        desk: its state.
-        T_world_base: (4, 4) its place.
-        protocol: the first protocol; None for the robot's default.
-        scale: factor of the display size.
-        playback: its playback, once prepared.
+        desk: state of the robot.
+        T_world_base: pose (4, 4) of the base in the scene.
+        protocol: the initial protocol; None: the robot's default protocol.
+        scale: factor on the displayed size.
+        playback: playback of the protocol; None until it is planned.
     """
 
     name: str
@@ -71,7 +71,7 @@ class Terminal(Protocol):
 
 
 class Scenery(Protocol):
-    """Interface through which `Front.run` draws the surroundings of the robot; implemented by `scenery.Scenery`."""
+    """Interface of the surroundings of the robots that `Front` uses; implemented by `scenery.Scenery`."""
 
     def panel(self) -> None: ...  # noqa: D102
     def trail(self, visible: bool) -> None: ...  # noqa: D102
@@ -81,10 +81,10 @@ class Scenery(Protocol):
 
 
 class Panels(Protocol):
-    """Interface of the controls and displays that the loop uses; implemented by `panels.Panels`.
+    """Interface of the controls and displays that `Front` uses; implemented by `panels.Panels`.
 
     Attributes:
-        why: reason of the last failure; empty without a failure.
+        why: reason of the last failure; "" without a failure.
     """
 
     why: str
@@ -102,16 +102,16 @@ class Panels(Protocol):
 
 
 class Front:
-    """The page: one or more robots, one of them active; made by `page.open_page`.
+    """The page with one or more robots, of which one is active; created by `page.open_page`.
 
     Attributes:
         server: the server of viser.
-        actors: robots in the given order; `hand` is the active one, which gizmo, sliders and readings refer to.
-        local: whether the page is served to this machine only; only then sessions may be saved to disk.
-        terminal: for confirmations; without a terminal nothing is written into a robot's files.
+        actors: the robots in the given order; `hand` is the active robot, to which gizmo, sliders and readings refer.
+        local: whether only this machine can open the page; only then sessions may be saved to disk.
+        terminal: terminal for confirmations; without a terminal, a robot's files are never changed.
         clock: clock of the protocols.
-        feed: deformables, or None.
-        nodes, ghosts: scene nodes of each actor and of its ghost.
+        feed: deformables; None: no deformables.
+        nodes, ghosts: scene nodes of each actor, and of its ghost.
     """
 
     def __init__(
@@ -148,22 +148,22 @@ class Front:
         self.gizmo = self._add_gizmo()
 
     def furnish(self, scenery: Callable[[Front], Scenery], panels: Callable[[Front], Panels]) -> None:
-        """Create the surroundings, then the panels, which contain switches for the surroundings."""
+        """Create the surroundings, then the panels, which contain controls for the surroundings."""
         self.scenery = scenery(self)
         self.panels = panels(self)
         self._grab_links()
         self.refresh()
 
-    # -- wishes and the loop --------------------------------------------------------------------------
+    # -- requests and the loop ------------------------------------------------------------------------
 
     def ask(self, kind: str, wish: Callable[[], object]) -> None:
-        """Store a request for the loop; only the last request of its kind counts."""
+        """Store a request for the loop; the request replaces an earlier one of the same kind."""
         with self._lock:
             self._wishes.pop(kind, None)
             self._wishes[kind] = wish
 
     def go_on(self, kind: str, move: Callable[[], Moved]) -> None:
-        """Store a request for a move; a move that exceeds its time continues in the next frame, unless replaced."""
+        """Store a request for a move, which continues in the next frame if it exceeds its time limit."""
 
         def wish() -> None:
             if move().more:
@@ -173,7 +173,7 @@ class Front:
         self.ask(kind, wish)
 
     def wished(self, kind: str) -> bool:
-        """Return whether a request of this kind is waiting; the slider of that request must then not be changed."""
+        """Return whether a request of this kind is waiting; if so, the slider of the request must not be changed."""
         with self._lock:
             return any(k.startswith(kind) for k in self._wishes)
 
@@ -198,7 +198,7 @@ class Front:
                 wish()
             except TwinError as error:
                 self.say(str(error), bad=True)
-            except Exception as error:  # a failing request must not end the loop
+            except Exception as error:  # an error in a request must not end the loop
                 logging.getLogger(__name__).exception("a wish failed")
                 self.say(f"internal error, {type(error).__name__}: {error}. Please report it.", bad=True)
             self._stale = True
@@ -301,7 +301,7 @@ class Front:
     # -- protocols ------------------------------------------------------------------------------------
 
     def load_soon(self) -> None:
-        """Prepare the protocols after the first picture is shown, because planning occupies a processor core."""
+        """Start planning the protocols after the first picture is shown, because planning uses a processor core."""
         begin = self.now
 
         def wait() -> None:
@@ -317,7 +317,7 @@ class Front:
         self.after_frame.append(wait)
 
     def load(self, a: Actor, protocol: str | None) -> None:
-        """Prepare a protocol in another process; the robot plays it when it is ready."""
+        """Plan a protocol in a separate process; the robot plays the protocol when it is planned."""
         if a.name in self._plans:
             self._plans.pop(a.name).close()
         a.playback = None
@@ -326,7 +326,7 @@ class Front:
 
     @property
     def planning(self) -> bool:
-        """Whether a protocol is still being prepared."""
+        """Whether a protocol is being planned."""
         return bool(self._plans)
 
     def _take_plans(self) -> None:
@@ -352,7 +352,7 @@ class Front:
             self.stand()
             self._stale = True
 
-    # -- the hand -------------------------------------------------------------------------------------
+    # -- dragging -------------------------------------------------------------------------------------
 
     def _add_gizmo(self) -> viser.TransformControlsHandle:
         size = float(np.clip(0.16 * self.nodes[self.hand.name].size * self.hand.scale, 0.01, 0.4))
@@ -375,7 +375,7 @@ class Front:
     def _tool_to(self, wxyz: Array, position: Array) -> Moved:
         node = self.nodes[self.hand.name]
         R = spatial.matrix_from_quat_wxyz(np.asarray(node.root.wxyz)).T @ spatial.matrix_from_quat_wxyz(wxyz)
-        u, _, vt = np.linalg.svd(R)  # a page sends four decimals of single precision
+        u, _, vt = np.linalg.svd(R)  # nearest rotation: pages send rounded values
         return self.hand.desk.move_tool(spatial.pose(u @ vt, node.to_base(position)))
 
     def _gizmo_to_tool(self) -> None:
@@ -385,7 +385,7 @@ class Front:
         self.gizmo.wxyz = spatial.quat_from_matrix_wxyz(R)
 
     def _grab_links(self) -> None:
-        """Let any link be grabbed with the shift key and the left mouse button."""
+        """Make all links draggable with the shift key and the left mouse button."""
         for a in self.actors:
             held: dict[str, Array] = {}
             for body, handle in self.nodes[a.name].meshes:

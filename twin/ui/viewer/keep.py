@@ -1,6 +1,7 @@
 """Write results of an interactive session into the robot's TOML files.
 
-Comments and layout are kept. The new text is validated before it replaces the file; on error the file is unchanged.
+Comments and layout are preserved. The new text is validated before it replaces the file; after an error, the file is
+unchanged.
 """
 
 from __future__ import annotations
@@ -27,11 +28,11 @@ from twin.ui.session.session import Session as Session
 from twin.ui.viewer.rewrite import rewrite
 
 _DIGITS = {"mm": 6, "deg": 8}
-"""Decimals that are written for mm and deg: 1 nm, also at the end of an arm of 5 m."""
+"""Number of decimals in mm and deg, for a resolution of 1 nm, also at the end of an arm of 5 m."""
 
 
 def identifier(name: str) -> str:
-    """Return a name if it is valid for a posture or a phase.
+    """Return a name if it is a valid identifier for a posture or a phase.
 
     Raises:
         TwinError: the name is invalid.
@@ -50,11 +51,11 @@ def save_posture(description: Path, name: str, values: Mapping[str, float], *, r
         description: cad/<robot>/<robot>.toml.
         name: identifier of the posture.
         values: values of all active joints in m or rad.
-        replace: whether a posture of that name may be overwritten; its comments are kept.
+        replace: whether an existing posture of this name may be overwritten; its comments are preserved.
 
     Raises:
         DescriptionError: the name exists or is not an identifier, joints are missing or unknown, a value is not
-            finite or outside its limits, or the file was already invalid.
+            finite or not within its limits, or the file was already invalid.
         OutputError: the file cannot be written.
     """
     d = descriptions.load(description)
@@ -74,18 +75,18 @@ def save_posture(description: Path, name: str, values: Mapping[str, float], *, r
 def append_phase(
     protocol: Path, name: str, T_base_tool: Array, T_tool_frame: Array, *, note: str = "chosen by hand in the viewer"
 ) -> None:
-    """Add a waypoint and a last phase of type positioning that moves to it; both are named `name`.
+    """Add a waypoint to a protocol, and a final phase of type "positioning" that moves there; both are named `name`.
 
     Args:
         protocol: trajectories/<robot>/<protocol>.toml.
         name: identifier of the waypoint and of the phase.
-        T_base_tool: (4, 4) target pose of the tool.
-        T_tool_frame: (4, 4) pose in the tool of the frame that the protocol moves; see `Mechanism.frame_in_tool`.
+        T_base_tool: target pose (4, 4) of the tool.
+        T_tool_frame: pose (4, 4), in the tool frame, of the frame that the protocol moves (`Mechanism.frame_in_tool`).
         note: reason for the waypoint, written into the file.
 
     Raises:
         DescriptionError: the name exists or is not an identifier, the instrument is still in the patient at the
-            end, there are no limits for a positioning, or the file was already invalid.
+            end of the protocol, limits for positioning phases are missing, or the file was already invalid.
         ProtocolError: the robot is already at the target.
         TwinError: T_base_tool is not a pose.
         OutputError: the file cannot be written.
@@ -114,7 +115,7 @@ def append_phase(
 
     def check(fresh: Path) -> None:
         kept = load_protocol(fresh)
-        if not any(w.joints is not None for w in kept.waypoints.values()):  # otherwise only the mechanism can tell
+        if not any(w.joints is not None for w in kept.waypoints.values()):  # else the mechanism would be needed
             paths.build(kept, T_tool_frame)
 
     rewrite(protocol, [("waypoints", name, waypoint), ("phases", None, phase)], check)
@@ -137,7 +138,7 @@ def _ends_inside(p: Protocol) -> bool:
 
 
 def _in_file_units(path: Path, d: descriptions.Description, name: str, values: Mapping[str, float]) -> dict[str, float]:
-    """Return a posture in the form of the file: rounded values in mm and deg, by joint and unit."""
+    """Return a posture as in the file: rounded values in mm or deg, by joint name with unit."""
     keys = {j.name: f"{j.name}_{references.UNITS.get(j.type, 'mm')}" for j in d.joint if j.active}
     limits = {joint: spec for spec in d.limit for joint in spec.joints}
     for joint in values:
@@ -161,5 +162,5 @@ def _in_file_units(path: Path, d: descriptions.Description, name: str, values: M
 
 
 def _rounded(value: Any, unit: str) -> Any:
-    """Return numbers rounded for the file, without negative zeros."""
+    """Return a number or list of numbers, rounded for the file, without negative zeros."""
     return (np.round(value, _DIGITS[unit]) + 0.0).tolist()

@@ -1,8 +1,8 @@
-"""Validate messages from a page before they reach viser, which does not check them.
+"""Validate messages from a page before they are passed to viser, which does not validate messages.
 
 A valid message has one of a few types, its fields have the types that viser declares, its numbers are finite, and its
-value is possible for the page element that it is for. Files are accepted one at a time, in order, up to a maximum size.
-Other messages are dropped.
+value is possible for the page element. Files are accepted one at a time, with their parts in order, up to a maximum
+size. Invalid messages are dropped.
 """
 
 from __future__ import annotations
@@ -20,22 +20,22 @@ from viser import _messages as said
 from twin.core.errors import TwinError
 
 ORDINARY = 16 * 1024
-"""Maximum bytes of a message without a file or picture."""
+"""Maximum size in bytes of a message without a file or picture."""
 
 LONGEST = 8 * 2**20
-"""Maximum bytes of any message; a requested picture is the largest."""
+"""Maximum size in bytes of any message; requested pictures are the largest messages."""
 
 UPLOAD = 16 * 2**20
-"""Maximum bytes of a file, which is a recorded session."""
+"""Maximum size in bytes of an uploaded file (a recorded session)."""
 
 UPLOAD_SECONDS = 120.0
-"""Time in s after which the next upload cancels an unfinished one."""
+"""Time in s after which a new upload cancels an unfinished upload."""
 
 _TEXT = 200
 """Maximum number of characters in a text field."""
 
 _FAR = 1e9
-"""Maximum magnitude of numbers in a message."""
+"""Maximum absolute value of numbers in a message."""
 
 _QUIET = 2.0
 """Minimum time in s between two notices about files."""
@@ -58,15 +58,15 @@ _LONG = (said.FileTransferPart, said.GetRenderResponseMessage)
 
 
 class NonsenseError(Exception):
-    """The message is one that no valid page sends."""
+    """The message is invalid: no page of viser sends it."""
 
 
 class StaleError(Exception):
-    """The message is about a page element that was removed or changed."""
+    """The message refers to a page element that was removed or changed."""
 
 
 class Sender(Protocol):
-    """The client that sends a message; an upload belongs to the client that began it."""
+    """Interface of the client that sent a message; an upload belongs to the client that started it."""
 
     def cut(self) -> None: ...  # noqa: D102
 
@@ -83,7 +83,7 @@ class _Upload:
 
 
 def _decoder(types: tuple[type, ...]) -> msgspec.msgpack.Decoder:
-    """Return a decoder for only the accepted message types, with exactly the fields that viser declares."""
+    """Return a decoder that accepts only these message types, with exactly the fields that viser declares."""
     structs = []
     for kind in types:
         hints = typing.get_type_hints(kind)
@@ -104,11 +104,12 @@ def _default(f: Field) -> Any:
 
 
 class Letters:
-    """Reader of messages for one server.
+    """Filter of the messages to one server.
 
     Attributes:
-        notify: function called with a notice for the users.
-        read, dropped: counts of accepted and dropped messages.
+        notify: function that shows the users a notice.
+        read: number of accepted messages.
+        dropped: number of dropped messages.
     """
 
     def __init__(self) -> None:
@@ -120,10 +121,10 @@ class Letters:
         self._decoders = {False: _decoder(_ORDINARY), True: _decoder(_LONG)}
 
     def belong_to(self, server: viser.ViserServer) -> None:
-        """Set the elements of the page; until then no message is accepted.
+        """Set the server whose page elements messages may refer to; before this call, all messages are dropped.
 
         Raises:
-            TwinError: this version of viser stores the elements in another way.
+            TwinError: this version of viser stores the elements differently.
         """
         if not isinstance(getattr(server.gui, "_gui_input_handle_from_uuid", None), dict):
             raise TwinError(f"viser {viser.__version__} stores its elements in another way: install viser 1.1")
@@ -135,11 +136,11 @@ class Letters:
             self._upload = None
 
     def check(self, raw: str | bytes, sender: Sender, now: float) -> None:
-        """Check that a message may be passed to viser.
+        """Check that a message may be passed to viser; `now` is a time in s.
 
         Raises:
-            NonsenseError: no valid page sends the message.
-            StaleError: its element was removed or changed.
+            NonsenseError: the message is invalid.
+            StaleError: the message refers to an element that was removed or changed.
         """
         try:
             self._check(raw, sender, now)
@@ -156,7 +157,7 @@ class Letters:
         except (msgspec.MsgspecError, RecursionError, UnicodeDecodeError):
             if len(raw) > ORDINARY:
                 raise NonsenseError(f"unknown message of {len(raw)} bytes") from None
-            try:  # the last part of a file may be short, and so may a picture
+            try:  # a small message may also be the last part of a file, or a picture
                 message = self._decoders[True].decode(raw)
             except (msgspec.MsgspecError, RecursionError, UnicodeDecodeError) as error:
                 raise NonsenseError(str(error)) from None
@@ -214,7 +215,7 @@ class Letters:
         )
 
     def _tell(self, text: str, now: float) -> None:
-        """Show the users a notice, at most one in `_QUIET` seconds."""
+        """Show the users a notice, at most one per `_QUIET` seconds."""
         if now - self._last > _QUIET:
             self._last = now
             self.notify(text)
@@ -222,13 +223,13 @@ class Letters:
     def _part(self, message: Any, sender: Sender) -> None:
         up = self._upload
         if up is None or up.sender is not sender or message.transfer_uuid != up.transfer:
-            raise StaleError("part of a file without an upload")  # of one that was refused
+            raise StaleError("part of a file without an upload")  # the upload was refused
         up.bytes -= len(message.content)
         up.parts -= 1
         good = message.part_index == up.next and message.source_component_uuid == up.source
         if not good or up.bytes < 0 or up.parts < 0 or (up.parts == 0) != (up.bytes == 0):
             self._upload = None
-            sender.cut()  # so that viser drops the parts that it has
+            sender.cut()  # disconnecting makes viser drop the received parts
             raise NonsenseError("part of a file that does not match its upload")
         up.next += 1
         if up.parts == 0:
@@ -236,7 +237,7 @@ class Letters:
 
 
 def _numbers(value: Any, name: str = "") -> None:
-    """Raise `NonsenseError` for implausible numbers in a message, or quaternions not of unit length."""
+    """Raise `NonsenseError` if a message has implausible numbers or a quaternion whose length is not 1."""
     if isinstance(value, msgspec.Struct):
         for field in value.__struct_fields__:
             _numbers(getattr(value, field), field)
@@ -253,7 +254,7 @@ def _numbers(value: Any, name: str = "") -> None:
 
 
 def _suits(handle: Any, value: Any) -> bool:
-    """Return whether an element can have a value."""
+    """Return whether a value is possible for an element."""
     was = handle.value
     options = getattr(handle, "options", None)
     if options is not None:
@@ -261,7 +262,7 @@ def _suits(handle: Any, value: Any) -> bool:
     if isinstance(was, bool):
         return isinstance(value, bool)
     if isinstance(was, int | float):
-        # Typed values may be beyond the ends of a slider; they are clamped.
+        # Values from the keyboard may be outside the range of a slider; they are clamped.
         return isinstance(value, int | float) and not isinstance(value, bool)
     if isinstance(was, str):
         return isinstance(value, str) and len(value) <= _TEXT
@@ -272,7 +273,7 @@ def _suits(handle: Any, value: Any) -> bool:
 
 
 def _picture(png: bytes) -> None:
-    """Raise `NonsenseError` for a picture that is not PNG or too large."""
+    """Raise `NonsenseError` if a picture is not PNG or is too large."""
     width, height = int.from_bytes(png[16:20], "big"), int.from_bytes(png[20:24], "big")
     if png[:8] != b"\x89PNG\r\n\x1a\n" or not 0 < width * height <= _PIXELS:
         raise NonsenseError("a picture that was not requested")

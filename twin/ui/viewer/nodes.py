@@ -19,13 +19,13 @@ _GHOST_OPACITY = 0.28
 
 
 class RobotNodes:
-    """One robot in the scene, below a root node that places and scales it; child nodes are in m in its base.
+    """Scene nodes of a robot, below a root node with its place and scale; child nodes are in m in its base frame.
 
     Attributes:
-        root: frame of the base in the world.
+        root: node of the base frame in the world.
         bodies: node of each body, by name.
-        meshes: (body, handle) of all meshes, which can be grabbed.
-        size: diagonal in m of the bounding box of the meshes when first shown.
+        meshes: (name of the body, handle) of each mesh; meshes can be grabbed.
+        size: diagonal in m of the meshes' bounding box at the initial poses.
     """
 
     def __init__(
@@ -74,23 +74,23 @@ class RobotNodes:
         self._equations: viser.LineSegmentsHandle | None = None
 
     def write(self, poses: Mapping[str, Array]) -> None:
-        """Show link poses T_base_body (4, 4), sent as one frame."""
+        """Show link poses T_base_body (4, 4), by body; all poses are sent as one frame."""
         Ts = np.array([poses[name] for name in self.bodies])
         self._writer.write(Ts[:, :3, 3], np.array([spatial.quat_from_matrix_wxyz(T[:3, :3]) for T in Ts]))
 
     def place(self, T_world_base: Array, scale: float) -> None:
-        """Place and scale the whole robot; data inside the robot keep their units."""
+        """Set pose and display scale of the whole robot; child nodes are still in m."""
         self.root.position, self.root.scale = T_world_base[:3, 3], scale
         self.root.wxyz = spatial.quat_from_matrix_wxyz(T_world_base[:3, :3])
 
     def to_base(self, p_world: Array) -> Array:
-        """Return a point (3,) given in world as a point in m in the robot's base, unscaled."""
+        """Convert a point (3,) from the displayed world to the robot's base frame, in m, without display scale."""
         T = np.eye(4)
         T[:3, :3], T[:3, 3] = spatial.matrix_from_quat_wxyz(np.asarray(self.root.wxyz)), self.root.position
         return T[:3, :3].T @ (np.asarray(p_world, float) - T[:3, 3]) / float(np.atleast_1d(self.root.scale)[0])
 
     def to_world(self, p_base: Array) -> Array:
-        """Return a point (3,) given in the robot's base as a point in world, scaled."""
+        """Convert a point (3,) in m from the robot's base frame to the displayed world, with display scale."""
         R = spatial.matrix_from_quat_wxyz(np.asarray(self.root.wxyz))
         return np.asarray(self.root.position) + float(np.atleast_1d(self.root.scale)[0]) * R @ p_base
 
@@ -98,7 +98,7 @@ class RobotNodes:
         """Show or hide the whole robot."""
         self.root.visible = visible
 
-    # -- what can be shown besides --------------------------------------------------------------------
+    # -- optional displays ----------------------------------------------------------------------------
 
     def frames(self, visible: bool) -> None:
         """Show or hide the axes of every link frame."""
@@ -118,7 +118,7 @@ class RobotNodes:
         self._toggle("labels", visible, make)
 
     def axes(self, visible: bool) -> None:
-        """Show or hide the axes of joints with one degree of freedom; active joints blue, passive joints orange."""
+        """Show or hide the axes of joints with one degree of freedom: active joints blue, passive joints orange."""
 
         def make() -> list[viser.SceneNodeHandle]:
             out: list[viser.SceneNodeHandle] = []
@@ -142,9 +142,13 @@ class RobotNodes:
     def equations(
         self, points: Mapping[str, Array], actual: Mapping[str, Array], agrees: bool, exaggerated: float
     ) -> None:
-        """Draw the named points (3,) of the equations, points of one body connected by rods.
+        """Draw the named points (3,) of the equations; points of the same body are connected by lines.
 
-        Their distance from the mechanism's points is magnified. Without points nothing is drawn.
+        Args:
+            points: points of the equations, in m in the base frame; without points, nothing is drawn.
+            actual: the same points of the mechanism.
+            agrees: whether equations and mechanism agree, which determines the colour.
+            exaggerated: magnification of the distance between both sets of points.
         """
         owner = {p.name: p.body for p in self._mechanism.points}
         known = [n for n in points if n in owner and n in actual and np.isfinite(points[n]).all()]
@@ -166,7 +170,7 @@ class RobotNodes:
         self._equations.visible = True
 
     def section(self, poses: Mapping[str, Array], point: Array | None, normal: Array) -> None:
-        """Hide the part in front of a plane (in base); None shows everything."""
+        """Hide the part of the robot in front of a plane (point and normal in base); without a point, hide nothing."""
         for (body, (vertices, triangles, *_)), (_, handle) in zip(self._looks, self.meshes, strict=True):
             shown, faces = vertices, triangles
             if point is not None:

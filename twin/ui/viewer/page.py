@@ -1,4 +1,4 @@
-"""Build the whole page: the front with surroundings and panels."""
+"""Build the page: the front end with surroundings and panels."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from twin.ui.viewer.scenery import Scenery
 def open_page(
     title: str, actors: list[Actor], props: Mechanism | None, server: viser.ViserServer, **more: Any
 ) -> Front:
-    """Return the front of a page, ready to run.
+    """Return the front end of a page, ready to run.
 
     Args:
-        title: of the page.
-        actors: the robots; the first is active.
-        props: mechanism of the props; None: table and patient of the protocol, on demand.
+        title: title of the page.
+        actors: the robots; the first robot is active.
+        props: mechanism of the props; None: table and patient of the protocol can be shown instead.
         server: the server of viser.
         more: further arguments of `Front`.
     """

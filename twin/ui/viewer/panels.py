@@ -1,4 +1,4 @@
-"""The panels of the page: play, move, scene, readings and curves; the design panel is in `design_panel`."""
+"""The panels of the page: play, move, scene, readings, curves; the design panel is in `design_panel`."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from twin.ui.viewer.record_panel import RecordPanel
 
 PALETTE = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#999999")
 MOST_POSTURES = 64
-"""Maximum number of postures in the list, after which `keep here` adds none."""
+"""Maximum number of postures in the list; when it is reached, `keep here` adds no more."""
 
 CURVES = ("displacement", "speed", "acceleration", "tip", "RCM error")
 _POINTS = 400
@@ -29,7 +29,7 @@ _POINTS = 400
 
 
 class Panels:
-    """All controls and displays."""
+    """All controls and displays of the page."""
 
     def __init__(self, front: Front) -> None:
         self.front, self.gui, self.why = front, front.server.gui, ""
@@ -66,7 +66,7 @@ class Panels:
         self._plotted: tuple[str, str, Playback | None] = ("", "", None)
 
     def close(self) -> None:
-        """Stop the processes of the panels."""
+        """End the processes of the panels."""
         self.design.close()
 
     # -- play -----------------------------------------------------------------------------------------
@@ -161,7 +161,7 @@ class Panels:
 
             time.on_update(scrub)
             self._draw_curves(force=True)
-        elif self._time is not None:  # the protocol of another robot may be longer than that of the active one
+        elif self._time is not None:  # a longer protocol of another robot extends the timeline
             self._time.max = round(front.clock.duration, 3)
         self._run.disabled = any(b.playback is None for b in front.actors)
         front.scenery.trail(self._trail.value)
@@ -232,7 +232,7 @@ class Panels:
     # -- reading --------------------------------------------------------------------------------------
 
     def equations_shown(self) -> bool:
-        """Return whether the points of the equations are to be shown."""
+        """Return whether the user wants to see the points of the equations."""
         return self._equations.value
 
     def ghost(self, visible: bool) -> None:
@@ -241,11 +241,11 @@ class Panels:
         self.front.show_ghost(visible)
 
     def exaggeration(self) -> float:
-        """Return the magnification of the error of the equations' points."""
+        """Return the magnification of the errors of the equations' points."""
         return float(self._times.value.split()[0])
 
     def ghost_poses(self, a: Actor) -> dict[str, Array] | None:
-        """Return the link poses of the ghost: the mechanism at the requested tool pose, or another design."""
+        """Return the link poses of the ghost: the mechanism at the requested tool pose, or the original design."""
         other = self.design.other_poses(a)
         if other is not None:
             return other
@@ -299,9 +299,9 @@ class Panels:
         step = max(1, len(playback.t) // _POINTS)
         t, rows = playback.t[::step], values[:, ::step]
         k = int(np.argmin(np.abs(t - self.front.clock.time)))
-        rows = np.where(np.isfinite(rows), rows, 0.0)  # a plot cannot show what is not there
+        rows = np.where(np.isfinite(rows), rows, 0.0)  # the plot cannot show NaN
         low, high = float(rows.min()), float(rows.max())
-        now = np.full(len(t), low)  # a separate, vertical line at the clock's time
+        now = np.full(len(t), low)  # a separate curve that is a vertical line at the clock's time
         now[k] = max(high, low + LEAST_SPAN)
         data = (t, *rows, now)
         key = (self._what.value, self.front.hand.name, playback)
@@ -324,10 +324,10 @@ class Panels:
 
 
 LEAST_SPAN = 0.01
-"""Minimum span of an axis: the page labels it with three decimals, and ten labels must differ."""
+"""Minimum range of an axis: its ten labels, with three decimals, must differ."""
 
 _SMALL = (("mm", 1e-3), ("µm", 1e-6), ("nm", 1e-9), ("pm", 1e-12))
-"""Units in m for a distance whose size may be from rounding to a centimetre."""
+"""(Name, size in m) of the units for distances from rounding errors to centimetres."""
 
 
 def curves(playback: Playback, what: str, joints: list[str], angles: list[bool]) -> tuple[list[str], Array]:

@@ -24,18 +24,18 @@ def length(metres: float) -> str:
 
 
 def amount(residual: Residual) -> str:
-    """Return a residual, a length in m or an angle in rad, as text with its unit."""
+    """Return a residual (a length or an angle) as text with a suitable unit."""
     return angle(residual.size) if residual.is_angle else length(residual.size)
 
 
 def angle(radians: float) -> str:
-    """Return an angle as text in degrees, with a suitable number of digits."""
+    """Return an angle in rad as text in degrees, with a suitable number of digits."""
     degrees = abs(radians) / DEG
     return f"{degrees:.3f}°" if degrees >= 0.001 else f"{degrees:.1e}°"
 
 
 def table(reading: Reading, variants: str = "") -> str:
-    """Return the whole panel as HTML; values beyond their limits are red."""
+    """Return the panel with all readings as HTML; values beyond their limits are red."""
     rows = [f"<div style='{_GRID}'>{''.join(_number(*c) for c in reading.coordinates)}</div>"]
     if variants:
         rows.append(_line("equations", variants))
@@ -76,7 +76,7 @@ _GRID = (
 
 
 def phases(spans: Sequence[tuple[str, float, float]], now: str) -> str:
-    """Return the phases as a bar in HTML: lengths proportional to durations, the present phase filled."""
+    """Return the phases as an HTML bar with segments proportional to their durations; the present phase is filled."""
     total = spans[-1][2] or 1.0
     cells = (
         f"<span title='{escape(name)}: {t0:.2f} to {t1:.2f} s' style='flex:0 0 {100 * (t1 - t0) / total:.2f}%;"
@@ -88,7 +88,7 @@ def phases(spans: Sequence[tuple[str, float, float]], now: str) -> str:
 
 
 def legend(names: Sequence[str], colors: Sequence[str]) -> str:
-    """Return the legend of the curves as HTML: names, each after a line of its colour."""
+    """Return the legend of the curves as HTML: a line in the colour of each curve, followed by its name."""
     items = (
         f"<span style='white-space:nowrap'><span style='display:inline-block;width:1.2em;height:3px;margin-right:.3em;"
         f"vertical-align:middle;background:{colors[i % len(colors)]}'></span>{escape(name)}</span>"
@@ -112,7 +112,7 @@ def _line(name: str, text: str, color: str = "") -> str:
 
 
 def _bar(limit: Limit) -> str:
-    """Return the position of a joint between its limits as HTML; red within 2 % of a limit."""
+    """Return the position of a joint between its limits as an HTML bar; red within 2 % of the range from a limit."""
     text = f"{limit.value:.3f} {limit.unit}".replace("-0.000 ", "0.000 ")
     part = limit.part
     if part is None:

@@ -1,4 +1,4 @@
-"""Save results: a recorded session, a posture in the robot's TOML, a phase at the end of a protocol."""
+"""Controls to save results: a recorded session, a posture in the robot's TOML, a final phase of a protocol."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from twin.ui.viewer.keep import append_phase, identifier, save_posture
 
 
 class RecordPanel:
-    """Buttons below the joints; `posture` is a function that returns the name of the selected posture."""
+    """Controls below the joints; `posture` is a function that returns the name of the selected posture."""
 
     def __init__(
         self, front: Front, a: Actor, tab: viser.GuiTabHandle, handles: list, posture: Callable[[], str]
@@ -48,7 +48,7 @@ class RecordPanel:
         front.after_frame.append(self._tick)
 
     def _keep_buttons(self) -> None:
-        """Add controls for writing files; the terminal asks first, because users of the page are not trusted."""
+        """Add controls to write files; writing requires confirmation on the terminal, as page users are not trusted."""
         gui, front = self.front.server.gui, self.front
         if front.terminal is None:
             gui.add_markdown("Start `twin view` in a terminal; it asks there before it writes files.")

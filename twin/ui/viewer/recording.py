@@ -1,4 +1,4 @@
-"""Export the view: a screenshot, a turntable, a recording that plays without Python."""
+"""Export the view as screenshot, turntable, or recording that plays without Python."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ Progress = Callable[[float], object]
 
 
 def screenshot(client: viser.ClientHandle | None, title: str, progress: Progress) -> bytes:
-    """Let a browser download the picture that it shows, as PNG; return the PNG."""
+    """Make a browser download its present view as PNG; return the PNG."""
     client = _one(client)
     png = _png(_render(client, 1080, 1920))
     progress(1.0)
@@ -31,7 +31,7 @@ def screenshot(client: viser.ClientHandle | None, title: str, progress: Progress
 
 
 def turntable(client: viser.ClientHandle | None, title: str, progress: Progress) -> bytes:
-    """Let a browser download a GIF of one revolution about its view target; return the GIF."""
+    """Make a browser download a GIF of one camera revolution about its view target; return the GIF."""
     from PIL import Image
 
     client = _one(client)
@@ -62,10 +62,10 @@ def turntable(client: viser.ClientHandle | None, title: str, progress: Progress)
 
 
 def page(front: Front, progress: Progress = lambda part: None) -> str:
-    """Return an HTML page that plays the loaded protocols without a server.
+    """Return an HTML page that plays the planned protocols without a server.
 
     Raises:
-        TwinError: no protocol is loaded.
+        TwinError: no protocol is planned.
     """
     clock = front.clock
     if clock.duration <= 0:
@@ -101,7 +101,7 @@ def _render(client: viser.ClientHandle, height: int, width: int, **camera) -> np
 
 
 def _over(image: np.ndarray) -> np.ndarray:
-    """Return a picture with transparency drawn on white."""
+    """Return a picture with transparency blended with white."""
     a = image[..., 3:] / 255.0
     return (image[..., :3] * a + 250 * (1 - a)).astype(np.uint8)
 

@@ -1,4 +1,4 @@
-"""Add entries to hand-written TOML; comments, layout and all other entries are kept."""
+"""Add entries to hand-written TOML; comments, layout and all other entries are preserved."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from twin.core.assets import atomic_folder
 from twin.core.errors import DescriptionError, OutputError, TwinError
 
 Entry = tuple[str, str | None, dict[str, Any]]
-"""The added entry: (table, key in the table, or None to append to a list of tables, values)."""
+"""(Table, key in the table or None to append to a list of tables, values) of an entry to add."""
 
 
 def rewrite(path: Path, entries: list[Entry], check: Callable[[Path], None]) -> None:
@@ -26,7 +26,7 @@ def rewrite(path: Path, entries: list[Entry], check: Callable[[Path], None]) -> 
     Args:
         path: a valid file; it is replaced atomically.
         entries: entries to add or replace.
-        check: called with a file of the same name that has the new text; raises `TwinError` if it is invalid.
+        check: function called with a file of the same name with the new text; raises `TwinError` if it is invalid.
 
     Raises:
         TwinError: `check` raised it.
@@ -73,7 +73,7 @@ def rewrite(path: Path, entries: list[Entry], check: Callable[[Path], None]) -> 
 
 
 def _append(document: Any, table: str, key: str | None, values: dict[str, Any]) -> None:
-    """Append values to a table of tables, or replace existing ones."""
+    """Append values to a list of tables or, with a key, set them in a table; existing values are replaced."""
     parent: Any = document.get(table)
     if key is not None and parent is not None and key in parent:
         parent[key].update(values)
@@ -84,7 +84,7 @@ def _append(document: Any, table: str, key: str | None, values: dict[str, Any]) 
     fresh.update(values)
     before = list(parent if key is None else parent.values())
     if before and isinstance(before[-1], Table) and not isinstance(parent, OutOfOrderTableProxy):
-        # Comments after a blank line below the last table belong to the next table: the new table is put before them.
+        # Comments after a blank line below the last table belong to the next table; insert the new table before them.
         body = before[-1].value.body
         end = max((n + 1 for n, (k, _) in enumerate(body) if k is not None), default=0)
         end = next((n for n in range(end, len(body)) if isinstance(body[n][1], Whitespace)), len(body))

@@ -1,4 +1,4 @@
-"""Surroundings of the robots: floor, table, patient, trocar, shaft, trail; light, cameras, sections, pictures."""
+"""Surroundings of the robots (floor, table, patient, trocars, shafts, tip paths), cameras, sections and pictures."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ from twin.ui.viewer.nodes import BLUE, ORANGE, RobotNodes
 
 VIEWS = ("overview", "front", "top", "along the shaft", "endoscope", "microscope")
 FIRST, ENDOSCOPE = 40, 70
-"""Angles of view in deg: initial, and of a common laparoscope."""
+"""Angles of view in deg: initial, and for the endoscope view (a common laparoscope)."""
 
 _CUTS = ("none", "x", "y", "z")
 
 
 class Scenery:
-    """The surroundings of all robots, and the camera."""
+    """The surroundings of all robots, and the cameras of the browsers."""
 
     def __init__(self, front: Front, props: Mechanism | None) -> None:
         self.front, self.scene = front, front.server.scene
@@ -86,7 +86,7 @@ class Scenery:
             self._trail[a.name] = [line]
 
     def follow(self) -> None:
-        """Update trocars and shafts to the robots' poses; a shaft that visibly misses its trocar is not drawn."""
+        """Move trocars and shafts to the robots' present poses; a shaft that visibly misses its trocar is not drawn."""
         shown = set()
         for a in self.front.actors if self._trail_shown else ():
             size = self.front.nodes[a.name].size
@@ -131,7 +131,7 @@ class Scenery:
                 "dark": (False, self.dark),
             }
             if self.props is not None:
-                del boxes["table and patient"]  # they are among the surroundings
+                del boxes["table and patient"]  # the scene's props include table and patient
                 boxes["transparent surroundings"] = (False, self.see_through)
             for name, (first, do) in boxes.items():
                 box = gui.add_checkbox(name, first)
@@ -172,13 +172,13 @@ class Scenery:
         return lambda _: self.front.ask(name, lambda: do(box.value))
 
     def _busy(self, work) -> None:
-        """Run one long action; further requests meanwhile are refused, because each would need a thread."""
+        """Run a long action; refuse further long actions until it ends, because each needs a thread."""
         if not self._one.acquire(blocking=False):
             return
         try:
             self._progress.visible = True
             work(lambda part: setattr(self._progress, "value", 100 * part))
-        except TwinError as error:  # in a thread of viser an exception would be lost
+        except TwinError as error:  # exceptions in a thread of viser would be lost
             self.front.say(str(error), bad=True)
         finally:
             self._progress.visible = False
@@ -201,7 +201,7 @@ class Scenery:
     # -- surroundings ---------------------------------------------------------------------------------
 
     def dark(self, on: bool) -> None:
-        """Choose dark or light background."""
+        """Set a dark or light background."""
         self.front.server.gui.configure_theme(
             dark_mode=on, control_width="large", show_logo=False, show_share_button=False
         )
@@ -209,7 +209,7 @@ class Scenery:
         self.grid.section_color = (80, 88, 98) if on else (186, 194, 204)
 
     def gizmo(self, on: bool) -> None:
-        """Show or hide the handle at the tool; the endoscope view never shows it."""
+        """Show or hide the handle (gizmo) at the tool; it is always hidden in the endoscope view."""
         self._gizmo_wanted = on
         self.front.gizmo.visible = on and not self._through_lens
 
@@ -220,7 +220,7 @@ class Scenery:
             handle.opacity = 0.3 if on else None
 
     def patient(self, visible: bool) -> None:
-        """Show patient and table of the present protocols; if these have none, name the protocols that have one."""
+        """Show or hide patient and table of the present protocols; without a patient, name protocols that have one."""
         self._patient_shown = visible
         missing = []
         for a in self.front.actors:
@@ -252,7 +252,7 @@ class Scenery:
             frame.visible = name not in hidden
 
     def update(self) -> None:
-        """Update the section of the robots at their present poses, if a section is shown."""
+        """Update the section of the robots to their present poses, if a section is shown."""
         state = None if self._cut is None else (*self._cut, *(id(a.desk.assembly) for a in self.front.actors))
         if state == self._cut_drawn:
             return
@@ -268,12 +268,12 @@ class Scenery:
             node.section(a.desk.assembly.link_poses, point, normal)
 
     def look(self, view: str, client: viser.ClientHandle | None) -> None:
-        """Move a browser's camera to a preset; without a client the cameras of all browsers."""
+        """Move the camera of a browser to a preset view; without a client, move the cameras of all browsers."""
         clients = [client] if client is not None else list(self.front.server.get_clients().values())
         eye, at, up = self.camera(view)
         inside = view == "endoscope"
         self._through_lens = inside
-        self.front.gizmo.visible = self._gizmo_wanted and not inside  # it would fill the picture
+        self.front.gizmo.visible = self._gizmo_wanted and not inside  # it would cover the endoscope view
         for c in clients:
             with c.atomic():
                 c.camera.up_direction = up
@@ -283,12 +283,12 @@ class Scenery:
                 c.camera.near = 0.001 if inside else 0.01
 
     def camera(self, view: str) -> tuple[Array, Array, Array]:
-        """Return (camera position, target, up vector) of a preset, each (3,) in world, in m."""
+        """Return (camera position, target, up vector) of a preset view, each (3,) in m in the world frame."""
         a = self.front.hand
         node = self.front.nodes[a.name]
         tip, axis = a.desk.shaft()
         lens, sight, above = (node.to_world(x) for x in a.desk.camera())
-        R = node.to_world(np.eye(3)[0]) - node.to_world(np.zeros(3))  # base x in world, scaled
+        R = node.to_world(np.eye(3)[0]) - node.to_world(np.zeros(3))  # x axis of the base in world, with scale
         size = node.size * a.scale
         p, up = node.to_world(tip), np.array([0.0, 0.0, 1.0])
         along = node.to_world(tip + axis) - p

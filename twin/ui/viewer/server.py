@@ -1,8 +1,8 @@
-"""The server, with few imports, so that a browser can load the page while the robot is being read.
+"""The viewer's server; it has few imports, so that a browser can load the page while the robot is read.
 
-viser has no access control. The one call by which viser opens a socket is therefore replaced, so that its page,
-WebSockets and messages pass through our access control. A viser version that opens its socket in another way is
-stopped.
+viser has no access control. Therefore the call with which viser opens its socket is replaced, so that its page,
+WebSockets and messages pass through the access control of `twin.ui.door`. If a version of viser opens its socket
+differently, the server is stopped.
 """
 
 from __future__ import annotations
@@ -35,29 +35,29 @@ CLIENTS, CLIENTS_OF_ONE = 16, 8
 """Maximum number of simultaneous WebSockets: in total, and from one address."""
 
 BYTES = (8e6, 40e6)
-"""Limit of bytes from one page: per second, and burst; a turntable is 36 pictures."""
+"""Limit of bytes from one page: (per second, burst); a turntable has 36 pictures."""
 
 FRAMES = (600.0, 1200.0)
-"""Limit of WebSocket frames from one page: per second, and burst."""
+"""Limit of WebSocket frames from one page: (per second, burst)."""
 
 PATIENCE = 60.0
-"""Maximum time in s without an answer from a page; software rendering is slow."""
+"""Maximum time in s until a page answers a ping; pages with software rendering are slow."""
 
 POLICY = (
     "default-src 'none'; script-src 'unsafe-inline' 'unsafe-eval' blob: data:; worker-src blob: data:; "
     "style-src 'unsafe-inline'; img-src 'self' data: blob:; font-src data:; media-src data: blob:; "
     "connect-src 'self' data: blob:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
 )
-"""Content-Security-Policy of viser's page (a single file), which allows connections only to its own server.
+"""Content-Security-Policy of viser's page (a single file): it may connect only to its own server.
 
-Without it, a link to the page with `?websocket=` or `?playbackPath=` would let another server control the page.
+Without this policy, a link with `?websocket=` or `?playbackPath=` could connect the page to another server.
 """
 
 _lock = threading.Lock()
 
 
 class PageConnection(Connection):
-    """A connection whose messages `letters` filters."""
+    """A connection whose messages are filtered by `letters`."""
 
     letters: ClassVar[Letters]
 
@@ -84,7 +84,7 @@ class PageConnection(Connection):
             return raw
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """Release the counted resources and the upload."""
+        """Remove the connection from the counts, and cancel its upload."""
         self.letters.forget(self)
         super().connection_lost(exc)
 
@@ -95,7 +95,7 @@ class Door:
     Attributes:
         gate: access rules.
         letters: message filter.
-        stands: whether it protects viser's socket.
+        stands: whether viser's socket is protected.
     """
 
     def __init__(self, gate: Gate) -> None:
@@ -112,7 +112,7 @@ class Door:
         select_subprotocol: Callable[..., Any],
         **ours: Any,
     ) -> Any:
-        """Open the socket instead of `websockets.serve`; only viser's handler and protocol are used."""
+        """Open the socket instead of `websockets.serve`, with viser's handler and subprotocol and our limits."""
         self.stands = True
         return listen(
             handler,
@@ -138,16 +138,16 @@ class Door:
 
 
 def serve(title: str, host: str, port: int, gate: Gate | None = None) -> viser.ViserServer:
-    """Return a running server on a port, which must be free; 0 means any free port.
+    """Start a server and return it.
 
     Args:
-        title: of its page.
+        title: title of the page.
         host: address to listen on.
-        port: port to listen on.
-        gate: access rules; default: requests with the host's name, from its own page.
+        port: free port to listen on; 0: any free port.
+        gate: access rules; None: accept requests with the name of `host` from the server's own page.
 
     Raises:
-        TwinError: this version of viser opens its socket in another way.
+        TwinError: this version of viser opens its socket differently.
     """
     door = Door(gate or Gate(host, port, False, lambda token: None))
     with contextlib.redirect_stdout(io.StringIO()), _opening(door):
@@ -167,7 +167,7 @@ def tell(server: viser.ViserServer, title: str, text: str, bad: bool = False) ->
 
 
 def stop(server: viser.ViserServer) -> None:
-    """Stop a server without output."""
+    """Stop a server, without printed messages."""
     with contextlib.redirect_stdout(io.StringIO()):
         server.stop()
 

@@ -3,14 +3,14 @@
     layout       units, frame rates, transform ops, names
     structure    loops, articulation root, self collision
     timeline    poses of all bodies, at rest and at every time sample
-    joints       frames that meet and axes that agree, along the whole timeline
-    coordinates  limits, states, drives and speeds, along the whole timeline; radians authored as degrees
+    joints       coincidence of the two frames of each joint, along the whole timeline
+    coordinates  limits, states, drives and speeds along the whole timeline; values in radians instead of degrees
     bodies       masses, inertias, nesting, meshes
     samples      time range, quaternion signs, steps
     validators   the validators and the physics parser that come with OpenUSD
 
-The checker reads the stage itself and trusts no attribute of twin's own, except `twin:active`, which can only
-add a finding. Nothing here imports the writer.
+The checker does not use the writer. It reads only two attributes of twin: `twin:active`, which can only add a finding,
+and `twin:base`, for which a missing mass of the fixed base is only a note.
 """
 
 from __future__ import annotations
@@ -37,8 +37,8 @@ _UNCHECKED = Kind("stage.unchecked", "error", "repair the transform ops first")
 def check_stage(path: str | Path) -> list[Finding]:
     """Return the findings on a stage, the most severe first.
 
-    A finding has a code stage.<something>, the prim path in `where`, the time code in `when`, and size, unit and limit
-    of its measured value, if any.
+    A finding has a code "stage.<name>", the prim path in `where`, the time code in `when`, and, if a value was
+    measured, its size, unit and limit.
 
     Raises:
         StageError: the file is missing or not USD, or one of its layers cannot be found.
@@ -54,6 +54,6 @@ def check_stage(path: str | Path) -> list[Finding]:
             *check_bodies(scene),
             *check_meshes(scene),
         ]
-    except StageError as failed:  # a transform op that cannot be evaluated; check_ops has named it
+    except StageError as failed:  # a transform op that cannot be evaluated; check_ops has already reported it
         findings.append(_UNCHECKED(scene.path, f"{failed} Poses, joints and bodies are not checked"))
     return by_severity(findings)

@@ -21,13 +21,13 @@ QUATERNION_TOL = 1e-4
 """Deviation of a quaternion's length from 1 that counts as rounding of single precision."""
 
 COM_MARGIN = 1 * MM
-"""Largest distance in m of a centre of mass outside the meshes' bounding box (thin shells, coarse meshes)."""
+"""Maximum distance in m of a centre of mass outside the bounding box of thin shells and coarse meshes."""
 
 GYRATION = (0.02, 1.0)
-"""Plausible range of the largest radius of gyration, as a share of the diagonal of the meshes' bounding box."""
+"""Plausible range of the largest radius of gyration, divided by the diagonal of the meshes' bounding box."""
 
 LARGEST = 20.0
-"""Diagonal in m of one link above which the unit of length is probably wrong."""
+"""Diagonal in m of a link's bounding box above which the unit of length is probably wrong."""
 
 
 _QUATERNION = Kind(
@@ -80,7 +80,7 @@ def _check_nesting(scene: Scene, path: str, prim: Usd.Prim) -> Iterator[Finding]
 
 
 def _bounds(scene: Scene, body: Usd.Prim) -> tuple[Array, Array] | None:
-    """Return (low (3,), high (3,)) in m of the shown meshes' bounding box in the body's frame; None without meshes."""
+    """Return (low (3,), high (3,)) in m of the visible meshes' bounding box in the body's frame; None: no meshes."""
     corners = []
     for prim in below(scene, body):
         if prim.IsA(UsdGeom.Mesh):
@@ -189,7 +189,7 @@ def _check_quaternions(prim: Usd.Prim) -> Iterator[Finding]:
 
 
 def non_unit(path: str, name: str, length: float, when: str = "") -> Finding:
-    """Return the finding for a quaternion that is not of unit length."""
+    """Return the finding for a quaternion whose length is not 1."""
     return _QUATERNION(path, f"{path}: the length of quaternion {name} is not 1", Quantity(length), 1.0, when=when)
 
 
@@ -227,7 +227,7 @@ def check_meshes(scene: Scene) -> Iterator[Finding]:
 
 
 def _is_closed(triangles: np.ndarray) -> bool:
-    """Return whether each directed edge has its opposite exactly once; only then the sign of the volume is defined."""
+    """Return whether each directed edge has exactly one opposite edge, so that the sign of the volume is defined."""
     edges = np.vstack([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]]).astype(np.int64)
     n = int(edges.max()) + 1
     return np.array_equal(np.sort(edges[:, 0] * n + edges[:, 1]), np.sort(edges[:, 1] * n + edges[:, 0]))

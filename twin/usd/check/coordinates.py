@@ -1,4 +1,4 @@
-"""Check the coordinate of a joint, computed from its frames, against its limits, state, drive and maximum speed.
+"""Compare the coordinate of a joint, computed from its frames, with its limits, state, drive and maximum speed.
 
 Angles are in degrees, as on the stage; lengths are in metres.
 """
@@ -19,16 +19,16 @@ from twin.usd.check.timeline import Timeline
 from twin.usd.scan import RawJoint
 
 STATE_TOL = 0.01
-"""Largest deviation of a joint state from the authored pose, in degrees, or in hundredths of a millimetre."""
+"""Maximum deviation of a joint state from the authored pose, in degrees, or in hundredths of a millimetre."""
 
 LIMIT_TOL = 1e-3
 """Violation of a limit that counts as rounding: degrees, or thousandths of a millimetre."""
 
 RADIAN_LOOKS = tuple(np.pi * f for f in (2, 1, 1 / 2, 1 / 3, 1 / 4, 1 / 6, 2 / 3, 3 / 4, 5 / 6))
-"""Typical limits in radians, whose values would be unusual in degrees."""
+"""Values of typical limits in radians; such values are unusual for limits in degrees."""
 
 RADIAN_SPEED = 4 * np.pi
-"""Values of a maximum speed up to this look like rad/s; in degrees per second they would be very slow."""
+"""Maximum speed up to which the unit is probably rad/s: in degrees per second such a value would be very slow."""
 
 SPEED_MARGIN = 1.01
 """Factor on the maximum speed that allows for the error of finite differences between samples."""
@@ -67,8 +67,8 @@ def check_coordinate(joint: RawJoint, line: Timeline, q: Array, ordered: bool) -
     Args:
         joint: the joint.
         line: poses of the bodies along the timeline.
-        q: its coordinate (k + 1,) along that line, in degrees or metres.
-        ordered: whether the lower limit is not above the upper limit.
+        q: its coordinate (k + 1,) at rest and at the k samples of the timeline, in degrees or metres.
+        ordered: whether the lower limit is at most the upper limit; otherwise limits are not checked.
 
     """
     if joint.limits and ordered:
@@ -79,7 +79,7 @@ def check_coordinate(joint: RawJoint, line: Timeline, q: Array, ordered: bool) -
 
 
 def _unit(joint: RawJoint) -> tuple[str, float]:
-    """Return (unit in which a value is shown, factor from the unit of `coordinate`)."""
+    """Return (unit for messages, factor from the unit of `coordinate` to this unit)."""
     return ("deg", 1.0) if joint.is_angle else ("mm", 1 / MM)
 
 
@@ -88,7 +88,7 @@ def _radians(joint: RawJoint, text: str, size: float) -> Finding:
 
 
 def _breach(q: Array, low: float, high: float, wraps: bool) -> Array:
-    """Return how far q (k,) is outside low..high; an angle may differ by full turns, the same for all samples."""
+    """Return the distance (k,) of q (k,) outside low..high; if `wraps`, modulo full turns common to all samples."""
     turns = 360.0 * np.arange(-3, 4) if wraps else np.zeros(1)
     each = [np.maximum(np.maximum(low - (q + t), q + t - high), 0) for t in turns]
     return min(each, key=lambda b: float(np.max(b)))
@@ -117,14 +117,14 @@ def _check_limits(joint: RawJoint, line: Timeline, q: Array) -> Iterator[Finding
 
 
 def _difference(joint: RawJoint, a: Array, b: Array) -> Array:
-    """Return |a - b|: of angles in degrees, modulo full turns; of lengths in mm."""
+    """Return |a - b|, for angles in degrees modulo 360, for lengths in mm."""
     if not joint.is_angle:
         return np.abs(a - b) / MM
     return np.abs((a - b + 180.0) % 360.0 - 180.0)
 
 
 def _check_state(joint: RawJoint, line: Timeline, q: Array) -> Iterator[Finding]:
-    """Compare the joint state with the poses: simulators start at the state."""
+    """Compare the joint state, which is the initial state of simulations, with the coordinate from the poses."""
     unit, shown = _unit(joint)
     factor = joint.unit
     attribute = joint.prim.GetAttribute(f"state:{joint.instance}:physics:position")

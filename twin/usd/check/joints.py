@@ -1,7 +1,7 @@
 """Check that the two frames of a joint coincide in its locked directions, at rest and at every time sample.
 
-UsdPhysics stores redundant data: body poses, joint frames, joint states, limits. Public validators check each by
-itself; this module compares them with each other.
+UsdPhysics stores redundant data: body poses, joint frames, joint states, limits. Public validators check each of these
+separately; this module compares them with each other.
 """
 
 from __future__ import annotations
@@ -21,10 +21,10 @@ from twin.usd.check.timeline import Timeline
 from twin.usd.scan import RawJoint, Scene
 
 ANCHOR_TOL = 10 * UM
-"""Largest gap in m between the two frames of a joint; single precision causes less than 1 um on a robot of 2 m."""
+"""Maximum gap in m between the two frames of a joint; single precision causes less than 1 um on a robot of 2 m."""
 
 AXIS_TOL = 0.01 * DEG
-"""Largest angle in rad between the two frames about directions that the joint locks."""
+"""Maximum angle in rad between the two frames about the locked directions of a joint."""
 
 
 _ANCHOR = Kind(
@@ -44,7 +44,7 @@ _JOINT_COLLISION = Kind("stage.joint_collision", "warning", "author physics:coll
 
 
 def deviation(kind: str, A: Array) -> tuple[Array, Array]:
-    """Return (offset (k,) in m, angle (k,) in rad) of relative poses A (k, 4, 4) along the locked directions."""
+    """Return (offset (k,) in m, angle (k,) in rad) of relative poses A (k, 4, 4) in the locked directions."""
     p = A[:, :3, 3]
     offset = np.linalg.norm(p, axis=1)
     across = np.hypot(p[:, 0], p[:, 1])

@@ -23,10 +23,10 @@ OP_TYPES = {
     **{f"translate{a}": _SCALARS for a in "XYZ"},
     **{f"scale{a}": _SCALARS for a in "XYZ"},
 }
-"""Value types that USD accepts for each kind of transform op; an op of another type is ignored."""
+"""Value types that USD accepts for each kind of transform op; USD ignores ops of other types."""
 
 SCALE_TOL = 1e-4
-"""Relative deviation from unit scale that counts as rounding."""
+"""Relative deviation from scale 1 that counts as rounding."""
 
 LAYER_FIELDS = {
     "upAxis": "stage.layer_units",
@@ -55,7 +55,7 @@ _XFORM_TYPE = Kind("stage.xform_type", "disagreement", "author the op in the cor
 
 
 def check_units(scene: Scene) -> Iterator[Finding]:
-    """Yield findings on default prim, up axis, units and frame rates of the stage and its layers."""
+    """Yield findings on the default prim, up axis, units and frame rates of the stage and its layers."""
     stage = scene.stage
     if not stage.GetDefaultPrim():
         yield _DEFAULT_PRIM("/", "no default prim: the stage cannot be referenced into another")
@@ -109,7 +109,7 @@ def check_units(scene: Scene) -> Iterator[Finding]:
 
 
 def _check_layers(scene: Scene) -> Iterator[Finding]:
-    """Compare the metadata of each used layer with the root layer, because USD converts only time between layers."""
+    """Compare the metadata of each used layer with the root layer: USD converts time, but not units, between layers."""
     root = scene.stage.GetRootLayer().pseudoRoot
     for layer in scene.stage.GetUsedLayers(includeClipLayers=False):
         if layer.anonymous or layer == scene.stage.GetRootLayer():
@@ -128,14 +128,14 @@ def _check_layers(scene: Scene) -> Iterator[Finding]:
 
 
 def check_ops(scene: Scene) -> Iterator[Finding]:
-    """Yield findings on types and order of transform ops; if these are wrong, poses cannot be computed."""
+    """Yield findings on types and order of transform ops; with wrong ops, poses cannot be computed."""
     for prim in scene.prims:
         if prim.IsA(UsdGeom.Xformable):
             yield from _check_prim_ops(prim, str(prim.GetPath()) in scene.bodies)
 
 
 def check_transforms(scene: Scene) -> Iterator[Finding]:
-    """Yield findings on reset stacks, and on mirrored and scaled transforms."""
+    """Yield findings on transforms that ignore their parents (resetXformStack), and on mirrored or scaled ones."""
     for prim in scene.prims:
         if not prim.IsA(UsdGeom.Xformable):
             continue
@@ -211,7 +211,7 @@ def _rank(name: str) -> int:
 
 
 def check_names(scene: Scene) -> Iterator[Finding]:
-    """Yield findings on equal leaf names of bodies and meshes, which Blender and Unity clips mix up."""
+    """Yield findings on bodies and meshes with equal leaf names, which Blender and Unity clips confuse."""
     seen: dict[str, Sdf.Path] = {}
     for prim in scene.prims:
         if not (str(prim.GetPath()) in scene.bodies or prim.IsA(UsdGeom.Mesh)):

@@ -15,10 +15,7 @@ from twin.usd.check.bodies import QUATERNION_TOL, non_unit
 from twin.usd.scan import Scene
 
 MAX_STEP = 90 * DEG
-"""Largest rotation in rad between two samples:
-
-USD and glTF take the shorter way, so that larger rotations play backwards.
-"""
+"""Maximum rotation in rad between two samples: USD and glTF use the shorter rotation, which may reverse large ones."""
 
 
 _QUATERNION_SIGN = Kind(
@@ -69,7 +66,7 @@ def check_samples(scene: Scene) -> Iterator[Finding]:
 
 def _check_quaternions(attribute: Usd.Attribute, codes: list[float]) -> Iterator[Finding]:
     path, name = str(attribute.GetPrim().GetPath()), attribute.GetName()
-    query = Usd.AttributeQuery(attribute)  # resolves the layers once, not at every sample
+    query = Usd.AttributeQuery(attribute)  # resolves the layers once instead of at every sample
     q = gf.quat_array_wxyz([query.Get(Usd.TimeCode(c)) for c in codes])
     length = np.linalg.norm(q, axis=1)
     worst = int(np.argmax(np.abs(length - 1)))

@@ -37,7 +37,7 @@ def check_structure(scene: Scene) -> Iterator[Finding]:
 
 
 def _check_tree(scene: Scene, joints: list[RawJoint]) -> Iterator[Finding]:
-    """Check the tree of joints, built joint by joint: a joint between connected bodies closes a loop."""
+    """Check the tree of joints, which is built one joint at a time; a joint between connected bodies closes a loop."""
     ways: dict[str, dict[str, str]] = {}
     for joint in (j for j in joints if not j.excluded):
         a, b = (e.body for e in joint.ends)
@@ -113,7 +113,7 @@ def _check_articulation(scene: Scene, joints: list[RawJoint]) -> Iterator[Findin
             )
     colliders = any(p.HasAPI(UsdPhysics.CollisionAPI) for p in scene.prims)
     if not (colliders and any(j.excluded for j in joints)):
-        return  # without loops self collision is a choice
+        return  # without loops, self collision may be on or off
     for root in roots:
         attribute = root.GetAttribute("physxArticulation:enabledSelfCollisions")
         if not (attribute and attribute.Get() is False):

@@ -13,7 +13,14 @@ from twin.usd.scan import RawJoint, Scene
 
 @dataclass(frozen=True)
 class Timeline:
-    """T_world_body (k + 1, 4, 4) of each body, at rest and then at each of k samples; `labels` (k + 1) name these."""
+    """Poses of all bodies at rest and at k time samples.
+
+    Attributes:
+        poses: T_world_body (k + 1, 4, 4) by body; the first pose is that at rest.
+        codes: time codes (k,) of the samples.
+        labels: text for findings on each of the k + 1 poses.
+        times_s: times (k,) of the samples in s.
+    """
 
     poses: dict[str, Array]
     codes: Array
@@ -21,7 +28,7 @@ class Timeline:
     times_s: Array
 
     def relative(self, joint: RawJoint) -> Array:
-        """Return the pose (k + 1, 4, 4) of a joint's frame on body1 in its frame on body0."""
+        """Return the pose (k + 1, 4, 4) of a joint's frame on body1 relative to its frame on body0."""
         a, b = (
             self.poses[e.body] @ e.T_body_joint if e.body else np.broadcast_to(e.T_body_joint, self._shape())
             for e in joint.ends

@@ -1,4 +1,4 @@
-"""Run the public validators of OpenUSD, and its physics parser as an independent count of objects."""
+"""Run the public validators of OpenUSD, and its physics parser to count objects independently."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def run_usd_validators(path: str | Path) -> list[Finding]:
     out = []
     try:
         errors = UsdValidation.ValidationContext(validators).Validate(stage)
-    except Tf.ErrorException as failed:  # validators fail, for example, at a transform op of a wrong type
+    except Tf.ErrorException as failed:  # validators fail, for example, on a transform op of a wrong type
         return [
             error(
                 "usd.failed",
@@ -47,9 +47,9 @@ def run_usd_validators(path: str | Path) -> list[Finding]:
 
 
 def parse_with_usdphysics(path: str | Path) -> dict[str, list[str]]:
-    """Return prim paths by kind of object, as found by the physics parser of OpenUSD.
+    """Return the prim paths that the physics parser of OpenUSD finds, by kind of object.
 
-    Kinds are those of `UsdPhysics.ObjectType` (RigidBody, Articulation, RevoluteJoint, D6Joint, ...): a count
+    The kinds are those of `UsdPhysics.ObjectType` (RigidBody, Articulation, RevoluteJoint, D6Joint, ...). The result is
     independent of `Scene`.
 
     Raises:

@@ -4,10 +4,10 @@
     bodies     meshes, colours, masses, named frames and points
     joints     joints, limits, drives, the base
     motion     baked poses, at their own time codes
-    motors     actuators and transmissions, of a stage that twin wrote
-    tool        the tool of a stage that does not name one
+    motors     actuators and transmissions of a stage that twin wrote
+    tool        choice of the tool, if the stage does not name one
 
-This package does not import the writer: the result is what any reader obtains, including joint frames in single
+This package does not import the writer, and uses no data that other readers do not have: joint frames are in single
 precision.
 """
 
@@ -38,8 +38,8 @@ __all__ = ["inspect_stage", "made_from", "read_motion", "read_stage", "with_tool
 
 
 def made_from(path: str | Path) -> str:
-    """Return the source that the stage states (twin:source of its default prim); "" if it states none."""
-    scene = Scene(path)  # kept alive, because a prim is invalid without its stage
+    """Return the attribute twin:source of the default prim of a stage; "" if it is missing."""
+    scene = Scene(path)  # keep a reference, because a prim is invalid without its stage
     prim = scene.stage.GetDefaultPrim()
     attribute = prim.GetAttribute("twin:source") if prim else None
     return str(attribute.Get() or "") if attribute else ""
@@ -53,17 +53,17 @@ def read_stage(path: str | Path, root: str | None = None) -> Mechanism:
 def inspect_stage(path: str | Path, root: str | None = None) -> tuple[Mechanism, list[Finding]]:
     """Return (mechanism of a stage, findings on renamed, guessed and omitted data).
 
-    Any up axis and unit are converted to world z up, metres and kilograms. Joint axes X and Y are turned to
-    z. Bodies may be nested; a joint side without body, or on a prim that is not a body, is fixed to the world. The base
-    is the body that `twin:base` names, else the body fixed to the world, else (if joints connect to the world) an added
-    body "world", else the articulation root, else the only body that is never a child. Joints excluded from the
-    articulation come last, so that they close the loops; a stage written by twin keeps its order. Rest poses are those
-    of the default time, relative to the base; positions have double precision, rotations the precision of the orient
-    op.
+    Any up axis and unit are converted to world z up, metres and kilograms. Joint frames with axis X or Y are rotated so
+    that z is the axis. Bodies may be nested; a joint side without body, or on a prim that is not a body, is fixed to
+    the world. The base is the body named by `twin:base`, else the body fixed to the world, else (if joints connect to
+    the world) an added body "world", else the articulation root, else the only body that is never a child. Joints
+    excluded from the articulation are last, so that they close the loops; in a stage written by twin, the order is
+    unchanged. Rest poses are those at the default time, relative to the base; positions have double precision,
+    rotations the precision of the orient op.
 
     Args:
         path: .usd, .usda, .usdc or .usdz.
-        root: prim path of the robot, if there are several on the stage.
+        root: prim path of the robot, if the stage has several robots.
 
     Raises:
         StageError: the file is missing or not USD; it has no bodies or joints, several robots or an ambiguous base; a
@@ -75,7 +75,7 @@ def inspect_stage(path: str | Path, root: str | None = None) -> tuple[Mechanism,
     _refuse_unknown_types(scene)
     try:
         return _inspect(scene, root)
-    except Tf.ErrorException as error:  # for example a path outside of the allowed folders
+    except Tf.ErrorException as error:  # for example a path outside the allowed folders
         raise StageError(f"{scene.path}: {said(error)}") from error
 
 
@@ -109,7 +109,7 @@ def _inspect(scene: Scene, root: str | None) -> tuple[Mechanism, list[Finding]]:
     authored = _authored(scene, chosen)
     moved = {n for t in authored["transmissions"] for n in t.joints}
     joints = tuple(
-        replace(joint, drive=None) if joint.name in moved else joint  # it represents the motors at the joint
+        replace(joint, drive=None) if joint.name in moved else joint  # the drive is equivalent to the joint's motors
         for joint in (
             convert(scene, j, joint_names[j.path], names, chosen.base, T_world_base, notes) for j in chosen.joints
         )
@@ -138,7 +138,7 @@ def _inspect(scene: Scene, root: str | None) -> tuple[Mechanism, list[Finding]]:
 
 
 def _shape(name: Sdf.ValueTypeName) -> tuple:
-    """Return (is array, kind of value) of a type, regardless of precision: number, quaternion, vector length, text."""
+    """Return (whether it is an array, kind of value) of a type: number, quaternion, text, or length of a vector."""
     value = name.scalarType.defaultValue
     if isinstance(value, bool | str):
         return name.isArray, type(value)
@@ -149,7 +149,7 @@ def _shape(name: Sdf.ValueTypeName) -> tuple:
 
 
 def _refuse_unknown_types(scene: Scene) -> None:
-    """Raise `StageError` for an attribute whose type is unknown or not that of its schema: it would be misread."""
+    """Raise `StageError` if the type of an attribute is unknown or differs from its schema: USD would misread it."""
     for layer in scene.stage.GetUsedLayers():
 
         def check(path: Sdf.Path, layer: Sdf.Layer = layer) -> None:
@@ -187,7 +187,7 @@ def _robot_name(scene: Scene, chosen: Selection, root: str | None) -> str:
 
 
 def _authored(scene: Scene, chosen: Selection) -> dict[str, Any]:
-    """Return data that only twin authors: tool, postures and parameters; empty for a stage from other software."""
+    """Return data that only twin writes: tool, postures and parameters; empty for a stage from other software."""
     out: dict[str, Any] = {"tool": "tool", "postures": {}, "parameters": (), "couplings": (), "trocars": ()}
     parent = scene.bodies[chosen.bodies[0]].GetParent()
     tool = parent.GetAttribute("twin:tool")

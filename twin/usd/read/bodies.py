@@ -16,7 +16,7 @@ from twin.usd.scan import SCALE_TOL, Scene, rigid
 
 
 def bake_scale(scene: Scene, body: Usd.Prim, notes: list[Finding]) -> None:
-    """Report the scale of a uniformly scaled body, whose lengths are read at true size.
+    """Report the scale of a uniformly scaled body; its lengths are read at the scaled size.
 
     Raises:
         StageError: the body or an ancestor is mirrored or scaled non-uniformly, so that frames and masses are
@@ -45,7 +45,7 @@ def bake_scale(scene: Scene, body: Usd.Prim, notes: list[Finding]) -> None:
 
 
 def _culprit(body: Usd.Prim) -> tuple[Usd.Prim, Array]:
-    """Return (prim, scale (3,)) of the body or ancestor that scales non-uniformly."""
+    """Return (prim, scale (3,)) of the body or ancestor whose scale is not uniform."""
     prim = body
     while prim and not prim.IsPseudoRoot():
         own = (
@@ -61,7 +61,7 @@ def _culprit(body: Usd.Prim) -> tuple[Usd.Prim, Array]:
 
 
 def below(scene: Scene, body: Usd.Prim) -> Iterator[Usd.Prim]:
-    """Yield the prims that move with a body, except those of bodies nested in it."""
+    """Yield the prims that move with a body, except prims of nested bodies."""
     prims = iter(Usd.PrimRange(body, Usd.TraverseInstanceProxies()))
     for prim in prims:
         if prim != body and str(prim.GetPath()) in scene.bodies:
@@ -71,13 +71,13 @@ def below(scene: Scene, body: Usd.Prim) -> Iterator[Usd.Prim]:
 
 
 def original_name(prim: Usd.Prim) -> str:
-    """Return the name of a prim in the mechanism that it was written from: the authored name, else its leaf name."""
+    """Return the name of a prim in the original mechanism: the name stored in the stage, else its leaf name."""
     attribute = prim.GetAttribute("twin:name")
     return str(attribute.Get()) if attribute and attribute.Get() else prim.GetName()
 
 
 def read_meshes(scene: Scene, body: Usd.Prim, names: dict[str, str], notes: list[Finding]) -> tuple[Mesh, ...]:
-    """Return the shown meshes of a body, triangulated, in metres in its frame.
+    """Return the visible meshes of a body, triangulated, in metres in the body's frame.
 
     Args:
         scene: the opened stage.
@@ -94,7 +94,7 @@ def read_meshes(scene: Scene, body: Usd.Prim, names: dict[str, str], notes: list
         if not prim.IsA(UsdGeom.Gprim):
             continue
         if UsdGeom.Imageable(prim).ComputePurpose() == UsdGeom.Tokens.guide:
-            continue  # collision helpers of other tools
+            continue  # collision shapes from other software
         if not prim.IsA(UsdGeom.Mesh):
             notes.append(
                 info(
@@ -111,7 +111,7 @@ def read_meshes(scene: Scene, body: Usd.Prim, names: dict[str, str], notes: list
 
 
 def mesh_triangles(mesh: UsdGeom.Mesh) -> np.ndarray:
-    """Return triangles (m, 3) of a mesh: polygons are split, left-handed faces are reversed.
+    """Return the triangles (m, 3) of a mesh; polygons are split, and left-handed faces are reversed.
 
     Raises:
         StageError: counts and indices do not match, or an index exceeds the number of vertices.
@@ -150,7 +150,7 @@ def _mesh(scene: Scene, body: Usd.Prim, mesh: UsdGeom.Mesh, name: str) -> Mesh |
 
 
 def _shown(mesh: UsdGeom.Mesh) -> tuple[tuple[float, float, float, float], Finish]:
-    """Return (linear colour, finish) of the bound preview surface, else of the display colour, else of grey."""
+    """Return (linear colour, finish) of the bound preview surface, else the display colour, else grey."""
     material, _ = UsdShade.MaterialBindingAPI(mesh.GetPrim()).ComputeBoundMaterial()
     if material:
         shader, *_ = material.ComputeSurfaceSource()
@@ -158,7 +158,7 @@ def _shown(mesh: UsdGeom.Mesh) -> tuple[tuple[float, float, float, float], Finis
 
             def value(name: str, default: float) -> float:
                 given = shader.GetInput(name).Get() if shader.GetInput(name) else None
-                return default if given is None else round(float(given), 6)  # 0.35 is 0.3499999 in single precision
+                return default if given is None else round(float(given), 6)  # single precision: 0.35 is 0.3499999
 
             color = shader.GetInput("diffuseColor")
             if color and (rgb := color.Get()) is not None:
@@ -193,11 +193,11 @@ def read_inertia(scene: Scene, body: Usd.Prim, notes: list[Finding]) -> Inertia 
         )
         return None
     center = gf.vector(mass.GetCenterOfMassAttr().Get())
-    if not np.all(np.isfinite(center)):  # -inf is the schema's word for "not given"
+    if not np.all(np.isfinite(center)):  # in the schema, -inf means "not given"
         center = np.zeros(3)
     axes = mass.GetPrincipalAxesAttr().Get()
     try:
-        R = np.eye(3) if not np.any(gf.quat_wxyz(axes)) else gf.rotation(axes)  # zero: "not given"
+        R = np.eye(3) if not np.any(gf.quat_wxyz(axes)) else gf.rotation(axes)  # a zero quaternion: "not given"
     except ValueError as error:
         raise StageError(f"{scene.path}: {body.GetPath()}, principal axes: {error}") from error
     unit = scene.kilograms * scene.meters**2
@@ -207,7 +207,7 @@ def read_inertia(scene: Scene, body: Usd.Prim, notes: list[Finding]) -> Inertia 
 
 
 def read_marks(scene: Scene, body: Usd.Prim) -> Iterator[tuple[str, str, Array]]:
-    """Yield (kind, name, T_body_mark) of the named frames and points of a body, in metres."""
+    """Yield (kind, name, T_body_mark (4, 4) in m) of each named frame and point of a body."""
     for prim in below(scene, body):
         kind = prim.GetAttribute("twin:kind")
         if kind and kind.Get() in ("frame", "point"):

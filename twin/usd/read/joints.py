@@ -23,12 +23,12 @@ WORLD = "world"
 
 @dataclass(frozen=True)
 class Selection:
-    """The one robot of a stage.
+    """Bodies and joints of the selected robot of a stage.
 
     Attributes:
-        base: prim path of its base, "" for the world itself.
-        bodies: prim paths of its bodies, in order.
-        joints: its joints, loop-closing joints last; without the joint that only fixes the base.
+        base: prim path of the base; "": the world itself.
+        bodies: prim paths of the bodies, in order of the stage.
+        joints: joints, loop-closing joints last, without the joint that only fixes the base.
 
     """
 
@@ -42,9 +42,8 @@ def select(scene: Scene, root: str | None, notes: list[Finding]) -> Selection:
 
     Args:
         scene: the opened stage.
-        root: prim path; only prims below it count, and form one robot. None: the
-            whole stage.
-        notes: receives findings on unconnected bodies and disabled joints, which are left out.
+        root: prim path; all prims below this path form one robot, other prims are ignored. None: the whole stage.
+        notes: receives findings on unconnected bodies and disabled joints, which are omitted.
 
     Raises:
         StageError: there are no bodies or joints, a joint is invalid, there are several robots, or the base is
@@ -67,7 +66,7 @@ def select(scene: Scene, root: str | None, notes: list[Finding]) -> Selection:
     robots = [g for g in groups if any(_moves(j) and _touches(j, g) for j in joints)]
     robots = robots or [g for g in groups if any(_touches(j, g) for j in joints)]
     if root and len(robots) > 1 and all(any(_on_world(j) and _touches(j, g) for j in joints) for g in robots):
-        robots = [[p for g in robots for p in g]]  # several chains that start at the world are one robot
+        robots = [[p for g in robots for p in g]]  # several chains that start at the world form one robot
     if len(robots) > 1:
         firsts = ", ".join(g[0] for g in robots)
         raise StageError(
@@ -85,7 +84,7 @@ def select(scene: Scene, root: str | None, notes: list[Finding]) -> Selection:
     joints = [j for j in joints if j is not anchor]
     if not _is_stated_base(
         scene, base
-    ):  # else joints are in the order of the description, and its last ones close loops
+    ):  # else the joints are in the order of the description, in which the last joints close loops
         joints = sorted(joints, key=lambda j: j.excluded)
     return Selection(base, members, joints)
 
@@ -111,7 +110,7 @@ def convert(
         name: identifier of the joint.
         names: identifiers of bodies by prim path.
         base: prim path of the base; joint sides on the world are attached to the base instead.
-        T_world_base: its pose (4, 4).
+        T_world_base: pose (4, 4) of the base.
         notes: receives a finding on a drive that cannot be read.
 
     """
@@ -123,7 +122,7 @@ def convert(
 
     (parent, T_parent), (child, T_child) = map(side, joint.ends)
     turn = joint.prim.GetAttribute("twin:childTurn").Get()
-    if turn is not None:  # a ball whose frames were made to coincide as drawn
+    if turn is not None:  # a ball joint whose child frame the writer rotated so that both frames coincide at rest
         T_child = T_child @ spatial.pose(gf.rotation(turn))
     unit = DEG if joint.is_angle else scene.meters
     prim = joint.prim
@@ -152,7 +151,7 @@ def convert(
 
 
 def _whole(scene: Scene, joint: RawJoint) -> RawJoint:
-    """Return the joint; raise `StageError` if it cannot be interpreted."""
+    """Return the joint if it is valid; else raise `StageError`."""
     problem = joint.problem or next((e.problem for e in joint.ends if e.problem), "")
     if not problem and joint.ends[0].body == joint.ends[1].body:
         problem = f"both sides connect to {joint.ends[0].body or 'the world'}"
@@ -170,7 +169,7 @@ def _touches(joint: RawJoint, group: list[str]) -> bool:
 
 
 def _groups(bodies: list[str], joints: list[RawJoint]) -> list[list[str]]:
-    """Return the sets of bodies that joints connect; a connection through the world does not count."""
+    """Return the groups of bodies that are connected by joints; connections through the world are ignored."""
     leader = {b: b for b in bodies}
 
     def find(b: str) -> str:
@@ -189,14 +188,14 @@ def _groups(bodies: list[str], joints: list[RawJoint]) -> list[list[str]]:
 
 
 def _is_stated_base(scene: Scene, body: str) -> bool:
-    """Return whether the stage states that the body at a prim path is the base, which only twin writes."""
+    """Return whether the attribute `twin:base` names the body at a prim path as the base."""
     prim = scene.bodies.get(body)
     name = prim.GetParent().GetAttribute("twin:base") if prim else None
     return bool(prim and name and name.Get() == prim.GetName())
 
 
 def _base(scene: Scene, place: str, bodies: list[str], joints: list[RawJoint]) -> tuple[str, RawJoint | None]:
-    """Return (prim path of the base, or "" for the world; the joint that only fixes the base, or None)."""
+    """Return (prim path of the base, or "" for the world; joint that only fixes the base, or None)."""
     grounded = [j for j in joints if not all(e.body for e in j.ends)]
     fixed = {next(e.body for e in j.ends if e.body): j for j in grounded if j.type == "fixed"}
     for body in bodies:
@@ -231,7 +230,7 @@ def _cone(joint: RawJoint) -> float | None:
     if name is not None:
         return float(name)
     schema = UsdPhysics.SphericalJoint(joint.prim)
-    # An elliptic cone is read as its narrow half angle, so that no rejected pose is allowed.
+    # An elliptic cone is read as a circular cone with the smaller half angle, so that no forbidden pose is allowed.
     angles = [schema.GetConeAngle0LimitAttr().Get(), schema.GetConeAngle1LimitAttr().Get()]
     limited = [a for a in angles if a is not None and a >= 0]
     return min(limited) * DEG if limited else None
@@ -240,8 +239,8 @@ def _cone(joint: RawJoint) -> float | None:
 def _drive(scene: Scene, joint: RawJoint, notes: list[Finding]) -> tuple[Drive | None, bool]:
     """Return (position drive in SI units or None, whether the joint is driven).
 
-    A drive without gains, which converters put on every joint, does not count. Gains of an acceleration drive are per
-    effective mass, which is unknown for a joint: the joint counts as driven, but the gains are left out.
+    A drive without gains is ignored, because converters add one to every joint. The gains of an acceleration drive are
+    relative to the effective mass, which is unknown; the joint then counts as driven, but its gains are omitted.
     """
     if not joint.instance or not joint.prim.HasAPI(UsdPhysics.DriveAPI, joint.instance):
         return None, False

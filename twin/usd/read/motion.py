@@ -1,4 +1,4 @@
-"""Read baked poses at the time codes at which they were authored."""
+"""Read baked poses at the time codes of their samples."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from twin.usd.scan import Scene
 def read_motion(path: str | Path, root: str | None = None) -> tuple[Array, dict[str, Array]]:
     """Return the sample times and the poses of all rigid bodies of a stage.
 
-    Poses are interpolated (by USD) only if bodies have samples at different time codes: all bodies are then evaluated
-    at every time code of any body.
+    If bodies have samples at different time codes, all bodies are evaluated at every time code of any body; USD then
+    interpolates poses.
 
     Args:
-        path: a stage with time samples on bodies, or on prims above them.
-        root: prim path; only bodies below it count. None: all.
+        path: a stage with time samples on bodies or on their ancestors.
+        root: prim path; only bodies below this path are read. None: all bodies.
 
     Returns:
         (times, poses): times (k,) in s from time code 0; T_world_body (k, 4, 4) in metres, world z up, by the body

@@ -11,10 +11,10 @@ from twin.usd.scan import Scene
 
 
 def read_motors(scene: Scene, prim: Usd.Prim) -> tuple[tuple[Actuator, ...], tuple[Transmission, ...]]:
-    """Return (actuators, transmissions) in the order of writing; empty for a stage from other software.
+    """Return (actuators, transmissions) in their original order; both are empty for a stage from other software.
 
     Raises:
-        StageError: an entry is not of the form that twin writes.
+        StageError: an entry does not have the form that twin writes.
     """
     actuators, transmissions = (prim.GetCustomDataByKey(f"twin:{k}") or {} for k in ("actuators", "transmissions"))
     try:

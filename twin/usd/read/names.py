@@ -7,10 +7,10 @@ from collections.abc import Iterable
 
 
 def identifier(name: str) -> str:
-    """Return `name` in lower case, with all characters except letters, digits and _ replaced by _.
+    """Return a name in lower case, with all characters except letters, digits and _ replaced by _.
 
-    CamelCase is split by underscores, so that FrontLeftLeg and frontleftleg remain distinct; a name that does not begin
-    with a letter gets a leading "n".
+    CamelCase is split by underscores, so that FrontLeftLeg and frontleftleg remain different; a name that does not
+    begin with a letter gets the prefix "n".
     """
     name = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", name)
     name = re.sub(r"[^a-z0-9_]+", "_", name.lower()).strip("_")
@@ -18,10 +18,10 @@ def identifier(name: str) -> str:
 
 
 def unique(wanted: Iterable[tuple[str, str]]) -> dict[str, str]:
-    """Return an identifier for each key; equal identifiers are numbered in order (arm, arm_2, ...).
+    """Return a unique identifier for each key; equal identifiers are numbered in order (arm, arm_2, ...).
 
     Args:
-        wanted: (key, name) pairs; keys are unique, such as prim paths.
+        wanted: (key, name) of each object; keys are unique, such as prim paths.
 
     """
     out: dict[str, str] = {}

@@ -1,4 +1,4 @@
-"""Choose a tool for a mechanism that names none: the end of its longest chain."""
+"""Choose a tool frame for a mechanism without a named tool: the end of its longest chain."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from twin.core.errors import MechanismError, unknown
 from twin.model.mechanism import Frame, Mechanism
 
 _OWN = "tool"
-"""Name of the frame that is added."""
+"""Name of an added tool frame."""
 
 
 def with_tool(m: Mechanism, name: str | None = None) -> tuple[Mechanism, str]:
-    """Return (mechanism with a tool frame, text on the choice if the file names no tool, else "").
+    """Return (mechanism with a tool frame, text on the choice or "" if the tool is named).
 
     The tool is the frame or body `name`; else the tool of the file; else its only frame; else a frame added on the last
     link of the longest chain, which is the leaf body with the most joints between it and the base.
@@ -51,11 +51,11 @@ def _at(m: Mechanism, body: str) -> Mechanism:
 
 
 def _last(m: Mechanism) -> tuple[str, int]:
-    """Return (last body of the longest chain from the base, number of joints in the chain)."""
+    """Return (last body of the longest chain from the base, number of joints in this chain)."""
     depth = {m.base: 0}
     for joint in m.tree:
         depth[joint.child] = depth[joint.parent] + 1
     carrying = {j.parent for j in m.tree} | {b for j in m.loops for b in (j.parent, j.child)} | {m.base}
     ends = [b for b in depth if b not in carrying] or [b for b in depth if b != m.base]
-    body = max(ends, key=lambda b: depth[b])  # of several, the first
+    body = max(ends, key=lambda b: depth[b])  # the first of several longest chains
     return body, depth[body]

@@ -1,11 +1,11 @@
-"""Write a mechanism as USD: `<robot>.usda` = physics.usda over geometry.usdc, motions beside them.
+"""Write a mechanism as USD: `<robot>.usda` with the sublayers physics.usda and geometry.usdc, and motions.
 
     layers     metadata of every layer, unique leaf names
     geometry   geometry.usdc: rest poses, meshes, materials, named frames and points
     physics    physics.usda: masses, colliders, joints, drives, joint states
     motion     motion/<protocol>.usdc and the root layer that plays it
 
-The same mechanism gives the same bytes: no time stamps, no absolute paths.
+The files are reproducible byte by byte: they contain no time stamps and no absolute paths.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ __all__ = ["Motion", "MotionFiles", "StageFiles", "write_motion", "write_stage"]
 
 @dataclass(frozen=True)
 class StageFiles:
-    """The files of one robot; `motion` is None unless a motion was requested."""
+    """Paths of the files of a robot; `motion` is None if no motion was written."""
 
     root: Path
     physics: Path
@@ -49,13 +49,13 @@ def write_stage(
 
     Args:
         mechanism: the robot.
-        folder: created if it is missing; files of the same names are replaced.
-        link_poses: T_world_body (4, 4) of every body in an assembled state, world z up.
-        q_full: coordinate in m or rad, at these poses, of every tree joint that has one; loop joints too if
-            they are known.
-        efforts: effort in N or N m of each driven joint against gravity at these poses; drive targets are offset by it,
-            so that a simulated robot stays at these poses.
-        motion: a motion to bake.
+        folder: created if it is missing; files with the same names are replaced.
+        link_poses: T_world_body (4, 4) of every body in a state with closed loops, world z up.
+        q_full: coordinate in m or rad, at these poses, of every tree joint with a single coordinate; also of loop
+            joints, if known.
+        efforts: effort in N or N m of each driven joint that balances gravity at these poses; drive targets are offset
+            so that a simulated robot does not sag.
+        motion: a motion to bake; None: no motion.
 
     Raises:
         StageError: a pose is missing or not rigid, a name is reserved, or UsdPhysics cannot hold the data of a joint.

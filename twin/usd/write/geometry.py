@@ -15,10 +15,10 @@ from twin.usd import gf
 from twin.usd.write.layers import Leaves, describe, new_layer, save
 
 CREASE = 30 * DEG
-"""Angle in rad below which adjacent faces share a normal, so that bores look round and edges sharp."""
+"""Angle in rad between adjacent faces below which their normals are averaged: smooth bores, sharp edges."""
 
 RESERVED = {"joints", "materials"}
-"""Names of scopes below the robot, reserved: no body may have such a name."""
+"""Names of the scopes below the robot's prim; bodies must not have these names."""
 
 
 def mesh_paths(mechanism: Mechanism) -> dict[str, str]:
@@ -32,7 +32,7 @@ def mesh_paths(mechanism: Mechanism) -> dict[str, str]:
 
 
 def write_geometry(mechanism: Mechanism, path: Path, link_poses: Mapping[str, Array]) -> Path:
-    """Write the geometry layer: one Xform for each body, all directly below the robot, with the body's meshes below.
+    """Write the geometry layer: an Xform for each body, directly below the robot's prim, with the body's meshes.
 
     Args:
         mechanism: the robot.
@@ -50,8 +50,8 @@ def write_geometry(mechanism: Mechanism, path: Path, link_poses: Mapping[str, Ar
         Usd.ModelAPI(xform).SetKind(Kind.Tokens.subcomponent)
         T = link_poses[body.name]
         xform.AddTranslateOp(UsdGeom.XformOp.PrecisionDouble).Set(gf.vec3d(T[:3, 3]))
-        # Double: USD turns an orient op into angle and axis by an arc cosine, which in single precision loses
-        # every rotation below 3e-4 rad (measured, usd-core 26.11).
+        # Double precision: USD converts an orient op to angle and axis with an arc cosine; in single precision,
+        # rotations below 3e-4 rad are lost (measured, usd-core 26.11).
         xform.AddOrientOp(UsdGeom.XformOp.PrecisionDouble).Set(gf.quatd(T[:3, :3]))
     materials: dict[str, UsdShade.Material] = {}
     paths = mesh_paths(mechanism)
@@ -74,7 +74,7 @@ def _leaves(mechanism: Mechanism) -> Leaves:
 
 
 def _name(prim: Usd.Prim, name: str) -> None:
-    """Store the name that a prim has in the mechanism, if its leaf name differs."""
+    """Store the mechanism's name of an object in its prim, if the prim has a different leaf name."""
     if prim.GetName() != name:
         prim.CreateAttribute("twin:name", Sdf.ValueTypeNames.String, True, Sdf.VariabilityUniform).Set(name)
 
@@ -85,10 +85,10 @@ def _write_mesh(stage: Usd.Stage, path: str, mesh: Mesh) -> UsdGeom.Mesh:
     out.CreatePointsAttr(points)
     out.CreateFaceVertexCountsAttr(gf.int_array(np.full(len(mesh.triangles), 3)))
     out.CreateFaceVertexIndicesAttr(gf.int_array(mesh.triangles))
-    # The default, Catmull-Clark, would round the part off.
+    # The default, Catmull-Clark subdivision, would round the edges.
     out.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
     out.CreateExtentAttr(UsdGeom.PointBased.ComputeExtent(points))
-    # Indexed, because most corners of a plane or a cylinder share a handful of normals: a quarter of the size.
+    # Indexed: most corners of planes and cylinders share a few normals, so that the file is four times smaller.
     normals, index = np.unique(np.round(corner_normals(mesh.vertices, mesh.triangles), 4), axis=0, return_inverse=True)
     normals = normals / np.linalg.norm(normals, axis=1, keepdims=True)
     primvar = UsdGeom.PrimvarsAPI(out).CreatePrimvar(
@@ -101,12 +101,12 @@ def _write_mesh(stage: Usd.Stage, path: str, mesh: Mesh) -> UsdGeom.Mesh:
 
 
 def corner_normals(vertices: Array, triangles: np.ndarray, crease: float = CREASE) -> Array:
-    """Return unit normals (3 m, 3), one per corner: the mean of the faces there that differ by less than `crease`.
+    """Return unit normals (3 m, 3), one for each triangle corner, averaged over faces at angles below `crease`.
 
     Args:
-        vertices: (n, 3); shared vertices make smooth surfaces, split vertices make edges.
-        triangles: (m, 3).
-        crease: angle in rad.
+        vertices: (n, 3); normals are averaged only over faces that share a vertex.
+        triangles: (m, 3) indices of vertices.
+        crease: maximum angle in rad between the normals that are averaged.
 
     """
     corners = np.asarray(triangles).ravel()
@@ -114,7 +114,7 @@ def corner_normals(vertices: Array, triangles: np.ndarray, crease: float = CREAS
     areas = np.cross(b - a, c - a)
     length = np.linalg.norm(areas, axis=1, keepdims=True)
     unit = areas / np.where(length > 0, length, 1.0)
-    # All ordered pairs of corners on one vertex, without a loop: corner i of a vertex meets its k corners.
+    # Form all ordered pairs of corners at each vertex without a loop: each corner with all k corners of its vertex.
     order = np.argsort(corners, kind="stable")
     count = np.bincount(corners, minlength=len(vertices))
     first = np.concatenate([[0], np.cumsum(count)[:-1]])
@@ -127,7 +127,7 @@ def corner_normals(vertices: Array, triangles: np.ndarray, crease: float = CREAS
     total = np.zeros((len(corners), 3))
     np.add.at(total, mine[near], areas[other[near] // 3])
     size = np.linalg.norm(total, axis=1, keepdims=True)
-    # A triangle without area has no normal; z is arbitrary and avoids NaN in the array.
+    # A triangle without area has no normal; the arbitrary direction z avoids NaN.
     return np.where(size > 0, total / np.where(size > 0, size, 1.0), [0.0, 0.0, 1.0])
 
 
@@ -148,7 +148,7 @@ def _write_material(stage: Usd.Stage, path: str, look: Material) -> UsdShade.Mat
 
 
 def _write_marks(stage: Usd.Stage, mechanism: Mechanism) -> None:
-    """Write named frames and points as guides below their body, in double precision."""
+    """Write named frames and points as guide prims below their body, in double precision."""
     leaves = _leaves(mechanism)
     for body in mechanism.bodies:
         for mesh in body.meshes:

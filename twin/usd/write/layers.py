@@ -11,20 +11,20 @@ from twin.core.atomic import FULL
 from twin.core.errors import StageError
 
 TIME_CODES_PER_SECOND = 60.0
-"""Time codes and frames per second of every layer: some viewers use one, some the other."""
+"""Time codes per second and frames per second of every layer; equal, because viewers use one or the other."""
 
 
 def new_layer(path: Path) -> Sdf.Layer:
     """Return a new layer for `path`; .usda is readable text, .usdc is binary.
 
-    Layers are anonymous until `save`, so that writing a file twice in one process does not conflict with the copy that
-    USD keeps in memory.
+    Layers are anonymous until `save`, so that writing a file twice in one process does not conflict with the layer that
+    USD caches in memory.
     """
     return Sdf.Layer.CreateAnonymous(path.name)
 
 
 def describe(layer: Sdf.Layer, name: str, end_time_code: float = 0.0) -> None:
-    """Set default prim, up axis, units, frame rate and time range."""
+    """Set default prim, up axis, units, frame rate and time range of a layer."""
     stage = Usd.Stage.Open(layer)
     layer.defaultPrim = name
     UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.z)
@@ -37,7 +37,7 @@ def describe(layer: Sdf.Layer, name: str, end_time_code: float = 0.0) -> None:
 
 
 def save(layer: Sdf.Layer, path: Path) -> Path:
-    """Write the layer to `path` and return it.
+    """Write a layer to `path` and return the path.
 
     Raises:
         OSError: the disk is full.
@@ -48,7 +48,7 @@ def save(layer: Sdf.Layer, path: Path) -> Path:
     try:
         written = layer.Export(str(path))
     except Tf.ErrorException as error:
-        for number in FULL:  # the message of USD has forty lines
+        for number in FULL:  # replaces the message of USD, which has forty lines
             if os.strerror(number) in str(error):
                 raise OSError(number, os.strerror(number), str(path)) from None
         raise StageError(f"cannot write {path}: {error}") from error
@@ -68,17 +68,17 @@ def root_layer(path: Path, name: str, sublayers: list[str], end_time_code: float
 
 
 class Leaves:
-    """Gives every prim of a robot a unique leaf name.
+    """Generator of unique leaf names for the prims of a robot.
 
-    Equal leaf names below different parents are legal in USD, but Blender renames one of them and Unity clips move the
-    wrong one. In a mechanism a frame, a point, a mesh and a body may have the same name.
+    USD allows equal leaf names below different parents, but Blender renames one of the prims and Unity clips move the
+    wrong prim. In a mechanism, a frame, a point, a mesh and a body may have the same name.
     """
 
     def __init__(self, reserved: set[str]) -> None:
         self._taken = set(reserved)
 
     def take(self, name: str, suffix: str) -> str:
-        """Return `name`; if that is already used, with `_<suffix>` (and a number) appended."""
+        """Return `name`; if it is already used, append `_<suffix>` and, if necessary, a number."""
         free, i = name, 1
         while free in self._taken:
             free = f"{name}_{suffix}" if i == 1 else f"{name}_{suffix}_{i}"

@@ -1,8 +1,7 @@
 """Write physics.usda: overs with masses, colliders, joints, limits, drives and joint states.
 
-UsdPhysics uses degrees for limits, cones, drives (per degree), joint states and speeds. Joint frames are stored only in
-single precision, so that twin reads the stage like any other reader. Data outside UsdPhysics are `twin:` attributes in
-SI units.
+UsdPhysics uses degrees for limits, cones, drives (per degree), joint states and speeds, and single precision for joint
+frames; no frames in double precision are added. Data that UsdPhysics cannot hold are `twin:` attributes in SI units.
 """
 
 from __future__ import annotations
@@ -69,9 +68,9 @@ def write_physics(
     Args:
         mechanism: the robot.
         path: the .usda file.
-        link_poses: T_world_body (4, 4); the base is fixed to the robot's root prim at its pose.
-        q_full: coordinate of each joint that has one, at these poses, in m or rad.
-        efforts: static effort of a driven joint at these poses, in N or N m; default 0.
+        link_poses: T_world_body (4, 4) by body; the base is fixed to the robot's root prim at this pose.
+        q_full: coordinate in m or rad, at these poses, of each joint with a single coordinate.
+        efforts: static effort in N or N m of driven joints at these poses; 0 for joints not listed.
 
     Raises:
         StageError: UsdPhysics cannot hold the data of a joint, or a joint of the tree has no coordinate in `q_full`
@@ -84,7 +83,7 @@ def write_physics(
     root = stage.OverridePrim(f"/{mechanism.name}")
     UsdPhysics.ArticulationRootAPI.Apply(root)
     root.AddAppliedSchema("PhysxArticulationAPI")
-    # Convex hulls of neighbouring links overlap at the joints; their contact breaks closed loops silently.
+    # No self collision: convex hulls of adjacent links overlap at joints; their contact opens loops without an error.
     root.AddAppliedSchema("NewtonArticulationRootAPI")
     _attribute(root, "physxArticulation:enabledSelfCollisions", Sdf.ValueTypeNames.Bool, False)
     _attribute(root, "newton:selfCollisionEnabled", Sdf.ValueTypeNames.Bool, False)
@@ -99,14 +98,14 @@ def write_physics(
     for mesh_path in mesh_paths(mechanism).values():
         prim = stage.OverridePrim(mesh_path)
         UsdPhysics.CollisionAPI.Apply(prim)
-        # A moving body cannot collide with its triangles; its hull is what all engines support.
+        # Engines do not support triangle meshes as colliders of moving bodies; all engines support convex hulls.
         UsdPhysics.MeshCollisionAPI.Apply(prim).CreateApproximationAttr(UsdPhysics.Tokens.convexHull)
     UsdGeom.Scope.Define(stage, f"/{mechanism.name}/joints")
-    layer.GetPrimAtPath(root.GetPath()).specifier = Sdf.SpecifierOver  # the scope made its parent a def
+    layer.GetPrimAtPath(root.GetPath()).specifier = Sdf.SpecifierOver  # defining the scope changed its parent to def
     _write_anchor(stage, mechanism, link_poses[mechanism.base])
     joints = spanning(mechanism)
     loops = {j.name for j in joints.cut}
-    # Outwards, also if the description has the reverse: Newton rejects a tree joint whose parent is the outer body.
+    # Tree joints are written outwards: Newton rejects a tree joint whose parent is the outer body.
     outwards = {j.name: j for j in joints.tree}
     for joint in (outwards.get(j.name, j) for j in mechanism.joints):
         if len(joint.free_axes) == 1 and joint.name not in q_full and joint.name not in loops:
@@ -122,14 +121,14 @@ def write_physics(
 
 
 def _attribute(prim: Usd.Prim, name: str, kind: Sdf.ValueTypeName, value) -> None:
-    """Set an attribute that is not part of UsdPhysics: one of twin, or one of a simulator."""
+    """Set an attribute that is not part of UsdPhysics: an attribute of twin or of a simulator."""
     prim.CreateAttribute(name, kind, name.startswith("twin:"), Sdf.VariabilityVarying).Set(value)
 
 
 def _write_model(root: Usd.Prim, mechanism: Mechanism) -> None:
     _attribute(root, "twin:base", Sdf.ValueTypeNames.Token, mechanism.base)
     _attribute(root, "twin:tool", Sdf.ValueTypeNames.Token, mechanism.tool)
-    # The file name only: a path would tie the file to the machine that wrote it.
+    # Only the file name, because a path would depend on the machine.
     _attribute(root, "twin:source", Sdf.ValueTypeNames.String, Path(mechanism.source).name)
     postures = {k: {n: float(v) for n, v in values.items()} for k, values in mechanism.postures.items()}
     parameters = {
@@ -174,7 +173,7 @@ def _write_motors(root: Usd.Prim, mechanism: Mechanism) -> None:
 
 
 def _attributes(actuator: Actuator) -> dict[str, str | float | Gf.Vec2d]:
-    """Return the data of an actuator that are known."""
+    """Return the known data of an actuator, by key of the customData."""
     out = {k: v for k, v in vars(actuator).items() if k != "name" and v is not None}
     return out | ({} if actuator.limits is None else {"limits": Gf.Vec2d(*actuator.limits)})
 
@@ -201,8 +200,8 @@ def _write_inertia(prim: Usd.Prim, inertia: Inertia) -> None:
 def _write_anchor(stage: Usd.Stage, mechanism: Mechanism, T_world_base: Array) -> None:
     """Fix the base to the robot's root prim.
 
-    The root prim is not a rigid body, so that parsers treat it as the static world. Unlike an empty target, it moves
-    the anchor with the robot if a scene references the robot at another place.
+    Parsers treat the root prim as the static world, because it is not a rigid body. If a scene references the robot at
+    another place, the anchor moves with the root prim; with an empty target it would not move.
     """
     name = Leaves({j.name for j in mechanism.joints}).take("root_joint", "world")
     joint = UsdPhysics.FixedJoint.Define(stage, f"/{mechanism.name}/joints/{name}")
@@ -236,7 +235,7 @@ def _write_joint(
     if joint.type == "cylindrical":
         for axis in sorted(set(range(6)) - set(FREE_AXES["cylindrical"])):
             lock = UsdPhysics.LimitAPI.Apply(prim, DIRECTIONS[axis])
-            lock.CreateLowAttr(1.0)  # low above high is how UsdPhysics locks an axis
+            lock.CreateLowAttr(1.0)  # in UsdPhysics, low > high locks an axis
             lock.CreateHighAttr(-1.0)
     if joint.limits is not None:
         out.CreateLowerLimitAttr(to_usd(joint, joint.limits[0]))
@@ -249,18 +248,18 @@ def _write_joint(
         prim.AddAppliedSchema(f"PhysicsJointStateAPI:{kind}")
         _attribute(prim, f"state:{kind}:physics:position", Sdf.ValueTypeNames.Float, to_usd(joint, q))
         _attribute(prim, f"state:{kind}:physics:velocity", Sdf.ValueTypeNames.Float, 0.0)
-        # Newton's own resolver, the only one it asks by default, reads no other state.
+        # With its default settings, Newton reads the joint state only from this attribute.
         _attribute(prim, f"newton:{kind}:position", Sdf.ValueTypeNames.Float, to_usd(joint, q))
     _write_actuation(prim, joint, q, effort)
 
 
 def _start_at_zero(stage: Usd.Stage, mechanism: Mechanism, joint: Joint, link_poses: Mapping[str, Array]) -> None:
-    """Rotate the child's frame of a ball in the tree so that both of its frames coincide at the written poses.
+    """Rotate the child frame of a ball joint in the tree so that its two frames coincide at the written poses.
 
-    Simulators start a ball of an articulation at zero and support no joint state for it (PhysX ignores one: SILS
-    started with a gap of 21 mm, SHER of 0.28 m). The original frame is kept in an attribute. A cone is measured from
-    the original axes, which UsdPhysics cannot express. The axis is X because PhysX's tensors accept no other for a
-    ball.
+    Simulators start the ball joints of an articulation at zero and ignore their joint states (in PhysX, SILS started
+    with a gap of 21 mm, SHER with 0.28 m). The original frame is stored in an attribute. A cone is measured from the
+    original axes, which UsdPhysics cannot express. The axis is X, because PhysX's tensor interface accepts no other
+    axis for ball joints.
     """
     out = UsdPhysics.SphericalJoint(stage.GetPrimAtPath(f"/{mechanism.name}/joints/{joint.name}"))
     prim = out.GetPrim()
@@ -278,10 +277,10 @@ def _start_at_zero(stage: Usd.Stage, mechanism: Mechanism, joint: Joint, link_po
 
 
 def _write_tendon(stage: Usd.Stage, mechanism: Mechanism, coupling: Coupling) -> None:
-    """Write a coupling as a PhysX tendon over its joints, the joint nearest to the base first.
+    """Write a coupling as a PhysX tendon over its joints, with the joint nearest to the base first.
 
-    UsdPhysics cannot express a coupling of joints; without the tendon a passive joint of a belt drive swings freely in
-    PhysX. The tendon is as stiff as the drives: PhysX integrates tendons explicitly, and a tendon with damping or much
+    UsdPhysics cannot express couplings; without the tendon, a passive joint of a belt drive moves freely in PhysX. The
+    tendon has the stiffness of the drives: PhysX integrates tendons explicitly, and a tendon with damping or much
     higher stiffness is unstable at 1 kHz.
     """
     ratios = dict(zip(coupling.joints, coupling.ratios, strict=True))
@@ -306,8 +305,8 @@ def _write_actuation(prim: Usd.Prim, joint: Joint, q: float | None, effort: floa
         drive.CreateDampingAttr(float(joint.drive.damping * per_unit))
         if joint.drive.max_effort is not None:
             drive.CreateMaxForceAttr(float(joint.drive.max_effort))
-        # Hold the authored pose: a target of zero would pull the robot away from it at the first step, and one
-        # without the weight that the spring bears would let it sag.
+        # The target holds the authored pose: coordinate at this pose, plus the deflection of the drive's spring under
+        # the static effort, without which the robot would sag.
         target = (0.0 if q is None else q) + (effort / joint.drive.stiffness if joint.drive.stiffness > 0 else 0.0)
         drive.CreateTargetPositionAttr(to_usd(joint, np.clip(target, *(joint.limits or (-np.inf, np.inf)))))
     if joint.max_speed is not None:
@@ -324,7 +323,7 @@ def _write_actuation(prim: Usd.Prim, joint: Joint, q: float | None, effort: floa
 
 
 def _refuse_what_is_lost(joint: Joint) -> None:
-    """Raise `StageError` for data that UsdPhysics cannot hold, so that nothing is lost silently."""
+    """Raise `StageError` for data that UsdPhysics cannot hold, so that no data are lost without an error."""
     scalar = {
         "limits": joint.limits,
         "soft limits": joint.soft_limits,

@@ -1,4 +1,4 @@
-"""Choose which joints form the tree of an export, and which close its loops."""
+"""Choose which joints form the tree of an exported robot, and which joints close its loops."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from twin.model.mechanism import Joint, Mechanism, reversed_joint
 
 _KEPT = {"fixed": 0, "prismatic": 1, "cylindrical": 1, "free": 1, "revolute": 2, "spherical": 3}
-"""Order of joint types in the choice of the tree.
+"""Priority of joint types for the tree; joints with a lower number are chosen first.
 
-Balls come last: a ball that closes a loop is three position constraints, exact in any engine, and a ball in the tree
-has no single coordinate for a table of joint values.
+Ball joints have the highest number: a ball joint that closes a loop is three position constraints, which are exact in
+all engines, while a ball joint in the tree has no single coordinate for a table of joint values.
 """
 
 
@@ -19,8 +19,8 @@ class Spanning:
     """A spanning tree for export.
 
     Attributes:
-        tree: joints, parents first; the child of a joint is the outer body, so that some joints are reversed.
-        cut: joints that close loops, as in the mechanism.
+        tree: joints of the tree, parents first, reversed where necessary so that the child is the outer body.
+        cut: joints that close loops, unchanged.
     """
 
     tree: tuple[Joint, ...]
@@ -30,8 +30,8 @@ class Spanning:
 def spanning(mechanism: Mechanism) -> Spanning:
     """Return the spanning tree that prefers driven and coupled joints, then joints by type, then by file order.
 
-    It may differ from `mechanism.tree`, which uses only the file order: of a loop with a slide and a ball, this tree
-    contains the slide, and the ball closes the loop.
+    The tree may differ from `mechanism.tree`, which uses only the file order: in a loop with a slide and a ball joint,
+    the tree contains the slide, and the ball joint closes the loop.
     """
     needed = {j.name for j in mechanism.active} | {name for c in mechanism.couplings for name in c.joints}
     order = sorted(mechanism.joints, key=lambda j: -1 if j.name in needed else _KEPT[j.type])
@@ -43,7 +43,7 @@ def spanning(mechanism: Mechanism) -> Spanning:
         return name
 
     kept: list[Joint] = []
-    for joint in order:  # Kruskal: the best joint that joins two parts which are still apart
+    for joint in order:  # Kruskal's algorithm: add the next joint that connects two separate groups of bodies
         a, b = find(joint.parent), find(joint.child)
         if a != b:
             group[a] = b
