@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from made.alternatives import leads
+from made.ways import leads
 
 import twin
 from twin.cli import main
