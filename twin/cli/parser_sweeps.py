@@ -69,7 +69,7 @@ def add_sweeps(
         type=float,
         default=0.001,
         metavar="DEG",
-        help="standard deviation of a joint frame's axes (default 0.001)",
+        help="standard deviation of a joint frame's rotation about each of its axes (default 0.001)",
     )
     sub.add_argument(
         "--encoder-um",

@@ -199,7 +199,7 @@ class Kernel:
         if self._carried and carry is None:
             raise ValueError(f"no carry value for {', '.join(self._carried)}")
         if carry is not None and (carry.dtype != np.float64 or carry.size != sum(self._carried.values())):
-            raise ValueError(f"carry has {carry.size} numbers, not {sum(self._carried.values())}")
+            raise ValueError(f"argument `carry` has {carry.size} numbers; expected {sum(self._carried.values())}")
         if self._carried or threads == 1 or end - begin <= _CHUNK:
             self._call(begin, end, ins, outs, start)
             return

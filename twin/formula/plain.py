@@ -239,7 +239,8 @@ def _parameters(module: ModuleType, path: Path) -> tuple[Parameter, ...]:
     given = getattr(module, "PARAMETERS", {})
     if not isinstance(given, Mapping):
         raise KinematicsError(
-            f"{path}:{_line_of(module, path, 'PARAMETERS')}: PARAMETERS must be a dictionary by name."
+            f"{path}:{_line_of(module, path, 'PARAMETERS')}: PARAMETERS must be a dictionary by name, "
+            'as in {"l1": mm(135)}.'
         )
     out = []
     for name, value in given.items():

@@ -233,10 +233,10 @@ class Mechanism:
 
     @cached_property
     def tree(self) -> tuple[Joint, ...]:
-        """Joints that connect all bodies to the base without loops, parents first; a joint's child is the outer body.
+        """Joints that connect all bodies to the base without loops, parents first.
 
-        File order is kept as far as possible: if two joints could reach a body, the earlier joint is used. A joint
-        that is reached from its child is reversed.
+        The child of a joint is the body farther from the base; a joint with the opposite direction is reversed.
+        File order is kept as far as possible: if two joints could reach a body, the earlier joint is used.
         """
         reached, tree, pending = {self.base}, [], list(self.joints)
         while pending:

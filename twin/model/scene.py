@@ -152,7 +152,7 @@ class Scene:
         """Raise if a robot has no protocol to play.
 
         Raises:
-            TwinError: a robot has no protocol; the scene is controlled from its console.
+            TwinError: a robot has no protocol; the message names it and the command that opens the console.
         """
         if not self.plays:
             lacking = ", ".join(p.name for p in self.places if not p.protocol)

@@ -52,7 +52,10 @@ class Carrier(Interface):
         ...
 
     def jacobians(self, state: Array, p_tool: Array) -> Array:
-        """Return Jacobians (k, 6, n) of the point p_tool per rate of the driven joints, at a state and near it."""
+        """Return Jacobians (k, 6, n) of the tool point p_tool with respect to the driven joints, linear part first.
+
+        The first is at the given state; the others are at states close to it, because the given state may be singular.
+        """
         ...
 
 

@@ -132,7 +132,9 @@ class ReferenceModel:
         return self._closed(self.collect(self._along(q, self._move_driven, seed, progress)))
 
     def solve_many(self, q: Array, seed: Assembly | None = None) -> Run:
-        """Solve for independent active joint values q (k, n), each starting from the same state.
+        """Return the states at active joint values q (k, n); each row is solved separately, not as part of a motion.
+
+        Every row starts from `seed`, by default from the rest poses.
 
         Raises:
             AssemblyError: the loops cannot be closed at a row, which the message names.

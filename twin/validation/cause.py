@@ -59,7 +59,7 @@ class Cause:
         return (self.head, *self.also, *self.follows, *self.perhaps)
 
     def lines(self) -> Iterator[str]:
-        """Yield one line of text per group of further findings, with their places and sizes."""
+        """Yield one line of text for each of `also`, `follows` and `perhaps` that is not empty: places and sizes."""
         for words, found in (("also", self.also), ("follows", self.follows), ("may follow", self.perhaps)):
             if found:
                 yield f"{words}: {_sizes(found)}" if words == "also" else f"{words} from it: {_sizes(found)}"

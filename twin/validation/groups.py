@@ -347,8 +347,8 @@ def _rmse(rows: Sequence[Accuracy]) -> Iterator[Finding]:
         yield disagreement(
             "study.rmse",
             a.name,
-            f"{a.name}: RMSE {a.rmse:.{a.decimals}f} {a.unit} is printed; from the printed mean and std no definition "
-            f"gives it ({made})",
+            f"{a.name}: the printed RMSE of {a.rmse:.{a.decimals}f} {a.unit} does not follow from the printed mean "
+            f"and std by any definition ({made})",
             Quantity(min(max(low - a.rmse, a.rmse - high) for low, high in rms_readings(a).values()), a.unit),
             half,
             "compare axis by axis: mean and std, not RMSE",

@@ -47,7 +47,7 @@ class Track:
 
 
 def path(track: Track | None) -> dict[str, Any]:
-    """Return the document with the tip path of the protocol; empty without a protocol."""
+    """Return the JSON document `path`: the protocol's name and its tip path in m; no points without a protocol."""
     if track is None:
         return {"type": "path", "protocol": None, "points": []}
     tip = track.playback.tip

@@ -235,7 +235,7 @@ class Front:
     # -- robots ---------------------------------------------------------------------------------------
 
     def draw(self) -> None:
-        """Show the state of every robot, its ghost, and the points of its equations."""
+        """Show the present state: robots, deformables, trocars and shafts, the active robot's ghost, and the gizmo."""
         for a in self.actors:
             self.nodes[a.name].write(a.desk.assembly.link_poses)
         if self._fields is not None and (wrong := self._fields.show(self.clock.time)):

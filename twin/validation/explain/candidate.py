@@ -50,7 +50,10 @@ class Candidate:
     dropped: tuple[str, ...] = ()
 
     def over(self, rows: Iterable[Key], base: dict[Key, float]) -> float:
-        """Return the worst residual over the given rows; rows without a score have the residual in `base`."""
+        """Return the worst residual over the given rows after the edits, in units of the tolerance.
+
+        `base`: residuals of all rows before the edits, used for the rows that the edits do not change.
+        """
         return max(self.scores.get(k, base[k]) for k in rows)
 
     @property
@@ -108,7 +111,7 @@ def key(place: Place) -> Key:
 
 
 def aliases(judge: Judge, step: Step, change: Sequence[Edit]) -> dict[str, Any] | None:
-    """Return the values of the names that edits define; None if one has no value."""
+    """Return {name: value} of the new names that the edits define; None if one of them cannot be evaluated."""
     out: dict[str, Any] = {}
     for e in change:
         if e.define and e.define[1]:

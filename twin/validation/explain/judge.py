@@ -72,7 +72,10 @@ class Judge:
                 self._run_stage(stage)
 
     def on(self, truth: Truth, only: Collection[str] | None = None) -> Judge:
-        """Return a judge of the same formula with another truth; `only`: equations to run, None for all."""
+        """Return a judge that compares the same formula with other values of the mechanism, given by `truth`.
+
+        `only`: names of the equations to run; None for all.
+        """
         other = copy.copy(self)
         other.truth, other.residuals, other.notes, other._zeros = truth, {}, [], {}
         other.steps = [
