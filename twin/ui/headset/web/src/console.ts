@@ -109,7 +109,7 @@ export class Console {
   handText(side: Side): string {
     const hand = this.app.model.console?.hands[side];
     if (!hand) return '';
-    const doing = hand.wall ? `${hand.wall}` : hand.follows ? 'follows' : 'stands';
+    const doing = hand.wall ? `${hand.wall}` : hand.follows ? 'follows' : 'holds still';
     return `${side === 'right' ? 'Right' : 'Left'} hand: ${hand.robot} ${doing}`;
   }
 
