@@ -79,7 +79,7 @@ def test_a_misprint_beside_a_fault_of_the_drawing_is_explained_as_well():
     assert [p.part for p in x.parts] == ["platform"]
     assert (x.lead, x.explained, x.identified) == ("edits", True, None)
     assert {r.rows[0] for r in x.repairs} == {"eq1.X_S1", "eq1.Y_S1", "eq1.X_S3", "eq1.Y_S3"}
-    assert all(r.alternatives[0][0].changes[0].edit == "c_theta -> c_phi" for r in x.repairs)
+    assert all(r.cures[0][0].changes[0].edit == "c_theta -> c_phi" for r in x.repairs)
 
 
 @pytest.mark.slow
