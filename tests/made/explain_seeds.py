@@ -9,7 +9,7 @@ import io
 import re
 import sys
 import tokenize
-from contextlib import ExitStack, contextmanager, nullcontext
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 import casadi as ca
@@ -214,7 +214,6 @@ def outcome(case, faulty, folder, budget):
     """How a fault was explained: "rank 1", "tie", or why it was not; "no fault", "no formula" if there is none."""
     from twin.validation.explain.judge import Judge
     from twin.validation.explain.repair import Search
-    from twin.validation.explain.source import patched
 
     truth = case.truth
     judge, whole = Judge(faulty, None, truth), Judge(case.formula, None, truth)
@@ -231,13 +230,8 @@ def outcome(case, faulty, folder, budget):
         edits = [e for change in chosen for e in change if e.kind != "left side"]
         if not edits:
             return False
-        own, path = _file_of(faulty), folder / f"{name}.py"
-        texts = {home: patched([e for e in edits if e.path == home]) for home in {e.path for e in edits}}
-        path.write_text(texts.pop(own, None) or own.read_text(encoding="utf-8"), encoding="utf-8")
-        with ExitStack() as shared:
-            for home, text in texts.items():
-                shared.enter_context(_in_place_of(home, text, folder))
-            return same_function(case.formula, case.load(path), truth)
+        with _edited(case, _file_of(faulty), edits, folder / f"{name}.py") as cured:
+            return same_function(case.formula, cured, truth)
 
     best = [(f, f.cures[0][0]) for f in found]
     single = all(len(f.cures) == 1 for f in found)
@@ -321,19 +315,29 @@ def _in_place_of(home, text, folder):
         sys.modules[name] = true
 
 
+@contextmanager
+def _edited(case, own, edits, path):
+    """Give the formula of a file after edits of it, and of files that it shares with other formulas."""
+    from twin.validation.explain.source import patched
+
+    texts = {home: patched([e for e in edits if e.path == home]) for home in {e.path for e in edits}}
+    path.write_text(texts.pop(own, None) or own.read_text(encoding="utf-8"), encoding="utf-8")
+    with ExitStack() as shared:
+        for home, text in texts.items():
+            shared.enter_context(_in_place_of(home, text, path.parent))
+        yield case.load(path)
+
+
 def empty(case, judge, faulty, candidate, rows, folder):
     """Return what a cure has lost without saying so: a symbol that a row read, or its own unknown; "" if nothing."""
     from twin.validation.explain.source import patched
 
     edits = [e for e in candidate.edits if e.kind != "left side"]
-    home, own = candidate.edits[0].path, _file_of(faulty)
-    text = patched(edits) if edits else home.read_text(encoding="utf-8")
-    if home == own and text == case.path.read_text(encoding="utf-8"):
+    own = _file_of(faulty)
+    if edits and {e.path for e in edits} == {own} and patched(edits) == case.path.read_text(encoding="utf-8"):
         return ""  # the true formula, whatever a slip had made its rows read
-    path = folder / "cure.py"
-    path.write_text(text if home == own else own.read_text(encoding="utf-8"), encoding="utf-8")
-    with nullcontext() if home == own else _in_place_of(home, text, folder):
-        cured = case.load(path)
+    with _edited(case, own, edits, folder / "cure.py") as cured:
+        pass
     left = {(e.statement, e.old): e.new for e in candidate.edits if e.kind == "left side"}
     for place in judge.residuals:
         if (place.equation, place.statement, place.position) not in rows:
