@@ -147,13 +147,21 @@ MUTATIONS = {
     "the copy of a drive is lost": ("ArticulationDriver.cs", "entry.body.xDrive = drive;", ""),
     "world instead of local": ("LinkBinding.cs", "flat = flat && link.parent == Root;", "flat = true;"),
     "inner links first": ("LinkBinding.cs", "depths[i]++;", "depths[i]--;"),
-    "sequence at another offset": ("StreamFrame.cs", "Sequence = U32(data, 4);", "Sequence = U32(data, 8);"),
+    "sequence at another offset": (
+        "StreamFrame.cs",
+        "Sequence = U32(data, begin + 4);",
+        "Sequence = U32(data, begin + 8);",
+    ),
     "big endian": (
         "StreamFrame.cs",
         "data[at] | data[at + 1] << 8 | data[at + 2] << 16 | data[at + 3] << 24",
         "data[at + 3] | data[at + 2] << 8 | data[at + 1] << 16 | data[at] << 24",
     ),
-    "clip time is server time": ("StreamFrame.cs", "ClipTime = F64(data, 16);", "ClipTime = F64(data, 8);"),
+    "clip time is server time": (
+        "StreamFrame.cs",
+        "ClipTime = F64(data, begin + 16);",
+        "ClipTime = F64(data, begin + 8);",
+    ),
     "a torn frame passes": ("StreamFrame.cs", "if (count != size)", "if (count < 0)"),
     "NaN passes": ("StreamFrame.cs", "(U32(data, at) & 0x7F800000) == 0x7F800000", "false"),
     "sequence ends at 2^32": ("StreamFrame.cs", "unchecked((int)(sequence - than)) > 0", "sequence > than"),
