@@ -334,8 +334,10 @@ def empty(case, judge, faulty, candidate, rows, folder):
 
     edits = [e for e in candidate.edits if e.kind != "left side"]
     own = _file_of(faulty)
-    if edits and {e.path for e in edits} == {own} and patched(edits) == case.path.read_text(encoding="utf-8"):
-        return ""  # the true formula, whatever a slip had made its rows read
+    if edits and {e.path for e in edits} == {own}:
+        text, true = patched(edits).splitlines(), case.path.read_text(encoding="utf-8").splitlines()
+        if len(text) == len(true) and all(text[e.line - 1] == true[e.line - 1] for e in edits):
+            return ""  # its lines are the true ones, whatever slips had made them read, or stand in other lines
     with _edited(case, own, edits, folder / "cure.py") as cured:
         pass
     left = {(e.statement, e.old): e.new for e in candidate.edits if e.kind == "left side"}
