@@ -11,6 +11,8 @@ from twin.core.errors import KinematicsError
 from twin.kinematics import compile_formula
 from twin.robots import load_formula
 
+POSES = 10_000
+
 
 def row(alpha, d, theta, r):
     """One row of the table, written apart from the equations; theta and r may be arrays (k,)."""
@@ -46,9 +48,9 @@ def test_published_zero_poses():
     np.testing.assert_allclose(tool[:3, 3], [0.93, 0, 0.35], atol=1e-15)
 
 
-def test_lapbot_reaches_what_is_within_its_arm(count=10_000):
+def test_lapbot_reaches_what_is_within_its_arm():
     kin = compile_formula(load_formula("lapbot"))
-    Ts = lapbot_poses(count, 3)
+    Ts = lapbot_poses(POSES, 3)
     q = kin.inverse_many(Ts)
     fine = np.isfinite(q).all(axis=1)
     assert fine.mean() > 0.98
@@ -63,14 +65,14 @@ def test_lapbot_reaches_what_is_within_its_arm(count=10_000):
     np.testing.assert_allclose(kin.forward_many(q[fine]), Ts[fine], atol=1e-11)
 
 
-def test_hibou_reaches_every_point_below_its_trocar(count=10_000):
+def test_hibou_reaches_every_point_below_its_trocar():
     kin = compile_formula(load_formula("hibou"))
-    rng, inner, u = targets(count, 4, (0.05, 0.18))
+    rng, inner, u = targets(POSES, 4, (0.05, 0.18))
     W = inner + 0.30 * u
     rr, zz = np.hypot(W[:, 0], W[:, 1]), W[:, 2] - 0.35
     q3 = np.arccos((rr**2 + zz**2 - 0.18) / 0.18)
     q2 = np.arctan2(-zz, rr) - np.arctan2(0.3 * np.sin(q3), 0.3 + 0.3 * np.cos(q3))
-    tip = rng.uniform([-3, -0.7], [3, 0.7], (count, 2))
+    tip = rng.uniform([-3, -0.7], [3, 0.7], (POSES, 2))
     want = np.column_stack([np.arctan2(W[:, 1], W[:, 0]), q2, q3, tip])
     Ts = kin.forward_many(want)
     assert np.isfinite(Ts).all()

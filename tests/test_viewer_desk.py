@@ -14,9 +14,9 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from made.ways import leads
 
 import twin
+from made.ways import leads
 from twin.cli import main
 from twin.core import spatial
 from twin.core.errors import KinematicsError, MechanismError, TwinError
