@@ -37,15 +37,15 @@ class Member:
     kin: Kinematics
 
 
-def start(place: Place, member: Member) -> Array:
+def start(place: Place, mechanism: Mechanism) -> Array:
     """Return the joint values (n,) of a robot at the start of a console session.
 
     Raises:
         TwinError: a joint of `place` is not in the robot, or its value is outside the limits.
     """
-    active = member.mechanism.active
+    active = mechanism.active
     names = [j.name for j in active]
-    q = np.array(member.mechanism.posture("home"), float)
+    q = np.array(mechanism.posture("home"), float)
     for name, shown in place.start.items():
         if name not in names:
             raise TwinError(f"{place.name}: start: {unknown('active joint', name, names)}")
@@ -81,7 +81,7 @@ def world(scene: Scene, members: Mapping[str, Member], device: Block, dt: float 
         raise TwinError(f"scene '{scene.name}' has no console: add the table [console] to {scene.file.name}")
     places = {p.name: p for p in scene.places}
     led = [places[n] for n in (*table.right, *table.left, scene.cameras[table.camera].robot)]
-    q = {p.name: start(p, members[p.name]) for p in led}
+    q = {p.name: start(p, members[p.name].mechanism) for p in led}
     limits = {p.name: Limits.of(members[p.name].mechanism) for p in led}
     camera = _camera(scene, table, members, q, dt)
     view = camera.camera
