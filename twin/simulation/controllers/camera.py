@@ -59,7 +59,7 @@ class Dragging:
         self._held = False
 
     def release(self) -> None:
-        """Let go of the camera; the next step starts a new motion."""
+        """End the motion; the next step starts a new one."""
         self._held = False
 
     def step(self, right: Array, left: Array) -> Array:
