@@ -33,6 +33,7 @@ TOPICS = {
     "control": "control",
     "workspace": "workspace",
     "scaling": "scaling",
+    "da Vinci": "davinci",
 }
 """Name -> module."""
 ROOT = Path(__file__).resolve().parents[2]
