@@ -132,6 +132,6 @@ def by_toolbox() -> Callable[[np.ndarray, np.ndarray], bool]:
 
     def solve(T: np.ndarray, q0: np.ndarray) -> bool:
         found = ets.ik_LM(T, q0, tol=TOLERANCE**2, joint_limits=True, method="chan")  # type: ignore[union-attr]
-        return bool(found[1])
+        return bool(found.success)
 
     return solve
