@@ -28,6 +28,7 @@ from race import Effort, Table
 TOPICS = {
     "loops": "closed_loops",
     "closed form": "closed_form",
+    "instrument arm": "psm_inverse",
     "timing": "timing",
     "trocar": "trocar",
     "control": "control",

@@ -164,7 +164,7 @@ class HandsToCamera(Block):
 
     def step(self, signals: Signals, t: float, dt: float) -> dict[str, Array]:
         """Move the camera while the camera pedal is pressed."""
-        if signals.number("console.mode") != CAMERA:
+        if signals.now["console.mode"].item() != CAMERA:
             self.law.release()
             return {}
         right, left = (self._R @ signals[f"{n}.pose"].reshape(4, 4)[:3, 3] for n in (self.right, self.left))

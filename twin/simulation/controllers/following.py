@@ -8,7 +8,7 @@ the hand jumps.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -90,7 +90,11 @@ class Following:
         self._coupled: tuple[Array, float] = np.eye(4), 1.0  # pose of {H} and scale since the hand was coupled
         self._seen: tuple[Array, float, float, float, float] | None = None
 
-    def step(self, hand: Array, grip: float, tool: Array, T: Array, scale: float, coupled: bool = True) -> Array:
+    def release(self) -> None:
+        """Stop following the hand; the goal remains."""
+        self.follows = False
+
+    def step(self, hand: Array, grip: float, tool: Array, T: Array, scale: float) -> Array:
         """Return the commanded tool pose (4, 4) in {RB} after one tick.
 
         Args:
@@ -99,11 +103,7 @@ class Following:
             tool: (4, 4) current tool pose in {RB}.
             T: (4, 4) pose of {H} in {RB}.
             scale: tool motion per hand motion, limited to `SCALE`.
-            coupled: whether the pedals connect this hand with this tool.
         """
-        if not coupled:
-            self.follows = False
-            return self.goal
         self._tick(hand, self._last, self.goal)
         if not self._tick.rigid:  # ignore an invalid pose
             self.follows = False
@@ -120,7 +120,8 @@ class Following:
             self._couple(hand, self._wanted, *self._coupled, hand)
         elif scale != self._coupled[1] or (T is not self._coupled[0] and (self._coupled[0] != T).any()):
             self._couple(self._last, self._wanted, T, scale, hand)
-        self._last, self._wanted, self.goal = hand, self._tick.wanted, self._tick.goal
+        self._wanted, self.goal = self._tick.wanted, self._tick.goal
+        self._last[...] = hand
         return self.goal
 
     def _couple(self, W_0: Array, P_0: Array, T: Array, scale: float, hand: Array) -> None:
@@ -137,7 +138,7 @@ class Following:
         if self._seen is not None:
             turn = self._seen[0][:3, :3].T @ hand[:3, :3]
             roll = float(spatial.angle_about_z(turn))
-        first, low, high, least, most = self._seen or (hand, grip, grip, roll, roll)
+        first, low, high, least, most = self._seen or (hand.copy(), grip, grip, roll, roll)
         self._seen = first, min(low, grip), max(high, grip), min(least, roll), max(most, roll)
         _, low, high, least, most = self._seen
         return apart < self.start.attitude and self.start.shown(high - low, most - least)
@@ -213,26 +214,29 @@ class HandToPose(Block):
 
     def step(self, signals: Signals, t: float, dt: float) -> dict[str, Array | float]:
         """Move the selected arm; the other arms remain at rest."""
-        pose, grip = signals[self._pose].reshape(4, 4), signals.number(self._grip)
-        tools = signals.number("console.mode") == TOOLS
-        active = int(signals.number("console.taps")) % len(self.arms)
-        scale = signals.number(self._scale)
+        now, follow = signals.now, self._laws
+        pose, grip = now[self._pose].reshape(4, 4), now[self._grip].item()
+        active = int(now["console.taps"].item()) % len(follow) if now["console.mode"].item() == TOOLS else -1
         out: dict[str, Array | float] = {}
-        for i, (arm, law) in enumerate(zip(self.arms, self._laws, strict=True)):
-            coupled = tools and i == active
-            if coupled and not law.follows:  # the tool's current pose is used when the hand is coupled
-                self._tools[i] = arm.kin.forward(signals[f"{arm.robot}.encoder"], self._tools[i])
-            T = self._pose_of_view(signals)[i] if coupled else self._T_view_hand  # not used if not coupled
+        for i, law in enumerate(follow):
+            if i == active:
+                if not law.follows:  # the tool's current pose is used when the hand is coupled
+                    arm = self.arms[i]
+                    self._tools[i] = arm.kin.forward(signals[f"{arm.robot}.encoder"], self._tools[i])
+                T = self._poses_of_hand(now)[i]
+                law.step(pose, grip, self._tools[i], T, now[self._scale].item())
+            else:
+                law.release()
             goal, follows, jumps = self._names[i]
-            out[goal] = law.step(pose, grip, self._tools[i], T, scale, coupled).ravel()
+            out[goal] = law.goal.ravel()
             said = float(law.follows), float(law.jumps)
             if said != self._said[i]:
                 self._said[i] = out[follows], out[jumps] = said
         return out
 
-    def _pose_of_view(self, signals: Signals) -> list[Array]:
+    def _poses_of_hand(self, now: Mapping[str, Array]) -> list[Array]:
         """Return the pose of {H} in the base of each arm; the same arrays as before if the view has not moved."""
-        view = signals[f"{self.view}.view"] if isinstance(self.view, str) else self.view
+        view = now[f"{self.view}.view"] if isinstance(self.view, str) else self.view
         seen = view.tobytes()
         if seen != self._view[0]:
             T_world_hand = view.reshape(4, 4) @ self._T_view_hand

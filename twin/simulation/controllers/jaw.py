@@ -72,5 +72,5 @@ class GripToJaw(Block):
 
     def step(self, signals: Signals, t: float, dt: float) -> dict[str, Array | float]:
         """Move the jaw towards the gripper."""
-        follows = signals.number(self._follows) > 0.5
-        return {self._jaw: self.jaw.step(signals.number(self._grip), follows)}
+        now = signals.now
+        return {self._jaw: self.jaw.step(now[self._grip].item(), now[self._follows].item() > 0.5)}

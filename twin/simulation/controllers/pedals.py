@@ -31,8 +31,9 @@ class Pedals(Block):
 
     def step(self, signals: Signals, t: float, dt: float) -> dict[str, float | Array]:
         """Read both pedals."""
-        clutch, camera = signals.number(self._clutch) > 0.5, signals.number(self._camera) > 0.5
-        silent = self._silent in signals and signals.number(self._silent) > 0.5
+        now = signals.now
+        clutch, camera = now[self._clutch].item() > 0.5, now[self._camera].item() > 0.5
+        silent = self._silent in now and now[self._silent].item() > 0.5
         if silent:
             self._since = math.inf if clutch else None
         elif clutch:

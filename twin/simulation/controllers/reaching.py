@@ -44,8 +44,9 @@ class PoseToJoints(Block):
 
     def step(self, signals: Signals, t: float, dt: float) -> dict[str, Array]:
         """Make one step towards the goal."""
-        z, q, goal = self._z, signals[self._encoder], signals[self._goal]
-        jaw = signals[self._jaw] if self._jaw in signals else q[self._auxiliary]
+        z, now = self._z, signals.now
+        q, goal = now[self._encoder], now[self._goal]
+        jaw = now[self._jaw] if self._jaw in now else q[self._auxiliary]
         z[:16], z[16:-1], z[-1] = goal, q, dt
         command = self._near() if self._near else None
         if command is not None and not math.isnan(command[0]):

@@ -15,9 +15,9 @@ from typing import Literal
 import casadi as ca
 import numpy as np
 
-from twin.core import spatial
 from twin.core.errors import KinematicsError
 from twin.core.spatial import Array
+from twin.formula import symbolic
 from twin.formula.flow import Evaluator
 from twin.kinematics import Kinematics
 from twin.simulation.limits import Limits
@@ -48,8 +48,15 @@ class Step:
 
 def pose_error(T: Array, T_desired: Array) -> Array:
     """Return the pose error (6,) from T to T_desired: translation in m and rotation vector in rad, both in base."""
-    turn = spatial.log_so3(T_desired[:3, :3] @ T[:3, :3].T)
-    return np.concatenate([T_desired[:3, 3] - T[:3, 3], turn])
+    return _pose_error().one(np.concatenate([T.ravel(), T_desired.ravel()]))
+
+
+@cache
+def _pose_error() -> Evaluator:
+    z = ca.SX.sym("z", 32)
+    T, T_desired = symbolic.unflat(z[:16], 4, 4), symbolic.unflat(z[16:], 4, 4)
+    turn = symbolic.log_so3(T_desired[:3, :3] @ T[:3, :3].T)
+    return Evaluator("pose_error", z, ca.vertcat(T_desired[:3, 3] - T[:3, 3], turn))
 
 
 def step(
@@ -89,7 +96,8 @@ def step(
     # Columns in m of tool motion, so that lengths and angles are damped equally.
     scale = np.where(kin.revolute, 1.0 / kin.characteristic_length, 1.0)
     solve = _slsqp if solver == "slsqp" else _damped
-    dq = np.clip(scale * solve(J * scale, e, lower / scale, upper / scale), lower, upper)
+    dq = scale * solve(J * scale, e, lower / scale, upper / scale)
+    dq = np.minimum(np.maximum(dq, lower), upper)
     at_limit = (dq <= lower) | (dq >= upper)
     return Step(q + dq, dq, float(np.linalg.norm(J @ dq - e)), at_limit)
 

@@ -27,7 +27,7 @@ class Kinematic(Block):
 
     def step(self, signals: Signals, t: float, dt: float) -> dict[str, Array]:
         """Move the joints towards the command."""
-        self._from[...], self._to[...], self._z[-1] = self.q, signals[self._command], dt
+        self._from[...], self._to[...], self._z[-1] = self.q, signals.now[self._command], dt
         q = self._follow()
         if q.tobytes() == self.q.tobytes():
             return {}

@@ -50,7 +50,7 @@ class World:
     Attributes:
         dt: duration of one tick in s.
         tick: number of completed ticks.
-        signals: current signals.
+        signals: the current signals.
         ended: whether the input of a device has ended.
     """
 

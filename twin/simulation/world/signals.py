@@ -26,6 +26,11 @@ class Signals:
     """Vectors in SI by name, "<owner>.<what>", for example `hand.pedal` or `sher.encoder`.
 
     Reading returns a copy that a block may store. Only the World writes.
+
+    Attributes:
+        now: the current values (n,) without copying, read-only and valid until the next write; for fast blocks.
+        row: all values.
+        sizes: number of values of each signal.
     """
 
     def __init__(self, initial: Mapping[str, ArrayLike]) -> None:
@@ -40,6 +45,7 @@ class Signals:
         self.sizes = {name: len(v) for name, v in values.items()}
         self.row = np.concatenate([*values.values(), []])
         self._views = {name: self.row[c] for name, c in columns(self.sizes).items()}
+        self.now = _Now({name: view[:] for name, view in self._views.items()})
 
     def __getitem__(self, name: str) -> Array:
         """Return a signal (n,) by name.
@@ -47,21 +53,7 @@ class Signals:
         Raises:
             WorldError: there is no such signal.
         """
-        try:
-            return self._views[name].copy()
-        except KeyError:
-            raise WorldError(unknown("signal", name, self.sizes)) from None
-
-    def number(self, name: str) -> float:
-        """Return the first value of a signal.
-
-        Raises:
-            WorldError: there is no such signal.
-        """
-        try:
-            return self._views[name].item(0)
-        except KeyError:
-            raise WorldError(unknown("signal", name, self.sizes)) from None
+        return self.now[name].copy()
 
     def __contains__(self, name: str) -> bool:
         return name in self.sizes
@@ -80,6 +72,18 @@ class Signals:
         if not math.isfinite(self.row @ self.row) and not np.isfinite(self.row).all():
             name = next(n for n, view in self._views.items() if not np.isfinite(view).all())
             raise WorldError(f"signal '{name}' is not finite at t = {t:.3f} s: {self[name].tolist()}")
+
+
+class _Now(dict[str, Array]):
+    """Views of signals; a missing name raises a `WorldError`."""
+
+    def __init__(self, views: Mapping[str, Array]) -> None:
+        super().__init__(views)
+        for view in self.values():
+            view.flags.writeable = False
+
+    def __missing__(self, name: str) -> Array:
+        raise WorldError(unknown("signal", name, self))
 
 
 def put(view: Array, name: str, value: ArrayLike) -> None:
