@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import tempfile
+from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
@@ -19,7 +21,7 @@ from twin.simulation.console_scene import HANDS, PEDALS, Member
 from twin.simulation.devices.recorded import Recorded
 
 DT, PYBULLET_DT = 1e-3, 1 / 240
-SCENE, LONG = "davinci", 100_000
+SCENE, LONG, LEAD = "davinci", 100_000, 500
 PINS = (-0.025, 0.025)
 """m along a pin, where a loop is tied by points."""
 DH = (
@@ -28,26 +30,8 @@ DH = (
 )
 """Rows (alpha, a, d, theta) of the PSM, modified DH: jhu-dvrk/sawIntuitiveResearchKit, tool 400006."""
 
-BESIDE = """\
-No simulator of the da Vinci is on PyPI. SurRoL (github.com/med-air/SurRoL, commit a903fa6 of 2023-06-28) was read, not
-run: its engine, PyBullet, is what is measured above, on our arms. AMBF with the Surgical Robotics Challenge is built from
-C++ sources, ORBIT-Surgical needs Isaac Sim and its graphics card; neither is compared.
-
-| | twin | SurRoL |
-|---|---|---|
-| licence | Apache-2.0 | MIT |
-| runs with | Python 3.11 and newer | Python 3.7, Gym 0.15.6 (README.md) |
-| joints of PSM, ECM | 17 and 13 (3 of them locked), 16 and 12 bodies | 12 and 8 that move, 17 and 12 links (`psm.urdf`, `ecm.urdf`) |
-| remote centre | where the linkage leaves it: two cranks, two couplers | pitch is a joint at the centre (`psm_pitch_end_joint`); cranks and couplers are drawn and turned by formula (`_get_joint_positions_all`) |
-| closed loops | two an arm, closed within 1e-14 m | none: three point-to-point constraints are commented out (`_set_constraint`) |
-| cables of the instrument | four discs to roll, wrist and jaw by the published matrix | none; each jaw takes half the angle |
-| inverse | closed form, unique within the limits | PyBullet's, at most 200 iterations to 1e-9 (`Arm.inverse_kinematics`) |
-| teleoperation | two hands, clutch and camera pedals, page, UDP | none in the repository; a paper of the group (arXiv 2301.00452) adds haptic pens |
-| one step | 1 ms, kinematic | 1/240 s, dynamics; an action takes 0.2 s (`surrol_env.py`) |
-| contact, grasping, tasks | none in the World yet | contact, grasping, ten tasks, Gym interface for learning |
-| the same again | same bytes, tested | not stated |
-| files for others | USD, USDZ, GLB, Unity, MJCF, URDF, tracks, audited | none |"""
-"""What both can do; of SurRoL by its files at that commit."""
+BESIDE = Path(__file__).with_name("davinci_peers.md").read_text(encoding="utf-8").rstrip()
+"""What both can do; of SurRoL by its files at one commit."""
 
 
 @dataclass
@@ -91,6 +75,13 @@ def setup(ticks: int) -> Setup:
     led = [n for n in robots if f"{n}.goal" in rows.sizes]
     out.goals = {n: rows[f"{n}.goal"].reshape(-1, 4, 4) for n in led}
     return out
+
+
+def there_and_back(ticks: int) -> Iterator[int]:
+    """Yield the ticks of a session, then backwards, and so on: no arm ever jumps."""
+    while True:
+        yield from range(ticks)
+        yield from reversed(range(ticks))
 
 
 def off_port(s: Setup, name: str, T_world_body: np.ndarray) -> float:
@@ -155,22 +146,23 @@ def mujoco_row(s: Setup, folder: Path) -> Contender:
         models[n] = mujoco.MjModel.from_xml_path(str(write_mjcf(m, folder / n)))
         home = np.array([models[n].joint(j.name).qpos0[0] for j in m.active])
         first = s.q[n][0] - home
-        lead = np.linspace(0, 1, 500)[:, None] ** 2 * (3 - 2 * np.linspace(0, 1, 500)[:, None]) * first
-        order = [m.motor_names.index(models[n].actuator(i).name) for i in range(models[n].nu)]
-        controls[n] = m.motors(np.concatenate([lead, s.q[n] - home]))[:, order]
+        part = np.linspace(0, 1, LEAD)[:, None]
+        lead = part**2 * (3 - 2 * part) * first  # from home to the start of the session
+        columns = [m.motor_names.index(models[n].actuator(i).name) for i in range(models[n].nu)]
+        controls[n] = m.motors(np.concatenate([lead, s.q[n] - home]))[:, columns]
     datas = {n: mujoco.MjData(model) for n, model in models.items()}
-    at = dict.fromkeys(models, 0)
+    order = chain(range(LEAD), (LEAD + k for k in there_and_back(s.ticks)))
 
     def tick() -> None:
+        k = next(order)
         for n, model in models.items():
-            k = at[n] = (at[n] + 1) % len(controls[n]) or 500  # after the last, from the start of the session
             datas[n].ctrl[:] = controls[n][k]
             mujoco.mj_step(model, datas[n])
 
     worst = 0.0
-    for k in range(len(next(iter(controls.values()))) - 1):
+    for k in range(LEAD + s.ticks):
         tick()
-        for n, data in datas.items() if k > 500 and k % 10 == 0 else ():
+        for n, data in datas.items() if k >= LEAD and k % 10 == 0 else ():
             body = data.body(s.shaft(n).parent)
             T = spatial.pose(body.xmat.reshape(3, 3), body.xpos)
             worst = max(worst, off_port(s, n, s.places[n].T_world_base @ T))
@@ -181,15 +173,15 @@ def mujoco_row(s: Setup, folder: Path) -> Contender:
 
 
 class Bullet:
-    """A client of PyBullet with the three arms, at `dt` s a step."""
+    """A client of PyBullet with arms at their places."""
 
-    def __init__(self, s: Setup, urdfs: dict[str, Path], dt: float) -> None:
+    def __init__(self, s: Setup, urdfs: dict[str, Path]) -> None:
         import pybullet
         from pybullet_utils.bullet_client import BulletClient
 
         self.p, self.s = BulletClient(pybullet.DIRECT), s
         self.p.setGravity(0, 0, -9.81)
-        self.p.setTimeStep(dt)
+        self.p.setTimeStep(DT)
         self.body, self.joint, self.link = {}, {}, {}
         for n, urdf in urdfs.items():
             T = s.places[n].T_world_base
@@ -209,14 +201,14 @@ class Bullet:
         ids = [self.joint[n][name] for name in names]
         self.p.setJointMotorControlArray(self.body[n], ids, self.p.POSITION_CONTROL, targetPositions=values)
 
-    def T(self, n: str, link: str) -> np.ndarray:
+    def pose(self, n: str, link: str) -> np.ndarray:
         """Return the pose of a link in the world."""
         state = self.p.getLinkState(self.body[n], self.link[n][link], computeForwardKinematics=1)
         return spatial.pose(spatial.matrix_from_quat_wxyz(np.roll(state[5], 1)), np.array(state[4]))
 
 
 def pybullet_rows(s: Setup, folder: Path, table: Table) -> list[Contender]:
-    """Return PyBullet on our URDF: every joint driven, loops tied by points; and on a virtual arm with its own inverse."""
+    """Return PyBullet on our URDF, every joint driven or loops tied by points, and on virtual arms with its inverse."""
     from twin.exchange.write.urdf import write_urdf
 
     urdfs = {n: write_urdf(r.mechanism, folder / f"{n}_urdf") for n, r in s.robots.items()}
@@ -225,15 +217,15 @@ def pybullet_rows(s: Setup, folder: Path, table: Table) -> list[Contender]:
         run = r.reference().run(s.q[n])
         full[n] = {j.name: s.q[n][:, i] for i, j in enumerate(r.mechanism.active)} | dict(run.q_passive)
     rows = [
-        driven("PyBullet, our URDF: every joint driven, as SurRoL does", s, urdfs, full, DT, False),
-        driven("PyBullet, our URDF: loops tied by points", s, urdfs, full, DT, True),
+        driven("PyBullet, our URDF: every joint driven, as SurRoL does", s, urdfs, full, tied=False),
+        driven("PyBullet, our URDF: loops tied by points", s, urdfs, full, tied=True),
         virtual(s, folder),
     ]
-    again = [driven("", s, urdfs, full, DT, False).end for _ in range(2)]
+    again = [driven("", s, urdfs, full, tied=False).end for _ in range(2)]
     same = np.array_equal(again[0], again[1])
     table.notes.append(f"PyBullet, the session twice in new clients: {'the same bytes' if same else 'other bytes'}.")
     table.notes.append(
-        f"PyBullet's ticks are of 1 ms here as well; SurRoL takes steps of 1/240 s, so {PYBULLET_DT / DT:.1f} times fewer."
+        f"PyBullet takes ticks of 1 ms here as well; SurRoL's are 1/240 s: {PYBULLET_DT / DT:.1f} times fewer."
     )
     return rows
 
@@ -244,10 +236,9 @@ class Driven(Contender):
     end: np.ndarray
 
 
-def driven(name: str, s: Setup, urdfs: dict, full: dict, dt: float, tied: bool) -> Driven:
+def driven(name: str, s: Setup, urdfs: dict, full: dict, tied: bool) -> Driven:
     """Return PyBullet with motors at all joints, or, `tied`, at the active ones and loops held by points."""
-    bullet, stride = Bullet(s, urdfs, dt), round(dt / DT)
-    names = {}
+    bullet, names = Bullet(s, urdfs), {}
     for n, values in full.items():
         m = s.robots[n].mechanism
         active = {j.name for j in m.active}
@@ -259,22 +250,21 @@ def driven(name: str, s: Setup, urdfs: dict, full: dict, dt: float, tied: bool) 
         for joint in m.loops if tied else ():
             tie(bullet, n, joint)
     targets = {n: np.array([full[n][j] for j in names[n]]).T.tolist() for n in names}
-    at = 0
+    order = there_and_back(s.ticks)
 
     def tick() -> None:
-        nonlocal at
-        at = (at + stride) % s.ticks
+        k = next(order)
         for n, rows in targets.items():
-            bullet.drive(n, names[n], rows[at])
+            bullet.drive(n, names[n], rows[k])
         bullet.p.stepSimulation()
 
     worst = 0.0
-    for k in range(s.ticks // stride - 1):
+    for k in range(s.ticks):
         tick()
         for n in s.robots if k % 10 == 0 else ():
-            worst = max(worst, off_port(s, n, bullet.T(n, s.shaft(n).parent)))
+            worst = max(worst, off_port(s, n, bullet.pose(n, s.shaft(n).parent)))
     out = Driven(name, tick, error=worst)
-    out.end = np.array([bullet.T(n, link)[:3, 3] for n in s.robots for link in sorted(bullet.link[n])])
+    out.end = np.array([bullet.pose(n, link)[:3, 3] for n in s.robots for link in sorted(bullet.link[n])])
     return out
 
 
@@ -299,27 +289,26 @@ def virtual(s: Setup, folder: Path) -> Contender:
     urdf = folder / "virtual.urdf"
     urdf.write_text(ET.tostring(six_joints(), encoding="unicode"))
     led = [n for n in s.goals if s.robots[n].mechanism.auxiliary]
-    bullet = Bullet(s, dict.fromkeys(led, urdf), DT)
+    bullet = Bullet(s, dict.fromkeys(led, urdf))
     names, targets = [f"j{i}" for i in range(6)], {}
     worst = 0.0
     for n in led:
         bullet.put(n, dict(zip(names, s.q[n][0, :6].tolist(), strict=True)))
         T_base = s.places[n].T_world_base
-        T_tip_tool = spatial.inverse(bullet.T(n, "l5")) @ T_base @ s.robots[n].kinematics().forward(s.q[n][0])
+        T_tip_tool = spatial.inverse(bullet.pose(n, "l5")) @ T_base @ s.robots[n].kinematics().forward(s.q[n][0])
         Ts = [T_base @ T @ spatial.inverse(T_tip_tool) for T in s.goals[n]]
         targets[n] = [(T[:3, 3].tolist(), np.roll(spatial.quat_from_matrix_wxyz(T[:3, :3]), -1).tolist()) for T in Ts]
     limits = np.array([j.limits for j in s.robots[led[0]].mechanism.active[:6]])
     low, high = limits[:, 0].tolist(), limits[:, 1].tolist()
-    at = 0
+    order = there_and_back(s.ticks)
 
     def tick() -> None:
-        nonlocal at
-        at = (at + 1) % s.ticks
+        k = next(order)
         for n in led:
             q = bullet.p.calculateInverseKinematics(
                 bullet.body[n],
                 bullet.link[n]["l5"],
-                *targets[n][at],
+                *targets[n][k],
                 lowerLimits=low,
                 upperLimits=high,
                 jointRanges=(limits[:, 1] - limits[:, 0]).tolist(),
@@ -330,10 +319,10 @@ def virtual(s: Setup, folder: Path) -> Contender:
             bullet.drive(n, names, list(q))
         bullet.p.stepSimulation()
 
-    for _ in range(s.ticks - 1):
+    for k in range(s.ticks):
         tick()
         for n in led:
-            worst = max(worst, float(np.linalg.norm(bullet.T(n, "l5")[:3, 3] - targets[n][at][0])))
+            worst = max(worst, float(np.linalg.norm(bullet.pose(n, "l5")[:3, 3] - targets[n][k][0])))
     out = Contender("PyBullet, virtual arms of 6 joints: its inverse, motors", tick)
     out.good = f"{worst * 1e3:.2g} mm behind"
     return out

@@ -2,8 +2,9 @@
 
     read_physx.py job.json
 
-The job: {"stage", "robot": path without its first slash, "frames": [{joint: value, or quaternion xyzw of a ball}], "rate": steps a second,
-"joints": [names], "targets": [[value of each joint] each step], "every": steps between two answers}.
+The job: {"stage", "robot": path without its first slash, "frames": [{joint: value, or quaternion xyzw of a ball}],
+"rate": steps a second, "joints": [names], "targets": [[value of each joint] each step], "every": steps between two
+answers}.
 Prints {"start": {link: [7]}, "links": {link: [[7] each frame]}, "run": {link: [[7] each answer]}}; a pose is
 x y z qx qy qz qw in the world, m. With "robots" instead, several that only rest: {robot: {"start", "run"}}.
 """

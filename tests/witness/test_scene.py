@@ -52,13 +52,13 @@ def test_mujoco_holds_each_arm_on_its_port(exported, figures):
         data = mujoco.MjData(model)
         (port,) = (spatial.inverse(place.T_world_base) @ [*p, 1] for p in place.p_world_ports.values())
 
-        def T(body, data=data):
+        def pose(body, data=data):
             return spatial.pose(data.body(body).xmat.reshape(3, 3), data.body(body).xpos)
 
         worst = 0.0
         for _ in range(int(SECONDS / model.opt.timestep)):
             mujoco.mj_step(model, data)
-            worst = max(worst, off_port(mechanisms[place.name], port[:3], T))
+            worst = max(worst, off_port(mechanisms[place.name], port[:3], pose))
         figures.add(f"mujoco {mujoco.__version__}", f"{scene.name}/{place.name}", f"{SECONDS:g} s", worst, NO, "RCM")
         assert worst <= RCM_MUJOCO
 
@@ -80,12 +80,12 @@ def test_physx_holds_all_arms_of_the_stage_on_their_ports(exported, foreign, fig
             rows = {n: np.array(v) for n, v in found[what].items()}
             count = len(next(iter(rows.values())))
 
-            def T(body, k, rows=rows):
+            def pose(body, k, rows=rows):
                 x, y, z, *quaternion = rows[body][k]
                 return spatial.pose(spatial.matrix_from_quat_wxyz(np.roll(quaternion, 1)), [x, y, z])
 
             mechanism = mechanisms[place.name]
-            worst = max(off_port(mechanism, port, lambda b, k=k: T(b, k)) for k in range(count))
+            worst = max(off_port(mechanism, port, lambda b, k=k: pose(b, k)) for k in range(count))
             figures.add("physx", f"{scene.name}/{place.name}", what, worst, NO, "RCM")
             assert worst <= RCM_PHYSX
         moved = max(float(np.abs(np.array(v)[:, :3] - found["start"][n][0][:3]).max()) for n, v in found["run"].items())
@@ -103,7 +103,8 @@ def test_validators_find_nothing_in_the_scene(exported, foreign, figures):
     for said, files in ((printed, stages), (khronos, glbs)):
         for file in files:
             found = said[str(file)]
-            figures.add(said["version"], scene.name, file.name, NO, NO, f"{len(found)} issues" if said is printed else "")
+            what = f"{len(found)} issues" if said is printed else f"{found['errors']} errors"
+            figures.add(said["version"], scene.name, file.name, NO, NO, what)
     assert not any(printed[str(s)] for s in stages), printed
     assert all(khronos[str(g)][k] == 0 for g in glbs for k in ("errors", "warnings", "infos", "hints"))
 

@@ -30,7 +30,13 @@ Audited = tuple[list[Content], list[Ledger]]
 
 @dataclass(frozen=True)
 class Shown:
-    """What a robot shows in its own files: T_world_base (4, 4), and T_base_link (k, 4, 4) by link at times (k,) in s."""
+    """What a robot's own files show.
+
+    Attributes:
+        T_world_base: (4, 4), of scene.json.
+        times: times (k,) in s.
+        links: T_base_link (k, 4, 4) by link.
+    """
 
     T_world_base: Array
     times: Array
@@ -86,8 +92,9 @@ def _places(folder: Path, ledger: Ledger) -> Iterator[tuple[str, str, Array, Pat
 
 
 def _shown(contents: Sequence[Content], protocol: str, T_world_base: Array) -> Shown:
-    """Return the motion of a protocol in a robot's files or, without one, its poses at rest; not of a stage if
-    another file has them, because the scene refers to the stage.
+    """Return the motion of a protocol in a robot's files or, without one, its poses at rest.
+
+    Poses at rest are those of the GLB, if there is one, because the scene refers to the stage.
     """
     for name, ref in references(contents, {}).items():
         if protocol and (name == protocol or name.endswith(f"_{protocol}")):

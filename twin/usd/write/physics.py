@@ -306,8 +306,9 @@ def _write_tendon(stage: Usd.Stage, mechanism: Mechanism, coupling: Coupling, li
 
 
 def _carried(mechanism: Mechanism, joint: Joint, link_poses: Mapping[str, Array]) -> float:
-    """Return the inertia in kg or kg m2 of all bodies beyond a joint with one coordinate; infinite if a loop is closed
-    there, because then the joint carries more than the tree shows.
+    """Return the inertia in kg or kg m2 of all bodies beyond a joint with one coordinate.
+
+    It is infinite if a loop is closed there, because then the joint carries more than the tree shows.
     """
     beyond, joints = {joint.child}, spanning(mechanism)
     for other in joints.tree:
@@ -316,11 +317,13 @@ def _carried(mechanism: Mechanism, joint: Joint, link_poses: Mapping[str, Array]
         return np.inf
     T = link_poses[joint.parent] @ joint.T_parent_joint
     out = 0.0
-    for body in (b for b in map(mechanism.body, sorted(beyond)) if b.inertia is not None):
+    for body in map(mechanism.body, sorted(beyond)):
+        if (inertia := body.inertia) is None:
+            continue
         R, p = link_poses[body.name][:3, :3], link_poses[body.name][:3, 3]
-        axis, arm = R.T @ T[:3, 2], body.inertia.p_body_com - R.T @ (T[:3, 3] - p)
-        turn = axis @ body.inertia.I_com @ axis + body.inertia.mass * (arm @ arm - (arm @ axis) ** 2)
-        out += float(turn if joint.is_angle else body.inertia.mass)
+        axis, arm = R.T @ T[:3, 2], inertia.p_body_com - R.T @ (T[:3, 3] - p)
+        turn = axis @ inertia.I_com @ axis + inertia.mass * (arm @ arm - (arm @ axis) ** 2)
+        out += float(turn if joint.is_angle else inertia.mass)
     return out
 
 
