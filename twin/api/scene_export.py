@@ -224,6 +224,10 @@ def _readme(scene: Scene, formats: Sequence[str]) -> str:
         f"Formats: {', '.join(formats)}. Each file holds one robot in its base frame, z up, m, with its motion.",
         "scene.json   T_world_base of each robot (4 x 4, rows), and its protocol; all motions start together.",
     ]
+    if led := [p.name for p in scene.places if not p.protocol]:
+        lines.append(f"A console leads {', '.join(led)}: no motion; joint values where it begins are in scene.json.")
     if "usd" in formats:
         lines.append(f"usd/{scene.name}.usda   all robots at their places with their motions, and the props.")
+    if "usd" in formats and not any(p.protocol for p in scene.places):
+        lines.append(f"usd/{scene.name}_sim.usda   the same in a physics scene: open this file to simulate.")
     return "\n".join(lines) + "\n"
