@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import socket
 import time
 from collections.abc import Callable
 from contextlib import suppress
@@ -23,6 +24,9 @@ if TYPE_CHECKING:
 
 _RETRY, _TIMEOUT, _KEEPALIVE = 2.0, 5.0, 5
 """Time in s between two attempts to connect; for an answer of the broker; between two signs of life."""
+
+_AT_ONCE = [(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)]
+"""Small messages are not held back until earlier ones are acknowledged, which can take 40 ms."""
 
 _QUIET, _SHOWN, _LONGEST = 1.0, 40, 200
 """Time in s between two messages about payloads; characters of a payload that they show; characters of a topic."""
@@ -111,7 +115,13 @@ class ScaleTopic:
         quiet = logging.getLogger(f"{__name__}.library")
         quiet.setLevel(logging.CRITICAL)
         return self._mqtt.Client(
-            self._host, self._port, will=will, timeout=_TIMEOUT, keepalive=_KEEPALIVE, logger=quiet
+            self._host,
+            self._port,
+            will=will,
+            timeout=_TIMEOUT,
+            keepalive=_KEEPALIVE,
+            socket_options=_AT_ONCE,
+            logger=quiet,
         )
 
     async def _serve(self, client: Client) -> None:
@@ -128,7 +138,7 @@ class ScaleTopic:
         await client.publish(f"{self.topic}/available", "online", qos=1, retain=True)
         while True:
             self._changed.clear()
-            await client.publish(self.topic, repr(self._scale), qos=1, retain=True)
+            await client.publish(self.topic, repr(self._scale), retain=True)
             await self._changed.wait()
 
     async def _listen(self, client: Client) -> None:
