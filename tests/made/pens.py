@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import socket
+import threading
 
 import numpy as np
 
@@ -56,3 +57,24 @@ class Pens:
 
     def close(self):
         self.socket.close()
+
+
+class Streaming(Pens):
+    """Pens whose program sends 250 packets a second each, until it is closed."""
+
+    def __init__(self, port):
+        super().__init__(port)
+        self._ended = threading.Event()
+        self._thread = threading.Thread(target=self._stream)
+        self._thread.start()
+
+    def _stream(self):
+        while not self._ended.wait(0.004):
+            packets = self.packets()
+            if self.number % 20:  # 5 % are lost
+                self.send(*packets)
+
+    def close(self):
+        self._ended.set()
+        self._thread.join()
+        super().close()
