@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from aiomqtt import Client, Message
 
 
-_RETRY, _TIMEOUT, _KEEPALIVE = 2.0, 5.0, 5
+_RETRY, _TIMEOUT, _KEEPALIVE = 2.0, 5.0, 10
 """Time in s between two attempts to connect; for an answer of the broker; between two signs of life."""
 
 _AT_ONCE = [(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)]
@@ -70,7 +70,8 @@ class ScaleTopic:
             )
         self._mqtt = require("aiomqtt", "--mqtt")
         self.broker, self.topic = f"{host}:{port}", topic
-        self.connected, self.problem = False, "connecting"
+        self.connected = False
+        self.problem: str | None = None
         self.reports = Reports(_QUIET)
         self._host, self._port, self._limits, self._apply = host, port, limits, apply
         self._scale, self._changed = scale, asyncio.Event()
@@ -99,10 +100,10 @@ class ScaleTopic:
                         self.reports.tell(f"MQTT broker {self.broker} is connected again")
                     await self._serve(client)
             except* self._mqtt.MqttError as errors:
-                why = str(errors.exceptions[0])
+                what = "has gone" if self.connected else f"cannot be reached ({errors.exceptions[0]})"
                 self.problem = (
-                    f"MQTT broker {self.broker} cannot be reached ({why}): the motion scale stays "
-                    f"{self._scale:g}; trying again every {_RETRY:g} s"
+                    f"MQTT broker {self.broker} {what}: the motion scale stays {self._scale:g}; trying again every "
+                    f"{_RETRY:g} s"
                 )
                 if self.connected or not lost:
                     self.reports.tell(self.problem)

@@ -137,7 +137,7 @@ export class Console {
     const packets = state.owner === UDP;
     const other = !packets && state.owner !== null && state.owner !== this.app.model.client && !state.silent;
     if (other) return { tone: 'warn', text: `Client ${state.owner} has the hands: you can watch.` };
-    if (!this.pens.active && !packets) return null;
+    if (!this.pens.active && !packets) return this.broker();
     if (state.silent) return { tone: 'warn', text: `${this.missing(packets)}: nothing moves.` };
     if (state.pedal) return { tone: 'warn', text: sentence(state.pedal) };
     for (const side of SIDES) {
@@ -152,6 +152,12 @@ export class Console {
     const who = packets ? 'UDP packets lead' : 'You lead';
     if (packets && !led.length) return { tone: 'good', text: 'UDP packets have the hands: roll a handle or open a gripper.' };
     return led.length ? { tone: 'good', text: `${who} ${led.join(' and ')}.` } : null;
+  }
+
+  /** That the broker of the motion scale is gone. */
+  private broker(): Status | null {
+    const mqtt = this.app.model.console?.mqtt;
+    return mqtt && !mqtt.connected && mqtt.problem ? { tone: 'warn', text: mqtt.problem } : null;
   }
 
   /** What the server does not hear. */

@@ -6,7 +6,7 @@ import type { Control, Tab } from './controls';
 import { KEYS } from './keys';
 import { PAD } from './pad';
 import { SIDES } from './pens';
-import type { MqttState, PacketsState } from './protocol';
+import { type ConsoleState, type MqttState, UDP } from './protocol';
 
 export function atConsole(app: App, console: Console): Tab {
   const list = (id: string, rows: readonly (readonly [string, string])[]): Control => ({
@@ -51,7 +51,7 @@ export function atConsole(app: App, console: Console): Tab {
       ],
     },
     { kind: 'head', text: 'Network' },
-    { kind: 'text', id: 'packets', text: () => packetText(app.model.console?.packets ?? null) },
+    { kind: 'text', id: 'packets', text: () => packetText(app.model.console) },
     {
       kind: 'text',
       id: 'mqtt',
@@ -71,16 +71,18 @@ export function atConsole(app: App, console: Console): Tab {
   return { id: 'console', label: 'Console', controls };
 }
 
-function packetText(packets: PacketsState | null): string {
+function packetText(state: ConsoleState | null): string {
+  const packets = state?.packets;
   if (!packets) return 'UDP packets: off, see twin serve --packets';
   const hands = SIDES.map((s) => {
     const from = packets.from[s];
     return `${s} hand: ${from ? `from ${from}` : 'nobody'}, ${packets.lost[s]} packets lost`;
   });
-  return [`UDP packets: port ${packets.port}`, ...hands, `${packets.ignored} packets ignored`].join('\n');
+  return [`UDP packets: port ${packets.port}${state.owner === UDP ? ', lead the hands' : ''}`, ...hands, `${packets.ignored} packets ignored`].join('\n');
 }
 
 function mqttText(mqtt: MqttState | null): string {
   if (!mqtt) return 'Motion scale by MQTT: off, see twin serve --mqtt';
-  return mqtt.problem ?? `Motion scale by MQTT: ${mqtt.topic}/set at ${mqtt.broker}`;
+  if (mqtt.problem) return mqtt.problem;
+  return `Motion scale by MQTT: ${mqtt.connected ? '' : 'connecting, '}${mqtt.topic}/set at ${mqtt.broker}`;
 }
