@@ -63,8 +63,8 @@ class PacketDoor:
     def pump(self, t: float, parts: int = 1) -> int:
         """Pass on packets that have arrived before the tick at time t in s; return how many the device accepted.
 
-        If the ticks that are due are computed in several parts, each call with the number of remaining parts passes on
-        an equal share of the packets, so that the hands do not stand still in all parts but the first.
+        If the ticks of a frame are computed in several parts, each call with the number of remaining parts passes on an
+        equal share of the packets, so that the hands do not move in the first part only.
         """
         while len(self._waiting) < _MOST:
             try:
