@@ -23,7 +23,7 @@ from twin.simulation import console_scene
 from twin.simulation.controllers.console import LARGEST, STIFFNESS
 from twin.simulation.controllers.following import Pace
 from twin.simulation.devices.packets import pack
-from twin.ui.headset import operation, served
+from twin.ui.headset import operation, packet_hands, served
 from twin.ui.headset import protocol as wire
 from twin.ui.headset.operation import Operation
 from twin.ui.headset.protocol import RefusedError
@@ -158,7 +158,8 @@ def test_the_hands_have_one_owner_at_a_time(running):
 # -- nothing by surprise --------------------------------------------------------------------------------------------
 
 
-def test_silence_stops_everything_and_hands_take_hold_anew(running, caplog):
+def test_silence_stops_everything_and_hands_take_hold_anew(running, monkeypatch, caplog):
+    monkeypatch.setattr(packet_hands, "_GONE", 1.0)
     running.start().move("right", (0.01, 0, 0))
     with caplog.at_level(logging.WARNING):
         running.wait(0.4, sends=False)
@@ -169,7 +170,7 @@ def test_silence_stops_everything_and_hands_take_hold_anew(running, caplog):
     running.wait(0.3)
     assert not running.state["silent"]
     assert np.allclose(running.q(), q, atol=1e-9)
-    running.wait(5.5, sends=False)
+    running.wait(1.2, sends=False)
     assert running.state["owner"] is None, "a program that has ended leaves the hands"
 
 
@@ -271,7 +272,7 @@ def test_a_limit_is_felt_as_a_surface(running):
     assert not dict(running.wait(0.05).pens.forces())[0].any()
 
 
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     st.lists(
         st.binary(max_size=100)
@@ -298,8 +299,8 @@ def test_no_packets_of_strangers_move_anything(running, packets):
 # -- figures --------------------------------------------------------------------------------------------------------
 
 
-def session(running, ticks=900, delay=100, lost=0.05):
-    """Lead both tools at 1 kHz for some ticks: 5 % are lost, all come 100 ms late, out of order by up to 8 ms.
+def session(running, ticks=700, delay=100, lost=0.05):
+    """Lead both tools at 1 kHz for some ticks: 5 % are lost, all come 100 ms late, out of order by up to 7 ms.
 
     Return how many packets of each hand never came in time.
     """
@@ -310,7 +311,7 @@ def session(running, ticks=900, delay=100, lost=0.05):
     for k in range(ticks):
         t = k * 1e-3
         for side in SIDES:
-            pens.p[side] = start[side] + 20 * MM * np.array([np.sin(6 * t), np.cos(6 * t) - 1, 0.5 * np.sin(3 * t)])
+            pens.p[side] = start[side] + 30 * MM * np.array([np.sin(12 * t), np.cos(12 * t) - 1, 0.5 * np.sin(6 * t)])
             pens.R[side] = spatial.rotation_z(0.1 + 0.3 * np.sin(5 * t))
         for data in pens.packets():
             if rng.random() >= lost:
@@ -342,10 +343,12 @@ def test_a_bad_network_makes_no_tool_jump_and_its_loss_is_shown(scene, robots, m
     assert list(state["packets"]["lost"].values()) == lost
     assert min(lost) > 45, "5 % and those that come too late"
     for name in ARMS.values():
-        kin = robots[name].kinematics()
+        kin, goals = robots[name].kinematics(), recording[f"{name}.goal"].reshape(-1, 4, 4)
         tool = np.array([kin.forward(q)[:3, 3] for q in recording[f"{name}.q"]])
-        speed = np.linalg.norm(np.diff(tool, axis=0), axis=1) / 1e-3
-        assert speed.max() <= Pace().speed * (1 + 1e-9)
+        wanted, reached = (np.linalg.norm(np.diff(p, axis=0), axis=1).max() / 1e-3 for p in (goals[:, :3, 3], tool))
+        limit = Pace().speed * (1 + 1e-9)
+        assert 0.9 * limit < wanted < limit, "packets that come together are faster than the limit"
+        assert reached < limit
         assert np.linalg.norm(tool - tool[0], axis=1).max() > 5 * MM, "and yet it follows"
         assert not recording[f"{name}.jumps"].any()
 

@@ -90,7 +90,7 @@ def test_a_tablet_sets_the_scale_and_sees_it(broker, scene, robots):
             joined(s.port) as peer,
         ):
             await pad.until(lambda: pad.last() == "0.5" and pad.last(f"{TOPIC}/available") == "online")
-            for k in range(20):
+            for k in range(15):
                 value = 0.1 + 0.04 * (k % 5)
                 begin = time.monotonic()
                 await pad.set(repr(value))
