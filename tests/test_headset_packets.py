@@ -407,6 +407,7 @@ def test_a_port_that_is_taken_is_told(running, capsys):
         (["davinci", "--packets", "70000"], "70000 is not a port"),
         (["davinci", "--mqtt", ":1883"], "has no host"),
         (["davinci", "--mqtt", "localhost:x"], "x is not a port"),
+        (["davinci", "--mqtt", "localhost:0"], "port 0 is not the port of a broker"),
         (["davinci", "--mqtt-topic", "a"], "--mqtt-topic requires --mqtt"),
         (["davinci", "--mqtt", "localhost", "--mqtt-topic", "a/#"], "--mqtt-topic 'a/#' is not a topic"),
         (["sils", "--packets", "9870"], "--packets leads a scene with a console, such as davinci; sils is a robot"),

@@ -214,6 +214,43 @@ def test_a_retained_command_is_old_and_changes_nothing(broker, scene, robots):
     asyncio.run(go())
 
 
+@pytest.mark.parametrize("host", ["no-such-host.invalid", "a..b", "x" * 300])
+def test_a_broker_that_is_none_is_told(host):
+    async def go():
+        found, told = ScaleTopic(host, 1883, TOPIC, (0.05, 1.0), 0.5, print), []
+        found.reports.tell = told.append
+        task = asyncio.ensure_future(found.run())
+        while not told:
+            assert not task.done()
+            await asyncio.sleep(0.01)
+        task.cancel()
+        assert told[0].startswith(f"MQTT broker {host}:1883 cannot be reached (")
+
+    asyncio.run(go())
+
+
+def test_another_server_in_place_of_a_broker_is_told(monkeypatch):
+    monkeypatch.setattr(mqtt, "_TIMEOUT", 0.5)
+
+    async def greet(reader, writer):
+        writer.write(b"220 this is no broker\r\n" * 100)
+
+    async def go():
+        server = await asyncio.start_server(greet, "127.0.0.1", 0)
+        port = server.sockets[0].getsockname()[1]
+        found, told = ScaleTopic("127.0.0.1", port, TOPIC, (0.05, 1.0), 0.5, print), []
+        found.reports.tell = told.append
+        task = asyncio.ensure_future(found.run())
+        while not told:
+            assert not task.done()
+            await asyncio.sleep(0.01)
+        task.cancel()
+        server.close()
+        assert told[0].startswith(f"MQTT broker 127.0.0.1:{port} cannot be reached (")
+
+    asyncio.run(go())
+
+
 @pytest.mark.parametrize("topic", ["", "a/#", "a/+/b", "/a", "a/", "a\0b", "x" * 201])
 def test_what_is_no_topic_is_refused(topic):
     with pytest.raises(TwinError, match="is not a topic: give up to 200 characters without"):

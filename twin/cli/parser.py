@@ -72,7 +72,10 @@ def _broker(text: str) -> tuple[str, int]:
     host, _, port = text.partition(":")
     if not host:
         raise argparse.ArgumentTypeError(f"{text} has no host: give HOST or HOST:PORT")
-    return host, _port(port or "1883")
+    number = _port(port or "1883")
+    if number == 0:
+        raise argparse.ArgumentTypeError(f"{text}: port 0 is not the port of a broker; give 1 to 65535")
+    return host, number
 
 
 def parser() -> argparse.ArgumentParser:

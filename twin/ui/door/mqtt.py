@@ -99,7 +99,7 @@ class ScaleTopic:
                     if lost:
                         self.reports.tell(f"MQTT broker {self.broker} is connected again")
                     await self._serve(client)
-            except* self._mqtt.MqttError as errors:
+            except* (self._mqtt.MqttError, ValueError) as errors:  # ValueError: what cannot be the name of a host
                 what = "has gone" if self.connected else f"cannot be reached ({errors.exceptions[0]})"
                 self.problem = (
                     f"MQTT broker {self.broker} {what}: the motion scale stays {self._scale:g}; trying again every "

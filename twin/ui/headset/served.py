@@ -125,7 +125,7 @@ def of_console(
         if packets is not None:
             operation.listen(*packets)
         if mqtt is not None:
-            operation.connect(*mqtt, topic or f"twin/{scene.name}/scale")
+            operation.connect(*mqtt, f"twin/{scene.name}/scale" if topic is None else topic)
     except TwinError:
         operation.close()
         raise
