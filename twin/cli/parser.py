@@ -61,6 +61,23 @@ def _port(text: str) -> int:
     return int(text)
 
 
+def _packets(text: str) -> tuple[str, int]:
+    """Convert [HOST:]PORT to host and port; default 127.0.0.1."""
+    host, _, port = text.rpartition(":")
+    return host or "127.0.0.1", _port(port)
+
+
+def _broker(text: str) -> tuple[str, int]:
+    """Convert HOST[:PORT] to host and port; default 1883, the port of MQTT."""
+    host, _, port = text.partition(":")
+    if not host:
+        raise argparse.ArgumentTypeError(f"{text} has no host: give HOST or HOST:PORT")
+    number = _port(port or "1883")
+    if number == 0:
+        raise argparse.ArgumentTypeError(f"{text}: port 0 is not the port of a broker; give 1 to 65535")
+    return host, number
+
+
 def parser() -> argparse.ArgumentParser:
     """Return the parser of the whole command line."""
     formatter = _Help
@@ -255,6 +272,7 @@ def parser() -> argparse.ArgumentParser:
         "  twin serve my_robot/                or a USD stage without a robot folder\n"
         "  twin serve vsrs                     all robots of a scene, on one clock\n"
         "  twin serve davinci                  its two instruments and its camera, led by mouse, keyboard or gamepad\n"
+        "  twin serve davinci --packets 9870 --mqtt 127.0.0.1    or by UDP packets, the motion scale by MQTT\n"
         "  twin serve sils --host 0.0.0.0 --cert cert.pem --key key.pem    for every headset in the network\n"
         "  twin serve sils --record session.json        record requests and what clients see\n"
         "  twin serve sils --replay session.json",
@@ -268,6 +286,23 @@ def parser() -> argparse.ArgumentParser:
     sub.add_argument("--no-browser", action="store_true", help="open no browser")
     sub.add_argument("--record", metavar="FILE", help="record the session: requests, states and frames, as JSON")
     sub.add_argument("--replay", metavar="FILE", help="replay a recorded session instead, frame by frame")
+    sub.add_argument(
+        "--packets",
+        type=_packets,
+        metavar="[HOST:]PORT",
+        help="UDP port for hands of other programs, of a scene with a console (docs/console.md, Packets)",
+    )
+    sub.add_argument(
+        "--mqtt",
+        type=_broker,
+        metavar="HOST[:PORT]",
+        help="MQTT broker that sets the motion scale of a scene with a console (port 1883 unless given)",
+    )
+    sub.add_argument(
+        "--mqtt-topic",
+        metavar="TOPIC",
+        help="topic of the motion scale; it is set by TOPIC/set (default twin/<scene>/scale)",
+    )
     sub.add_argument("--cert", metavar="FILE", help="certificate (PEM) for https, which headsets require for AR")
     sub.add_argument(
         "--key", metavar="FILE", help="private key (PEM) of the certificate, if it is not in the same file"

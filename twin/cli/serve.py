@@ -44,8 +44,16 @@ def _what(args: argparse.Namespace) -> tuple[str, Callable[[], Served]]:
     from twin.ui.headset import served
 
     plans = args.replay is None
+    linked = next((n for n in ("packets", "mqtt", "mqtt_topic") if getattr(args, n) is not None), None)
+    option = f"--{linked}".replace("_", "-")
+    if linked == "mqtt_topic" and args.mqtt is None:
+        raise TwinError("--mqtt-topic requires --mqtt HOST")
+    if linked is not None and not plans:
+        raise TwinError(f"{option} and --replay cannot be combined: nothing leads a recorded session")
     file = scenes.find(args.robot)
     if file is None:
+        if linked is not None:
+            raise TwinError(f"{option} leads a scene with a console, such as davinci; {args.robot} is a robot")
         robot = api.load(args.robot)
         if args.protocol is not None:
             robot.protocol(args.protocol)
@@ -60,7 +68,9 @@ def _what(args: argparse.Namespace) -> tuple[str, Callable[[], Served]]:
     robots = {p.name: kinds[p.robot] for p in scene.places}
     props = None if scene.props is None else read_mechanism(scene.props, with_mass=False).mechanism
     if scene.console is not None:
-        return scene.name, lambda: served.of_console(scene, robots, props)
+        return scene.name, lambda: served.of_console(scene, robots, props, args.packets, args.mqtt, args.mqtt_topic)
+    if linked is not None:
+        raise TwinError(f"{option}: scene '{scene.name}' has no console: add the table [console] to {file.name}")
     return scene.name, lambda: served.of_scene(scene, robots, props, plans)
 
 

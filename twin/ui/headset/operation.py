@@ -1,12 +1,14 @@
-"""Live source of a stream: the robots of a scene in a World, teleoperated by the hands of a client.
+"""Live source of a stream: the robots of a scene in a World, teleoperated by the hands of a client or by UDP packets.
 
-Messages of the client become states of the input device `GivenHands`. This module steps the World in real time,
+Both become states of the input device `Packets`, of one owner at a time. This module steps the World in real time,
 converts its poses to frames, and reports silence, jumps and limits in the state document and in the log.
 """
 
 from __future__ import annotations
 
+import asyncio
 import logging
+import math
 import time
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -23,9 +25,12 @@ from twin.simulation import console_scene
 from twin.simulation.console_scene import HANDS, Member
 from twin.simulation.controllers.camera import Drag
 from twin.simulation.controllers.following import SCALE
-from twin.simulation.controllers.pedals import CAMERA, FREE
-from twin.simulation.devices.given import GivenHands, HandState
+from twin.simulation.controllers.pedals import CAMERA, FREE, TOOLS
+from twin.simulation.devices.given import HandState
+from twin.simulation.devices.packets import Packets
+from twin.ui.door.mqtt import ScaleTopic
 from twin.ui.headset import protocol as wire
+from twin.ui.headset.packet_hands import UDP, PacketHands
 from twin.ui.headset.protocol import RefusedError
 from twin.ui.headset.scene_frame import pack_scene
 from twin.ui.session.timeline import RATE
@@ -39,6 +44,9 @@ _BUDGET, _CHUNK = 0.012, 4
 _OWED = 0.1
 """Maximum delay in s of the World; a larger delay is dropped, so that the World runs slower than real time."""
 
+_STUCK = 30.0
+"""Time in s for which a pedal is pressed before it is reported, because it may be stuck (ASSUMED)."""
+
 _WALL = (0.5 * MM, 1 * DEG)
 """Minimum distance in m and angle in rad between goal and tool at which a joint limit is reported."""
 
@@ -48,8 +56,10 @@ class Operation:
 
     Attributes:
         world: the World, stepped in real time.
-        device: the input device, which receives the hands of a client.
-        owner: identifier of the client whose hands control the robots; None: no client.
+        device: the input device, which receives the hands of a client, or of UDP packets.
+        owner: identifier of the client whose hands control the robots; `UDP`: packets; None: nobody.
+        packets: hands by UDP; None: see `listen`.
+        tablet: motion scale by MQTT; None: see `connect`.
         send: function that sends a document to all clients.
     """
 
@@ -64,10 +74,14 @@ class Operation:
         if scene.console is None:
             raise TwinError(f"scene '{scene.name}' has no console: add the table [console] to {scene.file.name}")
         self.scene, self._table, self._robots = scene, scene.console, robots
-        self.device = GivenHands(console_scene.PEDALS, HANDS, self._table.scale)
+        self.device = Packets(console_scene.PEDALS, HANDS, self._table.scale)
         members = {n: Member(r.mechanism, r.kinematics()) for n, r in robots.items()}
         self.world = console_scene.world(scene, members, self.device, records=False)
         self.owner: str | None = None
+        self.packets: PacketHands | None = None
+        self.tablet: ScaleTopic | None = None
+        self._connection: asyncio.Future[None] | None = None
+        self._pressed = 0.0
         self.send: Callable[[dict[str, Any]], object] = lambda document: None
         self._members = members
         self._places = {p.name: p for p in scene.places}
@@ -99,8 +113,31 @@ class Operation:
         """Names of all active joints, "<robot>/<joint>"."""
         return tuple(f"{n}/{j.name}" for n, m in self._members.items() for j in m.mechanism.active)
 
+    def listen(self, host: str, port: int) -> None:
+        """Accept hands by UDP at an address and a port (0: any free port).
+
+        Raises:
+            TwinError: the port is in use.
+        """
+        self.packets = PacketHands(self.device, host, port, self._warn)
+
+    def connect(self, host: str, port: int, topic: str) -> None:
+        """Take the motion scale from an MQTT broker; call this function in an event loop.
+
+        Raises:
+            TwinError: the topic is invalid, or the package for MQTT is not installed.
+        """
+        self.tablet = ScaleTopic(host, port, topic, SCALE, self._table.scale, self.device.rescale)
+        self.tablet.reports.tell = self._warn
+        self._connection = asyncio.ensure_future(self.tablet.run())
+
     def close(self) -> None:
-        """Do nothing, because there are no processes or threads to end."""
+        """End the connections to packets and broker."""
+        if self.packets is not None:
+            self.packets.door.close()
+            self.packets = None
+        if self._connection is not None:
+            self._connection.cancel()
 
     # -- time -----------------------------------------------------------------------------------------
 
@@ -131,6 +168,8 @@ class Operation:
         try:
             while done > 0:
                 n = min(done, _CHUNK)
+                if self.packets is not None:
+                    self._exchange(self.packets, math.ceil(done / _CHUNK), n * dt)
                 self.world.step(n)
                 done -= n
                 if time.monotonic() > end:
@@ -138,9 +177,34 @@ class Operation:
         except TwinError as error:
             self._stopped = str(error)
             logging.getLogger(__name__).error("the World has stopped: %s", error)
+        if self.packets is not None and done > 0:  # what has come by now is used at once, so that no delay builds up
+            self._exchange(self.packets, 1, dt)
         self._owed = min(self._owed - (wanted - done) * dt, _OWED)
         share = min(1.0, passed) * 0.5
         self._rate += share * ((wanted - done) * dt / passed - self._rate)
+
+    def _exchange(self, packets: PacketHands, parts: int, dt: float) -> None:
+        """Receive packets for the next steps of the World, which take dt in s, and send the forces."""
+        t, udp = self.world.t, self.owner == UDP
+        packets.door.holder = None if udp or self._silent else self.owner
+        if packets.door.pump(t, parts):
+            self._own(UDP)
+        elif udp and packets.gone(t):
+            self.release(UDP)
+        if self.owner == UDP:
+            packets.answer([self._beyond(hand) for hand in HANDS], t, dt)
+
+    def _beyond(self, hand: str) -> Array:
+        """Return the way (3,) in m from the tool of a hand to its goal in {H}, if its arm is at a limit; else zeros."""
+        state = self._state["hands"][hand]
+        if state["wall"] is None:
+            return np.zeros(3)
+        name = state["robot"]
+        goal = self.world.signals[f"{name}.goal"].reshape(4, 4)
+        T = self._members[name].kin.forward(self.world.signals[f"{name}.q"], goal)
+        camera = self.scene.cameras[self._table.camera].robot
+        R_world_view = self.world.signals[f"{camera}.view"].reshape(4, 4)[:3, :3]
+        return R_world_view.T @ self._places[name].T_world_base[:3, :3] @ (goal - T)[:3, 3]
 
     def _look(self) -> None:
         frame = self.world.frame()
@@ -223,7 +287,9 @@ class Operation:
         signals = self.world.signals
         mode = float(signals["console.mode"][0])
         silent = bool(signals[f"{console_scene.PEDALS}.silent"][0])
-        taps = int(signals["console.taps"][0])
+        taps, t = int(signals["console.taps"][0]), self.world.t
+        if mode == TOOLS or silent:
+            self._pressed = t
         hands = {}
         for hand in HANDS:
             arms = getattr(self._table, hand)
@@ -240,8 +306,11 @@ class Operation:
             "scale": float(signals[f"{console_scene.PEDALS}.scale"][0]),
             "hands": hands,
             "camera": self._camera_wall() if mode == CAMERA else None,
+            "pedal": None if mode == TOOLS or silent or t - self._pressed < _STUCK else _stuck(mode),
             "rate": round(self._rate, 1),
             "stopped": self._stopped or None,
+            "packets": None if self.packets is None else self.packets.state(t, signals),
+            "mqtt": None if self.tablet is None else self.tablet.state,
         }
 
     def _wall(self, name: str) -> str | None:
@@ -274,11 +343,24 @@ class Operation:
         log = logging.getLogger(__name__)
         if new["silent"] and not old["silent"]:
             log.warning("nothing was heard of the hands for %g s: nothing moves", self.device.patience)
+        if new["pedal"] and not old["pedal"]:
+            log.warning("%s", new["pedal"])
+        if self.tablet is not None and new["scale"] != old["scale"]:
+            self.tablet.show(new["scale"])
         for hand, now in new["hands"].items():
             before = old["hands"][hand]
             if now["jumps"] > before["jumps"]:
                 text = f"the {hand} hand jumped: {now['robot']} stands, and follows from there"
-                log.warning("%s", text)
-                self.send({"type": "error", "code": "failed", "message": text})
+                self._warn(text)
             if now["wall"] and now["wall"] != before["wall"]:
                 log.warning("%s: %s", now["robot"], now["wall"])
+
+    def _warn(self, text: str) -> None:
+        """Write a message to the log, and send it to all clients."""
+        logging.getLogger(__name__).warning("%s", text)
+        self.send({"type": "error", "code": "failed", "message": text})
+
+
+def _stuck(mode: float) -> str:
+    which = "camera" if mode == CAMERA else "clutch"
+    return f"the {which} pedal has been pressed for {_STUCK:g} s: release it if it is stuck"
