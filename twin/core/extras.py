@@ -7,7 +7,7 @@ from types import ModuleType
 
 from twin.core.errors import TwinError
 
-EXTRAS = {"distributed": "cluster", "segno": "qr", "yaml": "yaml", "pyarrow": "parquet"}
+EXTRAS = {"distributed": "cluster", "mcap": "mcap", "segno": "qr", "yaml": "yaml", "pyarrow": "parquet"}
 """Name of the extra of this package that installs each module, by module name."""
 
 

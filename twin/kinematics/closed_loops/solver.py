@@ -191,7 +191,9 @@ class LoopSolver:
         e = self.equations
         rows = [ca.vec(e.pose(b.name)[:3, :].T) for b in self.mechanism.bodies]
         function = ca.Function("links", [e.q, e.states], [ca.densify(ca.vertcat(*rows))], {"cse": True})
-        return Kernel([Stage(function, ("q", "states"), ("links",))], {"q": len(self.q), "states": len(self._start)}, ["links"])
+        return Kernel(
+            [Stage(function, ("q", "states"), ("links",))], {"q": len(self.q), "states": len(self._start)}, ["links"]
+        )
 
     def _good(self, gaps: Array) -> np.ndarray:
         return (gaps[0] <= self._gap) & (gaps[1] <= self._tilt) & (gaps[2] > 0)

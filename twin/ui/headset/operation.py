@@ -9,6 +9,7 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -25,6 +26,9 @@ from twin.simulation.controllers.camera import Drag
 from twin.simulation.controllers.following import SCALE
 from twin.simulation.controllers.pedals import CAMERA, FREE
 from twin.simulation.devices.given import GivenHands, HandState
+from twin.simulation.session.file import LONGEST, SessionWriter
+from twin.simulation.session.run import head_of
+from twin.simulation.session.tape import Tape
 from twin.ui.headset import protocol as wire
 from twin.ui.headset.protocol import RefusedError
 from twin.ui.headset.scene_frame import pack_scene
@@ -55,18 +59,23 @@ class Operation:
 
     replays, alone, version = False, False, wire.VERSION
 
-    def __init__(self, scene: Scene, robots: Mapping[str, Robot]) -> None:
-        """Create the World with the robots at the places of the scene.
+    def __init__(self, scene: Scene, robots: Mapping[str, Robot], session: Path | None = None) -> None:
+        """Create the World with the robots at the places of the scene; `session` is the file of the session, or None.
 
         Raises:
             TwinError: the scene has no console, or the console does not match its robots.
+            OutputError: the session cannot be written.
         """
         if scene.console is None:
             raise TwinError(f"scene '{scene.name}' has no console: add the table [console] to {scene.file.name}")
         self.scene, self._table, self._robots = scene, scene.console, robots
         self.device = GivenHands(console_scene.PEDALS, HANDS, self._table.scale)
         members = {n: Member(r.mechanism, r.kinematics()) for n, r in robots.items()}
-        self.world = console_scene.world(scene, members, self.device, records=False)
+        self._tape = None if session is None else Tape()
+        self.world = console_scene.world(scene, members, self.device, records=False, watch=self._tape)
+        self._session = None
+        if session is not None:
+            self._session = SessionWriter(session, head_of(scene, members, self.world, self.device))
         self.owner: str | None = None
         self.send: Callable[[dict[str, Any]], object] = lambda document: None
         self._members = members
@@ -100,7 +109,32 @@ class Operation:
         return tuple(f"{n}/{j.name}" for n, m in self._members.items() for j in m.mechanism.active)
 
     def close(self) -> None:
-        """Do nothing, because there are no processes or threads to end."""
+        """Complete the session file."""
+        self._write()
+        try:
+            if self._session is not None:
+                self._session.close()
+        except TwinError as error:
+            logging.getLogger(__name__).error("the session is incomplete: %s", error)
+
+    def _write(self) -> None:
+        """Write the ticks since the last call to the session file; an error ends the recording, not the World."""
+        session, rows = self._session, [] if self._tape is None else self._tape.take()
+        if session is None:
+            return
+        rows = rows[: self.world.tick - session.ticks]  # not those of a tick that failed
+        try:
+            if len(rows):
+                session.add(rows)
+            if session.full:
+                session.close()
+                text = "the session has reached %g s, the maximum: %s is complete"
+                logging.getLogger(__name__).warning(text, LONGEST, session.path)
+                self._session = None
+        except TwinError as error:
+            session.abandon()
+            self._session = None
+            logging.getLogger(__name__).error("the session is no longer recorded: %s", error)
 
     # -- time -----------------------------------------------------------------------------------------
 
@@ -138,6 +172,7 @@ class Operation:
         except TwinError as error:
             self._stopped = str(error)
             logging.getLogger(__name__).error("the World has stopped: %s", error)
+        self._write()
         self._owed = min(self._owed - (wanted - done) * dt, _OWED)
         share = min(1.0, passed) * 0.5
         self._rate += share * ((wanted - done) * dt / passed - self._rate)

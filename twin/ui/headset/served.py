@@ -7,6 +7,7 @@ import hashlib
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -96,13 +97,22 @@ def of_scene(
     return _placed(scene, robots, Live(twins, clock, feed), about, props, feed)
 
 
-def of_console(scene: Scene, robots: Mapping[str, Robot], props: Mechanism | None) -> Served:
+def of_console(
+    scene: Scene, robots: Mapping[str, Robot], props: Mechanism | None, session: Path | None = None
+) -> Served:
     """Return the content for a scene whose robots are controlled by its console; for the arguments see `of_scene`.
+
+    Args:
+        scene: the scene.
+        robots: robots by name of their place.
+        props: mechanism of the props; None: no props.
+        session: file of the session; None: it is not recorded.
 
     Raises:
         TwinError: the scene has no console, or the console does not match its robots.
+        OutputError: the session cannot be written.
     """
-    operation = Operation(scene, robots)
+    operation = Operation(scene, robots, session)
     about = [describe(robots[p.name], Desk(robots[p.name]), {}, {}, p) for p in scene.places]
     nothing = {"protocols": [], "variants": [], "postures": [], "has_workspace": False}
     return _placed(scene, robots, operation, [a | nothing for a in about], props, None)
