@@ -111,16 +111,17 @@ class Operation:
     def close(self) -> None:
         """Complete the session file."""
         self._write()
+        session, self._session = self._session, None
         try:
-            if self._session is not None:
-                self._session.close()
+            if session is not None:
+                session.close()
         except TwinError as error:
             logging.getLogger(__name__).error("the session is incomplete: %s", error)
 
     def _write(self) -> None:
         """Write the ticks since the last call to the session file; an error ends the recording, not the World."""
-        session, rows = self._session, [] if self._tape is None else self._tape.take()
-        if session is None:
+        session, rows = self._session, None if self._tape is None else self._tape.take()
+        if session is None or rows is None:
             return
         rows = rows[: self.world.tick - session.ticks]  # not those of a tick that failed
         try:
