@@ -150,15 +150,15 @@ class SessionWriter:
         self._rows: list[Array] = []
         self._held = 0
         self._digests = hashlib.sha256()
+        if self._part.exists():
+            raise OutputError(
+                f"{self._part} is left from a session that was interrupted: rename it (`twin session` reads it), or "
+                "delete it"
+            )
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
             self._file: BinaryIO | None = self._part.open("xb")
             self._put(json.dumps(head.model_dump(by_alias=True)).encode() + b"\n")
-        except FileExistsError:
-            raise OutputError(
-                f"{self._part} is left from a session that was interrupted: rename it (`twin session` reads it), or "
-                "delete it"
-            ) from None
         except OSError as error:
             raise OutputError(f"cannot write to {self._part}: {error.strerror or error}") from error
 

@@ -17,17 +17,15 @@ class Tape(Block):
 
     def __init__(self) -> None:
         self._rows: list[Array] = []
-
-    def __len__(self) -> int:
-        """Return the number of kept rows."""
-        return len(self._rows)
+        self._width = 0
 
     def step(self, signals: Signals, t: float, dt: float) -> dict[str, Array]:
         """Keep the row of this tick."""
         self._rows.append(signals.row.copy())
+        self._width = len(signals.row)
         return {}
 
     def take(self) -> Array:
         """Return the rows (k, m) since the last call, and keep them no longer."""
         rows, self._rows = self._rows, []
-        return np.array(rows, float).reshape(len(rows), -1)
+        return np.array(rows, float).reshape(len(rows), self._width)
