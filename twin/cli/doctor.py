@@ -17,6 +17,7 @@ def doctor(args: argparse.Namespace) -> int:
     packages = _needed()
     extras = {
         "distributed": "sweeps, on several processors or machines (extra: cluster)",
+        "mcap": "sessions for Foxglove (extra: mcap)",
         "pyarrow": "--parquet (extra: parquet)",
         "segno": "a QR code of the address of twin serve --host (extra: qr)",
         "pyyaml": "loops of a URDF from a closure YAML (extra: yaml)",

@@ -11,6 +11,7 @@ import logging
 import math
 import time
 from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -29,6 +30,9 @@ from twin.simulation.controllers.pedals import CAMERA, FREE, TOOLS
 from twin.simulation.devices.given import HandState
 from twin.simulation.devices.packets import Packets
 from twin.ui.door.mqtt import ScaleTopic
+from twin.simulation.session.file import LONGEST, SessionWriter
+from twin.simulation.session.run import head_of
+from twin.simulation.session.tape import Tape
 from twin.ui.headset import protocol as wire
 from twin.ui.headset.packet_hands import UDP, PacketHands
 from twin.ui.headset.protocol import RefusedError
@@ -65,18 +69,23 @@ class Operation:
 
     replays, alone, version = False, False, wire.VERSION
 
-    def __init__(self, scene: Scene, robots: Mapping[str, Robot]) -> None:
-        """Create the World with the robots at the places of the scene.
+    def __init__(self, scene: Scene, robots: Mapping[str, Robot], session: Path | None = None) -> None:
+        """Create the World with the robots at the places of the scene; `session` is the file of the session, or None.
 
         Raises:
             TwinError: the scene has no console, or the console does not match its robots.
+            OutputError: the session cannot be written.
         """
         if scene.console is None:
             raise TwinError(f"scene '{scene.name}' has no console: add the table [console] to {scene.file.name}")
         self.scene, self._table, self._robots = scene, scene.console, robots
         self.device = Packets(console_scene.PEDALS, HANDS, self._table.scale)
         members = {n: Member(r.mechanism, r.kinematics()) for n, r in robots.items()}
-        self.world = console_scene.world(scene, members, self.device, records=False)
+        self._tape = None if session is None else Tape()
+        self.world = console_scene.world(scene, members, self.device, records=False, watch=self._tape)
+        self._session = None
+        if session is not None:
+            self._session = SessionWriter(session, head_of(scene, members, self.world, self.device))
         self.owner: str | None = None
         self.packets: PacketHands | None = None
         self.tablet: ScaleTopic | None = None
@@ -132,12 +141,38 @@ class Operation:
         self._connection = asyncio.ensure_future(self.tablet.run())
 
     def close(self) -> None:
-        """End the connections to packets and broker."""
+        """End the connections to packets and broker, and complete the session file."""
         if self.packets is not None:
             self.packets.door.close()
             self.packets = None
         if self._connection is not None:
             self._connection.cancel()
+        self._write()
+        session, self._session = self._session, None
+        try:
+            if session is not None:
+                session.close()
+        except TwinError as error:
+            logging.getLogger(__name__).error("the session is incomplete: %s", error)
+
+    def _write(self) -> None:
+        """Write the ticks since the last call to the session file; an error ends the recording, not the World."""
+        session, rows = self._session, None if self._tape is None else self._tape.take()
+        if session is None or rows is None:
+            return
+        rows = rows[: self.world.tick - session.ticks]  # not those of a tick that failed
+        try:
+            if len(rows):
+                session.add(rows)
+            if session.full:
+                session.close()
+                text = "the session has reached %g s, the maximum: %s is complete"
+                logging.getLogger(__name__).warning(text, LONGEST, session.path)
+                self._session = None
+        except TwinError as error:
+            session.abandon()
+            self._session = None
+            logging.getLogger(__name__).error("the session is no longer recorded: %s", error)
 
     # -- time -----------------------------------------------------------------------------------------
 
@@ -179,6 +214,7 @@ class Operation:
             logging.getLogger(__name__).error("the World has stopped: %s", error)
         if self.packets is not None and done > 0:  # what has come by now is used at once, so that no delay builds up
             self._exchange(self.packets, 1, dt)
+        self._write()
         self._owed = min(self._owed - (wanted - done) * dt, _OWED)
         share = min(1.0, passed) * 0.5
         self._rate += share * ((wanted - done) * dt / passed - self._rate)

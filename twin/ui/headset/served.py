@@ -7,6 +7,7 @@ import hashlib
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -103,6 +104,7 @@ def of_console(
     scene: Scene,
     robots: Mapping[str, Robot],
     props: Mechanism | None,
+    session: Path | None = None,
     packets: Endpoint | None = None,
     mqtt: Endpoint | None = None,
     topic: str | None = None,
@@ -113,14 +115,16 @@ def of_console(
         scene: the scene.
         robots: robots by name of their place.
         props: mechanism of the props; None: no props.
+        session: file of the session; None: it is not recorded.
         packets: address for hands by UDP; None: no packets.
         mqtt: address of the MQTT broker for the motion scale; None: no broker.
         topic: topic of the motion scale; None: twin/<scene>/scale.
 
     Raises:
         TwinError: the scene has no console, the console does not match its robots, or the port of packets is in use.
+        OutputError: the session cannot be written.
     """
-    operation = Operation(scene, robots)
+    operation = Operation(scene, robots, session)
     try:
         if packets is not None:
             operation.listen(*packets)
