@@ -12,18 +12,10 @@ from twin.core.provenance import Parameter
 from twin.core.units import DEG
 from twin.formula import symbolic
 from twin.formula.contract import ActiveJoint, Aspect, Measure
-from twin.robots._authoring import mm, row
-from twin.robots._davinci import DVRK, shaft_frame, to_insertion
+from twin.robots._authoring import mm
+from twin.robots._davinci import DVRK, depth, shaft_frame
 
 TOOL = "jhu-dvrk/sawIntuitiveResearchKit, share/tool"
-
-
-def table(q1, q2, q3, q4, q5, q6, a5, origin, shaft_long):
-    """Chain of the modified table of dVRK, rows 1 to 6, and its turn of the last frame along the jaws."""
-    T_03 = to_insertion(q1, q2, q3, origin)
-    T_36 = row(0, 0, q4, shaft_long) @ row(-pi / 2, 0, q5 - pi / 2, 0) @ row(-pi / 2, a5, q6 - pi / 2, 0)
-    T_base_tool = T_03 @ T_36 @ row(-pi / 2, 0, pi / 2, 0)
-    return T_base_tool
 
 
 def wrist(T_base_tool, a5):
@@ -32,6 +24,11 @@ def wrist(T_base_tool, a5):
     back = -R.T @ p
     n = vertcat(0, back[1], back[2])
     return p + a5 * (R @ (n / norm_2(n)))
+
+
+def arm(P_w, origin, shaft_long):
+    """Yaw, pitch and insertion; the wrist is below the RCM."""
+    return depth(P_w, origin, shaft_long)
 
 
 def wrist_angles(T_base_tool, q1, q2):

@@ -17,7 +17,7 @@ from twin.formula.contract import Formula
 from twin.formula.equations import Equations
 from twin.robots import _davinci_instrument as instrument
 from twin.robots._authoring import ZYX, row
-from twin.robots._davinci import DVRK, depth
+from twin.robots._davinci import DVRK, to_insertion
 from twin.robots._davinci_classic import LINKAGE, PINS, linkage, linkage_angles, linkage_pins
 
 PAPER = "paper on the affordable console"
@@ -32,15 +32,21 @@ def standard(a, alpha, d, theta):
 
 equation = Equations("DERIVED from the table of dVRK", variant="derived")
 
-table1 = equation(
+
+@equation(
     "forward",
     "joints -> pose",
     gives="T_base_tool",
     source=f"{PAPER}, Table 1",
     variant="modified",
-    name="table1",
     why=f"Modified Denavit-Hartenberg form with the offsets and lengths of {DVRK}: so the shaft passes the RCM.",
-)(instrument.table)
+)
+def table1(q1, q2, q3, q4, q5, q6, a5, origin, shaft_long):
+    """Chain of the modified table of dVRK, rows 1 to 6, and its turn of the last frame along the jaws."""
+    T_03 = to_insertion(q1, q2, q3, origin)
+    T_36 = row(0, 0, q4, shaft_long) @ row(-pi / 2, 0, q5 - pi / 2, 0) @ row(-pi / 2, a5, q6 - pi / 2, 0)
+    T_base_tool = T_03 @ T_36 @ row(-pi / 2, 0, pi / 2, 0)
+    return T_base_tool
 
 
 @equation.variant(
@@ -72,14 +78,7 @@ def table1_printed(q1, q2, q3, q4, q5, q6, a5):
 
 
 equation("inverse", "pose -> point P_w of the shaft on the pitch axis", gives="P_w")(instrument.wrist)
-
-
-@equation("inverse", "P_w -> q1, q2, q3", gives="q1 q2 q3")
-def arm(P_w, origin, shaft_long):
-    """Yaw, pitch and insertion; the wrist is below the RCM."""
-    return depth(P_w, origin, shaft_long)
-
-
+equation("inverse", "P_w -> q1, q2, q3", gives="q1 q2 q3")(instrument.arm)
 equation("inverse", "rotation relative to the shaft -> q4, q5, q6", gives="q4 q5 q6")(instrument.wrist_angles)
 
 

@@ -11,13 +11,13 @@ from __future__ import annotations
 
 from math import hypot
 
-from casadi import vertcat
+from casadi import pi, vertcat
 
 from twin.formula.contract import Formula
 from twin.formula.equations import Equations
 from twin.robots import _davinci_instrument as instrument
-from twin.robots._authoring import ZYX, mm
-from twin.robots._davinci import DVRK, depth, in_base, on_yaw_link
+from twin.robots._authoring import ZYX, mm, row
+from twin.robots._davinci import DVRK, in_base, on_yaw_link, to_insertion
 
 PHYSICAL = f"{DVRK}, PSM_Si_physical"
 _PASSIVE = ("pin_a", "pin_c", "slide1", "slide2")
@@ -25,19 +25,18 @@ _POINTS = ("pin_b", "pin_c", "slide", *instrument.ENDS)
 
 equation = Equations("DERIVED from the table of dVRK", variant="derived")
 
-equation("forward", "joints -> pose", gives="T_base_tool", source=f"{DVRK}, psm-si", variant="modified")(
-    instrument.table
-)
+
+@equation("forward", "joints -> pose", gives="T_base_tool", source=f"{DVRK}, psm-si", variant="modified")
+def table(q1, q2, q3, q4, q5, q6, a5, origin, shaft_long):
+    """Chain of the modified table, rows 1 to 6, and its turn of the last frame along the jaws."""
+    T_03 = to_insertion(q1, q2, q3, origin)
+    T_36 = row(0, 0, q4, shaft_long) @ row(-pi / 2, 0, q5 - pi / 2, 0) @ row(-pi / 2, a5, q6 - pi / 2, 0)
+    T_base_tool = T_03 @ T_36 @ row(-pi / 2, 0, pi / 2, 0)
+    return T_base_tool
+
 
 equation("inverse", "pose -> point P_w of the shaft on the pitch axis", gives="P_w")(instrument.wrist)
-
-
-@equation("inverse", "P_w -> q1, q2, q3", gives="q1 q2 q3")
-def arm(P_w, origin, shaft_long):
-    """Yaw, pitch and insertion; the wrist is below the RCM."""
-    return depth(P_w, origin, shaft_long)
-
-
+equation("inverse", "P_w -> q1, q2, q3", gives="q1 q2 q3")(instrument.arm)
 equation("inverse", "rotation relative to the shaft -> q4, q5, q6", gives="q4 q5 q6")(instrument.wrist_angles)
 
 
