@@ -6,6 +6,7 @@ import os
 import subprocess
 import sys
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -20,6 +21,7 @@ from twin.core.units import DEG, MM
 from twin.kinematics import compile_formula
 from twin.kinematics.margins import Margins
 from twin.reference import ReferenceModel
+from twin.reference.clearance import clearance
 from twin.robots import load_formula
 from twin.validation import margins
 
@@ -186,6 +188,18 @@ def test_a_band_that_is_too_long_turns_what_it_holds(si, band, wrong):
         assert away.max() < 1e-9
     else:
         assert away.max() > 0.5 * MM
+
+
+@pytest.mark.slow
+def test_no_body_of_the_si_meets_another_over_the_range(si):
+    """The layers of yaw link, crank, coupler and rail, at every end of yaw, pitch and insertion and between."""
+    (a, b), (c, d), (e, f) = si.mechanism.limits[:3]
+    q = np.zeros((225, 7))
+    q[:, :3] = list(product(np.linspace(a, b, 5), np.linspace(c, d, 9), np.linspace(e, f, 5)))
+    model = si.reference()
+    found = clearance(si.mechanism, model.link_poses(model.solve_many(q).x))
+    assert found.distance.min() > 0
+    assert not found.contacts
 
 
 def test_each_telescope_goes_half_of_the_insertion(si):

@@ -10,7 +10,7 @@ from twin.core.spatial import Array, Index
 from twin.reference.loops import AXES, Loops
 
 _FLAT = 1e-9
-"""Singular value that counts as zero, relative to the largest one of all constraints: one loop alone may be all zero."""
+"""Singular value that counts as zero, relative to the largest one of all constraints: those of one loop may be zero."""
 
 _SHARE = 1e-6
 """Coefficient of a row in a linear dependency of constraints, above which the row counts as repeated."""
