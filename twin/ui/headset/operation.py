@@ -29,10 +29,10 @@ from twin.simulation.controllers.following import SCALE
 from twin.simulation.controllers.pedals import CAMERA, FREE, TOOLS
 from twin.simulation.devices.given import HandState
 from twin.simulation.devices.packets import Packets
-from twin.ui.door.mqtt import ScaleTopic
 from twin.simulation.session.file import LONGEST, SessionWriter
 from twin.simulation.session.run import head_of
 from twin.simulation.session.tape import Tape
+from twin.ui.door.mqtt import ScaleTopic
 from twin.ui.headset import protocol as wire
 from twin.ui.headset.packet_hands import UDP, PacketHands
 from twin.ui.headset.protocol import RefusedError
