@@ -1,9 +1,9 @@
-"""Draw what stands around the arms of the da Vinci: table, patient with three ports, a board with pegs inside.
+"""Draw what stands around the arms of the da Vinci: table, patient with a board with pegs inside, the surgeon's cart.
 
     python cad/davinci/model.py [--dimensions FILE] [--out davinci.step]
 
 Table and patient are those of the scene vsrs, with other ports. Each body is one sub-assembly; its parts are named
-<body>_<part>.  All shapes are written in world coordinates.
+<body>_<part>.  All shapes are written in world coordinates; the cart is drawn in a frame of its own and placed.
 """
 
 import importlib.util
@@ -16,13 +16,13 @@ HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE.parent))
 import drawing as cad
 
-BODIES = ["table", "patient", "board"]
+BODIES = ["table", "patient", "board", "cart"]
 
 
-def drawing(folder, name):
-    """Load parts.py of a folder; late, because build123d takes seconds."""
+def drawing(path, name):
+    """Load a file of parts; late, because build123d takes seconds."""
     if name not in sys.modules:
-        spec = importlib.util.spec_from_file_location(name, folder / "parts.py")
+        spec = importlib.util.spec_from_file_location(name, path)
         sys.modules[name] = importlib.util.module_from_spec(spec)
         spec.loader.exec_module(sys.modules[name])
     return sys.modules[name]
@@ -31,9 +31,18 @@ def drawing(folder, name):
 def assembly(path):
     """Return the drawn theatre of a dimension file: ({body: [(name, shape, rgb)]}, mass in kg)."""
     d = cad.Dimensions(path, {})
-    theatre, own = drawing(HERE.parent / "vsrs", "vsrs_parts"), drawing(HERE, "davinci_theatre_parts")
-    solids = {"table": theatre.table(d), "patient": theatre.patient(d), "board": own.board(d)}
-    return cad.build(BODIES, solids, dict.fromkeys(BODIES, np.eye(4)), theatre.MATERIALS | own.MATERIALS)
+    theatre = drawing(HERE.parent / "vsrs" / "parts.py", "vsrs_parts")
+    own, console = drawing(HERE / "parts.py", "davinci_theatre_parts"), drawing(HERE / "cart.py", "davinci_cart")
+    solids = {
+        "table": theatre.table(d),
+        "patient": theatre.patient(d),
+        "board": own.board(d),
+        "cart": console.cart(d),
+    }
+    c, s = np.cos(np.radians(d.cart_turn)), np.sin(np.radians(d.cart_turn))
+    where = dict.fromkeys(BODIES, np.eye(4))
+    where["cart"] = cad.pose4(d.cart_at, (c, s, 0), (-s, c, 0), (0, 0, 1))
+    return cad.build(BODIES, solids, where, theatre.MATERIALS | own.MATERIALS | console.MATERIALS)
 
 
 if __name__ == "__main__":
