@@ -20,8 +20,8 @@ from twin.core.units import DEG, MM
 from twin.model.scene import load_scene
 from twin.simulation import console_scene
 from twin.simulation.controllers.camera import looking, view
-from twin.ui.headset import served
 from twin.ui.headset import protocol as wire
+from twin.ui.headset import served
 from twin.ui.headset.operation import Operation
 from twin.ui.headset.protocol import RefusedError
 from twin.ui.headset.scene_frame import unpack_scene
@@ -397,11 +397,11 @@ def test_a_console_that_does_not_fit_its_robots_is_named(scene, robots, tmp_path
 
 @pytest.mark.parametrize("command", ["run", "view", "export"])
 def test_a_scene_without_protocols_is_not_played(command, tmp_path, capsys):
-    more = ["--no-browser"] if command == "view" else ["--out", str(tmp_path / "out")]
+    more = ["--html", str(tmp_path / "page.html")] if command == "view" else ["--out", str(tmp_path / "out")]
     assert main([command, "davinci", *more]) == 2
     said = capsys.readouterr().err
     assert "psm1, psm2, ecm have no protocol in scene.toml" in said
-    assert "`twin serve davinci`" in said
+    assert "`twin serve davinci` or `twin view davinci`" in said
 
 
 def test_a_robot_without_a_protocol_needs_a_console(scene, tmp_path):

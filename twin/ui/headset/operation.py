@@ -39,7 +39,6 @@ class Operation(LiveConsole):
     def __init__(self, scene: Scene, robots: Mapping[str, Robot]) -> None:
         super().__init__(scene, robots)
         self.send: Callable[[dict[str, Any]], object] = lambda document: None
-        self._places = {p.name: p for p in scene.places}
         self._bodies = {n: [b.name for b in m.mechanism.bodies] for n, m in self.members.items()}
         self._tick, self._sent, self._seq = -1, -HEARTBEAT, 0
         self._shown: Array | None = None

@@ -16,6 +16,7 @@ import numpy as np
 from twin.api import Robot
 from twin.core import spatial
 from twin.core.errors import TwinError
+from twin.core.spatial import Array
 from twin.core.units import DEG, MM
 from twin.model.scene import Scene
 from twin.simulation import console_scene
@@ -63,6 +64,8 @@ class LiveConsole:
         self.members = {n: Member(r.mechanism, r.kinematics()) for n, r in robots.items()}
         self.world = console_scene.world(scene, self.members, self.device, records=False)
         self.owner: str | None = None
+        self._places = {p.name: p for p in scene.places}
+        self._camera = scene.cameras[self.table.camera].robot
         self._owed, self._rate, self._stopped = 0.0, 1.0, ""
         self.reading = self._read()
 
@@ -141,6 +144,27 @@ class LiveConsole:
         arms = getattr(self.table, hand)
         return arms[int(self.world.signals["console.taps"][0]) % len(arms)]
 
+    def tool(self, hand: str) -> Array:
+        """Return the present pose (4, 4) in the World of the tool that a hand leads."""
+        name = self.arm(hand)
+        q, goal = self.world.signals[f"{name}.q"], self.world.signals[f"{name}.goal"].reshape(4, 4)
+        return self._places[name].T_world_base @ self.members[name].kin.forward(q, goal)
+
+    def goal(self, hand: str) -> Array:
+        """Return the commanded pose (4, 4) in the World of the tool that a hand leads."""
+        name = self.arm(hand)
+        return self._places[name].T_world_base @ self.world.signals[f"{name}.goal"].reshape(4, 4)
+
+    @property
+    def view(self) -> Array:
+        """Pose (4, 4) of the endoscope's picture in the World: x right, y up, z out of the picture."""
+        return self.world.signals[f"{self._camera}.view"].reshape(4, 4)
+
+    @property
+    def camera_at(self) -> Array:
+        """Present pan, tilt, depth and roll (4,) of the camera, in rad and m."""
+        return self.world.signals[f"{self._camera}.at"]
+
     def _read(self) -> dict[str, Any]:
         signals = self.world.signals
         mode = float(signals["console.mode"][0])
@@ -180,8 +204,7 @@ class LiveConsole:
         return None
 
     def _camera_wall(self) -> str | None:
-        robot = self.scene.cameras[self.table.camera].robot
-        at, drag = self.world.signals[f"{robot}.at"], Drag()
+        at, drag = self.camera_at, Drag()
         names, units = ("pan", "tilt", "depth", "roll"), (DEG, DEG, MM, DEG)
         for k, (name, unit) in enumerate(zip(names, units, strict=True)):
             if at[k] - drag.lower[k] < 1e-9 or drag.upper[k] - at[k] < 1e-9:
