@@ -296,7 +296,7 @@ def drag(front, hand, way, ended=True):
 def test_views_look_at_the_tools_and_through_the_endoscope(front):
     for view in ("close", "overview"):
         eye, at, _ = front.camera(view)
-        assert np.linalg.norm(eye - at) > 0.5
+        assert np.linalg.norm(eye - at) > 0.3
     eye, at, up = front.camera("endoscope")
     tips = np.array([front.console.tool(hand)[:3, 3] for hand in ARMS])
     along = (at - eye) / np.linalg.norm(at - eye)

@@ -76,7 +76,8 @@ def _pen(d, name, side):
     head = Solid.make_sphere(42, Plane(origin=tuple(map(float, shoulder)))) - box(
         x - 60, x + 60, y - 60, y + 60, shelf, shelf + 74
     )
-    tail = hand + np.array([0, d.pen_long * 0.55, d.pen_long * 0.62])  # the wrist of the device, at the pen's end
+    lean = np.radians(d.pen_lean)
+    tail = hand + d.pen_long * np.array([0, np.sin(lean), np.cos(lean)])  # the wrist of the device, at the pen's end
     reach = tail - shoulder
     span, bend = np.linalg.norm(reach), np.array([0.0, 0.35, 1.0])
     bend -= bend @ reach / span**2 * reach

@@ -34,8 +34,11 @@ from twin.ui.viewer.room import FIRST, OUTSIDE, corners, furnish
 ARROWS = 110.0
 """Size of the arrows at a tool in pixels, at every distance."""
 
-CLOSE = np.array([0.35, -0.6, 0.45])
+CLOSE = np.array([0.22, -0.38, 0.28])
 """From the tools to the camera of the view "close", in m."""
+
+AWAY = 0.7
+"""Part of the usual distance for the views from outside: what stands around the arms is wide and low."""
 
 FAR, CAVITY = 100.0, 0.4
 """Distance in m up to which the room is drawn, and the view of the endoscope, which shows the cavity alone."""
@@ -207,7 +210,7 @@ class ConsoleFront(Loop):
         if view == "close":
             middle = np.mean(tools, axis=0)
             return middle + CLOSE, middle, up
-        return self._middle + self._size * OUTSIDE[view], self._middle, up
+        return self._middle + AWAY * self._size * OUTSIDE[view], self._middle, up
 
     def look(self, view: str, client: viser.ClientHandle) -> None:
         """Move the camera of a browser to a view; through the endoscope it goes on with the endoscope."""
@@ -257,7 +260,7 @@ class ConsoleFront(Loop):
         with gui.add_folder("Camera"):
             drag, at = Drag(), self.console.camera_at
             self._camera = [
-                gui.add_slider(name, low / unit, high / unit, step, float(np.clip(x, low, high)) / unit)
+                gui.add_slider(name, low / unit, high / unit, step, _rounded(x, unit, step))
                 for (name, unit, step), low, high, x in zip(_CAMERA, drag.lower, drag.upper, at, strict=True)
             ]
             for slider in self._camera:
@@ -265,7 +268,7 @@ class ConsoleFront(Loop):
         let_go = gui.add_button("Let go", hint="Others may take the hands; after 5 s without use it happens by itself")
         let_go.on_click(lambda _: self.ask("let go", pens.release))
         if self.props is not None:
-            clear = gui.add_checkbox("transparent patient and room", True)
+            clear = gui.add_checkbox("transparent patient", True)
             clear.on_update(lambda _: self.ask("clear", lambda: self._see_through(clear.value)))
             self._see_through(True)
 
@@ -298,7 +301,7 @@ class ConsoleFront(Loop):
             self._set(slider, f"jaw {hand}", round(100 * pens.pens[hand].grip / Grip().travel), 0.5)
         if not pens.aims:
             for slider, (_, unit, step), x in zip(self._camera, _CAMERA, self.console.camera_at, strict=True):
-                self._set(slider, "aim", step * round(float(x) / unit / step), step / 2)
+                self._set(slider, "aim", _rounded(x, unit, step), step / 2)
         tone, text = status(self.console.reading)
         said = "".join(
             f"<div style='padding:0 1em .4em;color:{_TONES[tone]}'>{escape(text)}</div>"
@@ -312,6 +315,10 @@ class ConsoleFront(Loop):
             return
         if abs(control.value - value) > apart:
             control.value = value
+
+
+def _rounded(value: float, unit: float, step: float) -> float:
+    return step * round(float(value) / unit / step)
 
 
 def _name(client: viser.ClientHandle) -> str:
