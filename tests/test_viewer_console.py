@@ -21,7 +21,7 @@ from twin.simulation.controllers.camera import Drag, Dragging, hands
 from twin.ui.session import console
 from twin.ui.session.console import HeldError, LiveConsole
 from twin.ui.session.pens import IDLE, ROLL, Pens
-from twin.ui.viewer.console import ConsoleFront, hand_text, status
+from twin.ui.viewer.console import ARROWS, ConsoleFront, hand_text, status
 from twin.ui.viewer.server import serve
 
 pytestmark = pytest.mark.usefixtures("cad_once")
@@ -378,7 +378,7 @@ def test_the_mouse_drags_an_instrument_by_its_arrows(look):
     x, y = look.at(p)
     there = np.array(look.at(p + 0.03 * axis)) - (x, y)
     along = there / np.linalg.norm(there)
-    start = np.array([x, y]) + 0.6 * 110 * along
+    start = np.array([x, y]) + 0.6 * ARROWS * along
     look.drag(start, start + 25 * along)
     until(lambda: np.linalg.norm(front.console.tool("right")[:3, 3] - p) > 2 * MM, "the instrument follows")
     until(lambda: not front._left_to_settle, "the arrows are back")

@@ -19,10 +19,10 @@ import drawing as cad
 BODIES = ["table", "patient", "board", "cart"]
 
 
-def drawing(path, name):
-    """Load a file of parts; late, because build123d takes seconds."""
+def drawing(folder, name):
+    """Load parts.py of a folder; late, because build123d takes seconds."""
     if name not in sys.modules:
-        spec = importlib.util.spec_from_file_location(name, path)
+        spec = importlib.util.spec_from_file_location(name, folder / "parts.py")
         sys.modules[name] = importlib.util.module_from_spec(spec)
         spec.loader.exec_module(sys.modules[name])
     return sys.modules[name]
@@ -31,18 +31,17 @@ def drawing(path, name):
 def assembly(path):
     """Return the drawn theatre of a dimension file: ({body: [(name, shape, rgb)]}, mass in kg)."""
     d = cad.Dimensions(path, {})
-    theatre = drawing(HERE.parent / "vsrs" / "parts.py", "vsrs_parts")
-    own, console = drawing(HERE / "parts.py", "davinci_theatre_parts"), drawing(HERE / "cart.py", "davinci_cart")
+    theatre, own = drawing(HERE.parent / "vsrs", "vsrs_parts"), drawing(HERE, "davinci_theatre_parts")
     solids = {
         "table": theatre.table(d),
         "patient": theatre.patient(d),
         "board": own.board(d),
-        "cart": console.cart(d),
+        "cart": own.cart(d),
     }
     c, s = np.cos(np.radians(d.cart_turn)), np.sin(np.radians(d.cart_turn))
     where = dict.fromkeys(BODIES, np.eye(4))
     where["cart"] = cad.pose4(d.cart_at, (c, s, 0), (-s, c, 0), (0, 0, 1))
-    return cad.build(BODIES, solids, where, theatre.MATERIALS | own.MATERIALS | console.MATERIALS)
+    return cad.build(BODIES, solids, where, theatre.MATERIALS | own.MATERIALS)
 
 
 if __name__ == "__main__":

@@ -129,7 +129,7 @@ class Pens:
         self._idle = 0.0
 
     def release(self) -> None:
-        """Let go of the hands and the pedals: what was asked for and not yet given is forgotten."""
+        """Release the hands and the pedals; motion that was not yet given to the console is forgotten."""
         if self.client is not None:
             self.console.release(self.client)
         self.client, self._aim, self.clutch, self.camera = None, None, False, False

@@ -31,14 +31,14 @@ from twin.ui.viewer.loop import Loop
 from twin.ui.viewer.nodes import RobotNodes
 from twin.ui.viewer.room import FIRST, OUTSIDE, corners, furnish
 
-ARROWS = 110.0
+ARROWS = 90.0
 """Size of the arrows at a tool in pixels, at every distance."""
 
-CLOSE = np.array([0.22, -0.38, 0.28])
+CLOSE = np.array([0.15, -0.26, 0.2])
 """From the tools to the camera of the view "close", in m."""
 
 AWAY = 0.7
-"""Part of the usual distance for the views from outside: what stands around the arms is wide and low."""
+"""Part of the usual distance for the views from outside: the scene is wide and low."""
 
 FAR, CAVITY = 100.0, 0.4
 """Distance in m up to which the room is drawn, and the view of the endoscope, which shows the cavity alone."""
@@ -143,7 +143,7 @@ class ConsoleFront(Loop):
         self._show()
 
     def close(self) -> None:
-        """Let go of the hands, and release the port."""
+        """Release the hands and the port."""
         self.pens.release()
         super().close()
 

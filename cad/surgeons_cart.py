@@ -94,7 +94,7 @@ def _pen(d, name, side):
     stylus = stylus - _rod(grip, end, 20)
     handle = _rod(grip, end, 11)
     jaws = [
-        ("jaw" + n, _rod(end + [s * 4, 0, 0], end + way * 30 + np.array([s * 20, 0, 0]), 4) - handle, "link")
+        ("jaw" + n, _rod(end + np.array([s * 4, 0, 0]), end + way * 30 + np.array([s * 20, 0, 0]), 4) - handle, "link")
         for n, s in (("a", -1), ("b", 1))
     ]
     parts = [
