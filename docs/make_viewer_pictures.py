@@ -14,14 +14,18 @@ import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from PIL import Image
 from playwright.sync_api import Page, sync_playwright
 
 import twin
+from twin.cli import scene as scenes
 from twin.core.units import MM
+from twin.model.scene import load_scene
 from twin.ui.session.desk import Desk
+from twin.ui.viewer.console import ConsoleFront
 from twin.ui.viewer.front import Actor, Front
 from twin.ui.viewer.page import open_page
 from twin.ui.viewer.server import serve
@@ -70,11 +74,28 @@ def workspace(front: Front, page: Page) -> None:
     page.get_by_role("button", name="Look for it").scroll_into_view_if_needed()
 
 
-PICTURES: dict[str, tuple[str, Callable[[Front, Page], None]]] = {
+def console(front: ConsoleFront, page: Page) -> None:
+    """Scene davinci through the endoscope: the right instrument is led, its jaw open."""
+    front.ask("look", lambda: [front.look("endoscope", c) for c in front.server.get_clients().values()])
+    front.ask("jaw", lambda: front.pens.squeeze("page 1", "right", 0.6))
+
+
+PICTURES: dict[str, tuple[str, Callable[[Any, Page], None]]] = {
     "play": ("sher", play),
     "printed": ("sils", printed),
     "workspace": ("sils", workspace),
+    "console": ("davinci", console),
 }
+
+
+def opened(name: str) -> Front | ConsoleFront:
+    """Return the page of a robot, or of a scene with a console."""
+    server = serve(name, "127.0.0.1", 0)
+    file = scenes.find(name)
+    if file is None:
+        return open_page(f"twin · {name}", [Actor(name, name, Desk(twin.load(name)))], None, server)
+    scene = load_scene(file)
+    return ConsoleFront(f"twin · {name}", scene, *scenes.content(scene), server)
 
 
 def main() -> None:
@@ -87,13 +108,12 @@ def main() -> None:
         browser = playwright.chromium.launch(executable_path=program, args=FLAGS)
         for name in args.only:
             robot, prepare = PICTURES[name]
-            actor = Actor(robot, robot, Desk(twin.load(robot)))
-            front = open_page(f"twin · {robot}", [actor], None, serve(robot, "127.0.0.1", 0))
+            front = opened(robot)
             thread = threading.Thread(target=front.run)
             thread.start()
             page = browser.new_page(viewport={"width": 1500, "height": 900})
             page.goto(f"http://127.0.0.1:{front.server.get_port()}")
-            page.get_by_role("tab", name="Instruments").wait_for()
+            page.get_by_text(front.title).first.wait_for()
             time.sleep(5)
             page.add_style_tag(content="[class*='mantine-Notification']{display:none!important}")
             prepare(front, page)

@@ -20,11 +20,12 @@ from twin.core.units import DEG, MM
 from twin.model.scene import load_scene
 from twin.simulation import console_scene
 from twin.simulation.controllers.camera import looking, view
-from twin.ui.headset import operation, served
 from twin.ui.headset import protocol as wire
+from twin.ui.headset import served
 from twin.ui.headset.operation import Operation
 from twin.ui.headset.protocol import RefusedError
 from twin.ui.headset.scene_frame import unpack_scene
+from twin.ui.session import console
 from twin.ui.session.timeline import RATE
 
 pytestmark = pytest.mark.usefixtures("cad_once")
@@ -98,14 +99,14 @@ class Hands:
 
     def seen(self, name):
         """Return the pose (4, 4) of a tool in the picture."""
-        place, member = self.op._places[name], self.op._members[name]
+        place, member = self.op._places[name], self.op.members[name]
         T_world_view = self.op.world.signals["ecm.view"].reshape(4, 4)
         return spatial.inverse(T_world_view) @ place.T_world_base @ member.kin.forward(self.q()[name])
 
 
 @pytest.fixture
 def hands(scene, robots, monkeypatch):
-    monkeypatch.setattr(operation, "_BUDGET", np.inf)  # a busy machine does not make the World late
+    monkeypatch.setattr(console, "_BUDGET", np.inf)  # a busy machine does not make the World late
     op = Operation(scene, robots)
     op.frame(0, 0.0)
     return Hands(op)
@@ -396,11 +397,11 @@ def test_a_console_that_does_not_fit_its_robots_is_named(scene, robots, tmp_path
 
 @pytest.mark.parametrize("command", ["run", "view"])
 def test_a_scene_without_protocols_is_not_played(command, tmp_path, capsys):
-    more = ["--no-browser"] if command == "view" else ["--out", str(tmp_path / "out")]
+    more = ["--html", str(tmp_path / "page.html")] if command == "view" else ["--out", str(tmp_path / "out")]
     assert main([command, "davinci", *more]) == 2
     said = capsys.readouterr().err
     assert "psm1, psm2, ecm have no protocol in scene.toml" in said
-    assert "`twin serve davinci`" in said
+    assert "`twin serve davinci` or `twin view davinci`" in said
 
 
 def test_a_robot_without_a_protocol_needs_a_console(scene, tmp_path):

@@ -260,7 +260,7 @@ def test_a_limit_is_felt_as_a_surface(running):
     assert running.state["hands"]["right"]["wall"] == "q3 is at its limit, 240 mm"
     running.pens.forces()  # the oldest ones: the buffer of the socket is full
     last = dict(running.wait(0.05).pens.forces())
-    signals, place, member = running.op.world.signals, running.op._places["psm1"], running.op._members["psm1"]
+    signals, place, member = running.op.world.signals, running.op._places["psm1"], running.op.members["psm1"]
     beyond = signals["psm1.goal"].reshape(4, 4) - member.kin.forward(signals["psm1.q"])
     R_world_view = signals["ecm.view"].reshape(4, 4)[:3, :3]
     way = R_world_view.T @ place.T_world_base[:3, :3] @ beyond[:3, 3]

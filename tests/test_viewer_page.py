@@ -56,14 +56,15 @@ def shown(name, protocol=None):
 class Looker:
     """A page, its canvas, and what it looks like."""
 
-    def __init__(self, browser, front, width=1100, height=720):
+    def __init__(self, browser, front, width=1100, height=720, tab="Instruments"):
         self.front, self.errors = front, []
         self.page = browser.new_page(viewport={"width": width, "height": height})
         self.page.set_default_timeout(1000 * WAIT)
         self.page.on("pageerror", lambda e: self.errors.append(str(e)))
         self.page.add_init_script(CALM)
         self.page.goto(f"http://127.0.0.1:{front.server.get_port()}")
-        self.page.get_by_role("tab", name="Instruments").wait_for(timeout=1000 * WAIT)
+        if tab is not None:
+            self.page.get_by_role("tab", name=tab).wait_for(timeout=1000 * WAIT)
         until(lambda: any(c.camera._state.update_timestamp for c in self.clients), "the camera's first message")
         until(lambda: self.ink() > 0.02, "the robot's first picture")
 

@@ -1,9 +1,9 @@
-"""Draw what stands around the arms of the da Vinci: table, patient with three ports, a board with pegs inside.
+"""Draw what stands around the arms of the da Vinci: table, patient with a board with pegs inside, the surgeon's cart.
 
     python cad/davinci/model.py [--dimensions FILE] [--out davinci.step]
 
 Table and patient are those of the scene vsrs, with other ports. Each body is one sub-assembly; its parts are named
-<body>_<part>.  All shapes are written in world coordinates.
+<body>_<part>.  All shapes are written in world coordinates; the cart is drawn in a frame of its own and placed.
 """
 
 import importlib.util
@@ -16,7 +16,7 @@ HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE.parent))
 import drawing as cad
 
-BODIES = ["table", "patient", "board"]
+BODIES = ["table", "patient", "board", "cart"]
 
 
 def drawing(folder, name):
@@ -32,8 +32,16 @@ def assembly(path):
     """Return the drawn theatre of a dimension file: ({body: [(name, shape, rgb)]}, mass in kg)."""
     d = cad.Dimensions(path, {})
     theatre, own = drawing(HERE.parent / "vsrs", "vsrs_parts"), drawing(HERE, "davinci_theatre_parts")
-    solids = {"table": theatre.table(d), "patient": theatre.patient(d), "board": own.board(d)}
-    return cad.build(BODIES, solids, dict.fromkeys(BODIES, np.eye(4)), theatre.MATERIALS | own.MATERIALS)
+    solids = {
+        "table": theatre.table(d),
+        "patient": theatre.patient(d),
+        "board": own.board(d),
+        "cart": own.cart(d),
+    }
+    c, s = np.cos(np.radians(d.cart_turn)), np.sin(np.radians(d.cart_turn))
+    where = dict.fromkeys(BODIES, np.eye(4))
+    where["cart"] = cad.pose4(d.cart_at, (c, s, 0), (-s, c, 0), (0, 0, 1))
+    return cad.build(BODIES, solids, where, theatre.MATERIALS | own.MATERIALS)
 
 
 if __name__ == "__main__":

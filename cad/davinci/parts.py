@@ -1,8 +1,11 @@
-"""A board with pegs inside the patient, in the world frame: what the two instruments are moved over."""
+"""A board with pegs inside the patient, in the world frame: what the two instruments are moved over. And the cart."""
 
+import surgeons_cart
 from build123d import Axis, Plane, Solid
+from surgeons_cart import cart
 
-MATERIALS = {  # sRGB, density in kg/m3
+__all__ = ["MATERIALS", "board", "cart"]
+MATERIALS = surgeons_cart.MATERIALS | {  # sRGB, density in kg/m3
     "board": ((0.80, 0.36, 0.30), 1100),
     "peg": ((0.95, 0.80, 0.35), 1100),
 }

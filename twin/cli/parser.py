@@ -252,6 +252,7 @@ def parser() -> argparse.ArgumentParser:
         "show a robot in the browser: play, drag, measure, redesign",
         "  twin view sils\n  twin view sher phantom            plan and play that protocol\n"
         "  twin view vsrs                    a scene of several robots\n"
+        "  twin view davinci                 a scene led from its console, live\n"
         "  twin view my_robot/ --port 8090 --no-browser\n"
         "  twin view usd/pa10/pa10.usda      a USD stage without a robot folder\n"
         "  twin view sils --html sils.html   a recording that plays without Python",

@@ -4,12 +4,17 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from twin import api
 from twin.api.about import scene_commands
 from twin.cli import show
 from twin.core import assets
 from twin.core.errors import TwinError, unknown
+
+if TYPE_CHECKING:
+    from twin.model.mechanism import Mechanism
+    from twin.model.scene import Scene
 
 names, find = assets.scenes, assets.scene_file
 
@@ -38,6 +43,15 @@ def refuse(args: argparse.Namespace) -> None:
         f"{', '.join(f'twin {c} {name}' for c in scene_commands(scene))}; "
         f"`twin {args.command}` accepts one of its robots: {', '.join(robots)}."
     )
+
+
+def content(scene: Scene) -> tuple[dict[str, api.Robot], Mechanism | None]:
+    """Return (robots by name of their place, props or None) of a scene; robots of one kind are read once."""
+    from twin.cad.build import read_mechanism
+
+    kinds = {name: api.load(name) for name in {p.robot for p in scene.places}}
+    props = None if scene.props is None else read_mechanism(scene.props, with_mass=False).mechanism
+    return {p.name: kinds[p.robot] for p in scene.places}, props
 
 
 def run(file: Path, args: argparse.Namespace) -> int:

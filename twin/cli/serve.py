@@ -65,13 +65,10 @@ def _what(args: argparse.Namespace) -> tuple[str, Callable[[], Served]]:
         return robot.name, lambda: served.of_robot(robot, str(args.robot), args.protocol, plans)
     if args.protocol is not None:
         raise TwinError(f"{args.robot} is a scene: its file gives the protocol of each robot; omit the protocol")
-    from twin.cad.build import read_mechanism
     from twin.model.scene import load_scene
 
     scene = load_scene(file)
-    kinds = {name: api.load(name) for name in {p.robot for p in scene.places}}
-    robots = {p.name: kinds[p.robot] for p in scene.places}
-    props = None if scene.props is None else read_mechanism(scene.props, with_mass=False).mechanism
+    robots, props = scenes.content(scene)
     if scene.console is not None:
         session = None if args.session is None else Path(args.session)
         return scene.name, lambda: served.of_console(

@@ -9,17 +9,20 @@ import time
 import webbrowser
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from twin import api
+from twin.cli import scene as scenes
 from twin.cli import show
 from twin.cli.address import Address, free_port
 from twin.core import assets
 from twin.core.errors import TwinError
 
 if TYPE_CHECKING:
-    from twin.model.mechanism import Mechanism
-    from twin.ui.viewer.front import Actor, Front
+    import viser
+
+    from twin.ui.viewer.console import ConsoleFront
+    from twin.ui.viewer.front import Front
 
 
 _ADVICE = "everyone who connects can move and load robots, but cannot write to disk"
@@ -32,7 +35,7 @@ def view(args: argparse.Namespace) -> int:
     if args.html is not None:
         assets.require_writable(Path(args.html).parent)
     from twin.ui.door.gate import Gate
-    from twin.ui.viewer.page import open_page
+    from twin.ui.viewer.front import Front
     from twin.ui.viewer.server import serve, stop
 
     front, stopping = None, threading.Event()
@@ -49,7 +52,8 @@ def view(args: argparse.Namespace) -> int:
     server = serve(f"twin · {title}", args.host, port, gate)
     try:
         if args.html is not None:
-            front = open_page(f"twin · {title}", *load(), server)
+            front = load(server, {})
+            assert isinstance(front, Front)
             return _page(front, Path(args.html), args.quiet)
         if not gate.open:
             address.say("")
@@ -58,8 +62,9 @@ def view(args: argparse.Namespace) -> int:
         from twin.cli.terminal import Terminal
 
         terminal = None if gate.open else Terminal.here()
-        front = open_page(f"twin · {title}", *load(), server, stopping=stopping, local=not gate.open, terminal=terminal)
-        front.load_soon()
+        front = load(server, {"stopping": stopping, "local": not gate.open, "terminal": terminal})
+        if isinstance(front, Front):
+            front.load_soon()
         front.run()
     finally:
         signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -71,8 +76,12 @@ def view(args: argparse.Namespace) -> int:
     return 0
 
 
-def _what(args: argparse.Namespace) -> tuple[str, Callable[[], tuple[list[Actor], Mechanism | None]]]:
-    """Return (title, function that loads the robots); for an invalid name, raise `TwinError` before a port opens."""
+def _what(args: argparse.Namespace) -> tuple[str, Callable[[viser.ViserServer, dict[str, Any]], Front | ConsoleFront]]:
+    """Return (title, function that loads the robots and opens the page on a server, with arguments of `Front`).
+
+    Raises:
+        TwinError: an invalid name; raised before a port opens.
+    """
     file = assets.scene_file(args.robot)
     if file is None:
         robot = api.load(args.robot, tool=args.tool)
@@ -80,13 +89,15 @@ def _what(args: argparse.Namespace) -> tuple[str, Callable[[], tuple[list[Actor]
         if args.protocol is not None:
             robot.protocol(args.protocol)
 
-        def load_robot() -> tuple[list[Actor], Mechanism | None]:
+        def of_robot(server: viser.ViserServer, more: dict[str, Any]) -> Front:
             from twin.ui.session.desk import Desk
             from twin.ui.viewer.front import Actor
+            from twin.ui.viewer.page import open_page
 
-            return [Actor(robot.name, str(args.robot), Desk(robot), protocol=args.protocol)], None
+            actor = Actor(robot.name, str(args.robot), Desk(robot), protocol=args.protocol)
+            return open_page(f"twin · {robot.name}", [actor], None, server, **more)
 
-        return robot.name, load_robot
+        return robot.name, of_robot
     if args.tool is not None:
         raise TwinError(f"{args.robot} is a scene: the tools are set by its robots; omit --tool")
     if args.protocol is not None:
@@ -94,17 +105,25 @@ def _what(args: argparse.Namespace) -> tuple[str, Callable[[], tuple[list[Actor]
     from twin.model.scene import load_scene
 
     scene = load_scene(file)
-    scene.require_protocols()
+    if scene.console is None or args.html is not None:
+        scene.require_protocols()
 
-    def load_scene_robots() -> tuple[list[Actor], Mechanism | None]:
-        from twin.cad.build import read_mechanism
+    def of_scene(server: viser.ViserServer, more: dict[str, Any]) -> Front:
         from twin.ui.session.desk import Desk
         from twin.ui.viewer.front import Actor
+        from twin.ui.viewer.page import open_page
 
-        actors = [Actor(p.name, p.robot, Desk(api.load(p.robot)), p.T_world_base, p.protocol) for p in scene.places]
-        return actors, None if scene.props is None else read_mechanism(scene.props, with_mass=False).mechanism
+        robots, props = scenes.content(scene)
+        actors = [Actor(p.name, p.robot, Desk(robots[p.name]), p.T_world_base, p.protocol) for p in scene.places]
+        return open_page(f"twin · {scene.name}", actors, props, server, **more)
 
-    return scene.name, load_scene_robots
+    def of_console(server: viser.ViserServer, more: dict[str, Any]) -> ConsoleFront:
+        from twin.ui.viewer.console import ConsoleFront
+
+        robots, props = scenes.content(scene)
+        return ConsoleFront(f"twin · {scene.name}", scene, robots, props, server, more["stopping"])
+
+    return scene.name, of_scene if scene.console is None or args.html is not None else of_console
 
 
 def _page(front: Front, path: Path, quiet: bool) -> int:

@@ -219,7 +219,7 @@ class Scene:
             lacking = ", ".join(p.name for p in self.places if not p.protocol)
             raise TwinError(
                 f"scene '{self.name}' plays nothing: {lacking} have no protocol in {self.file.name}. "
-                f"It is led from its console: `twin serve {self.name}`"
+                f"It is led from its console: `twin serve {self.name}` or `twin view {self.name}`"
             )
 
 

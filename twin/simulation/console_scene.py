@@ -146,9 +146,7 @@ def identity(scene: Scene, members: Mapping[str, Member]) -> str:
     about.append([camera.robot, camera.frame, plain(camera.in_frame)])
     for place in led_by(scene):
         mechanism = members[place.name].mechanism
-        about.append(
-            [place.name, place.robot, plain(place.T_world_base), plain(start(place, members[place.name]))].mechanism
-        )
+        about.append([place.name, place.robot, plain(place.T_world_base), plain(start(place, mechanism))])
         about.append([plain(next(iter(place.p_world_ports.values()))), [j.name for j in mechanism.active]])
         about.append([plain(np.nan_to_num(mechanism.limits)), [plain(j.max_speed or 0.0) for j in mechanism.active]])
         about.append([[f.name, f.body, plain(f.T_body_frame)] for f in mechanism.frames])

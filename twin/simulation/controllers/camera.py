@@ -121,6 +121,29 @@ def looking(T: Array) -> Array:
     return at
 
 
+def hands(at: Array, wanted: Array, right: Array, left: Array, drag: Drag) -> tuple[Array, Array]:
+    """Return where both hands (3,) drag the camera from `at` to `wanted`: inverse of `Dragging.step`.
+
+    Args:
+        at: (4,) pan, tilt, depth, roll when the hands were coupled, in rad and m.
+        wanted: (4,) pan, tilt, depth, roll to reach, within the limits of `drag`.
+        right: (3,) position of the right hand when it was coupled, in m in the axes of the picture.
+        left: (3,) position of the left hand, likewise.
+        drag: parameters of the camera motion.
+    """
+    reach, rho = at[2] + drag.lever, wanted[3]
+    along, across = (wanted[0] - at[0]) * reach, (at[1] - wanted[1]) * reach
+    way = np.array(
+        [
+            along * np.cos(rho) + across * np.sin(rho),
+            across * np.cos(rho) - along * np.sin(rho),
+            wanted[2] - at[2],
+        ]
+    )
+    middle, half = (right + left) / 2 + way / drag.scale, spatial.exp_so3((at[3] - rho) * Z) @ (right - left) / 2
+    return middle + half, middle - half
+
+
 class HandsToCamera(Block):
     """Reads `<right>.pose`, `<left>.pose` (16,) and `console.mode`; moves a camera.
 

@@ -1,15 +1,13 @@
 """Live source of a stream: the robots of a scene in a World, teleoperated by the hands of a client or by UDP packets.
 
-Both become states of the input device `Packets`, of one owner at a time. This module steps the World in real time,
-converts its poses to frames, and reports silence, jumps and limits in the state document and in the log.
+The World and its hands are a `LiveConsole`. Here messages and packets become states of the input device `Packets`, of
+one owner at a time, and poses become frames.
 """
 
 from __future__ import annotations
 
 import asyncio
 import logging
-import math
-import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -20,13 +18,9 @@ from twin.api import Robot
 from twin.core import spatial
 from twin.core.errors import TwinError
 from twin.core.spatial import Array
-from twin.core.units import DEG, MM
 from twin.model.scene import Scene
-from twin.simulation import console_scene
-from twin.simulation.console_scene import HANDS, Member
-from twin.simulation.controllers.camera import Drag
+from twin.simulation.console_scene import HANDS, PEDALS
 from twin.simulation.controllers.following import SCALE
-from twin.simulation.controllers.pedals import CAMERA, FREE, TOOLS
 from twin.simulation.devices.given import HandState
 from twin.simulation.devices.packets import Packets
 from twin.simulation.session.file import LONGEST, SessionWriter
@@ -37,35 +31,25 @@ from twin.ui.headset import protocol as wire
 from twin.ui.headset.packet_hands import UDP, PacketHands
 from twin.ui.headset.protocol import RefusedError
 from twin.ui.headset.scene_frame import pack_scene
+from twin.ui.session.console import HeldError, LiveConsole
 from twin.ui.session.timeline import RATE
 
 HEARTBEAT = 6
 """Number of ticks after which a frame is sent even if nothing has moved."""
 
-_BUDGET, _CHUNK = 0.012, 4
-"""Maximum real time in s for steps of the World per frame; number of steps between two checks of this time."""
 
-_OWED = 0.1
-"""Maximum delay in s of the World; a larger delay is dropped, so that the World runs slower than real time."""
-
-_STUCK = 30.0
-"""Time in s for which a pedal is pressed before it is reported, because it may be stuck (ASSUMED)."""
-
-_WALL = (0.5 * MM, 1 * DEG)
-"""Minimum distance in m and angle in rad between goal and tool at which a joint limit is reported."""
-
-
-class Operation:
+class Operation(LiveConsole):
     """Source of a stream: the robots of a scene, controlled by its console.
 
     Attributes:
-        world: the World, stepped in real time.
         device: the input device, which receives the hands of a client, or of UDP packets.
         owner: identifier of the client whose hands control the robots; `UDP`: packets; None: nobody.
         packets: hands by UDP; None: see `listen`.
         tablet: motion scale by MQTT; None: see `connect`.
         send: function that sends a document to all clients.
     """
+
+    device: Packets
 
     replays, alone, version = False, False, wire.VERSION
 
@@ -76,35 +60,25 @@ class Operation:
             TwinError: the scene has no console, or the console does not match its robots.
             OutputError: the session cannot be written.
         """
-        if scene.console is None:
-            raise TwinError(f"scene '{scene.name}' has no console: add the table [console] to {scene.file.name}")
-        self.scene, self._table, self._robots = scene, scene.console, robots
-        self.device = Packets(console_scene.PEDALS, HANDS, self._table.scale)
-        members = {n: Member(r.mechanism, r.kinematics()) for n, r in robots.items()}
-        self._tape = None if session is None else Tape()
-        self.world = console_scene.world(scene, members, self.device, records=False, watch=self._tape)
-        self._session = None
-        if session is not None:
-            self._session = SessionWriter(session, head_of(scene, members, self.world, self.device))
-        self.owner: str | None = None
         self.packets: PacketHands | None = None
         self.tablet: ScaleTopic | None = None
         self._connection: asyncio.Future[None] | None = None
-        self._pressed = 0.0
+        self._tape = None if session is None else Tape()
+        scale = 1.0 if scene.console is None else scene.console.scale
+        super().__init__(scene, robots, Packets(PEDALS, HANDS, scale), self._tape)
+        self._session = None
+        if session is not None:
+            self._session = SessionWriter(session, head_of(scene, self.members, self.world, self.device))
         self.send: Callable[[dict[str, Any]], object] = lambda document: None
-        self._members = members
-        self._places = {p.name: p for p in scene.places}
-        self._bodies = {n: [b.name for b in m.mechanism.bodies] for n, m in members.items()}
+        self._bodies = {n: [b.name for b in m.mechanism.bodies] for n, m in self.members.items()}
         self._tick, self._sent, self._seq = -1, -HEARTBEAT, 0
-        self._owed, self._rate, self._stopped = 0.0, 1.0, ""
         self._shown: Array | None = None
         self._sevens: dict[str, Array] = {}
-        self._state = self._read()
 
     @property
     def about(self) -> dict[str, Any]:
         """Data of the console in scene.json."""
-        table = self._table
+        table = self.table
         return {
             "hands": {hand: list(getattr(table, hand)) for hand in HANDS},
             "camera": table.camera,
@@ -120,7 +94,7 @@ class Operation:
     @property
     def joints(self) -> tuple[str, ...]:
         """Names of all active joints, "<robot>/<joint>"."""
-        return tuple(f"{n}/{j.name}" for n, m in self._members.items() for j in m.mechanism.active)
+        return tuple(f"{n}/{j.name}" for n, m in self.members.items() for j in m.mechanism.active)
 
     def listen(self, host: str, port: int) -> None:
         """Accept hands by UDP at an address and a port (0: any free port).
@@ -136,7 +110,7 @@ class Operation:
         Raises:
             TwinError: the topic is invalid, or the package for MQTT is not installed.
         """
-        self.tablet = ScaleTopic(host, port, topic, SCALE, self._table.scale, self.device.rescale)
+        self.tablet = ScaleTopic(host, port, topic, SCALE, self.table.scale, self.device.rescale)
         self.tablet.reports.tell = self._warn
         self._connection = asyncio.ensure_future(self.tablet.run())
 
@@ -180,9 +154,12 @@ class Operation:
         """Advance to a tick of 1 / RATE s; return a frame if a joint moved or after `HEARTBEAT` ticks, else None."""
         passed = (tick - self._tick) / RATE if self._tick >= 0 else 0.0
         self._tick = tick
-        self._advance(passed)
-        self._tell(self._read())
-        row = np.concatenate([self.world.signals[f"{n}.q"] for n in self._members])
+        scale = self.reading["scale"]
+        for text in self.advance(passed):
+            self._send(text)
+        if self.tablet is not None and self.reading["scale"] != scale:
+            self.tablet.show(self.reading["scale"])
+        row = np.concatenate([self.world.signals[f"{n}.q"] for n in self.members])
         moved = self._shown is None or not np.array_equal(row, self._shown)
         if not moved and tick - self._sent < HEARTBEAT:
             return None
@@ -191,40 +168,24 @@ class Operation:
             self._look()
         self._sent = tick
         self._seq += 1
-        robots = [self._pack(name, server_time) for name in self._members]
+        robots = [self._pack(name, server_time) for name in self.members]
         return pack_scene(self._seq - 1, server_time, self.world.t, 0, robots, ())
 
-    def _advance(self, passed: float) -> None:
-        if self._stopped or not passed > 0:
-            return
-        dt, end = self.world.dt, time.monotonic() + _BUDGET
-        self._owed += passed
-        wanted = done = int(self._owed / dt + 1e-6)
-        try:
-            while done > 0:
-                n = min(done, _CHUNK)
-                if self.packets is not None:
-                    self._exchange(self.packets, math.ceil(done / _CHUNK), n * dt)
-                self.world.step(n)
-                done -= n
-                if time.monotonic() > end:
-                    break
-        except TwinError as error:
-            self._stopped = str(error)
-            logging.getLogger(__name__).error("the World has stopped: %s", error)
-        if self.packets is not None and done > 0:  # what has come by now is used at once, so that no delay builds up
-            self._exchange(self.packets, 1, dt)
+    def _before_steps(self, parts: int, dt: float) -> None:
+        if self.packets is not None:
+            self._exchange(self.packets, parts, dt)
+
+    def _after_steps(self, behind: bool) -> None:
+        if behind and self.packets is not None:  # what has come by now is used at once, so that no delay builds up
+            self._exchange(self.packets, 1, self.world.dt)
         self._write()
-        self._owed = min(self._owed - (wanted - done) * dt, _OWED)
-        share = min(1.0, passed) * 0.5
-        self._rate += share * ((wanted - done) * dt / passed - self._rate)
 
     def _exchange(self, packets: PacketHands, parts: int, dt: float) -> None:
         """Receive packets for the next steps of the World, which take dt in s, and send the forces."""
         t, udp = self.world.t, self.owner == UDP
-        packets.door.holder = None if udp or self._silent else self.owner
+        packets.door.holder = None if udp or self.silent else self.owner
         if packets.door.pump(t, parts):
-            self._own(UDP)
+            self.own(UDP)
         elif udp and packets.gone(t):
             self.release(UDP)
         if self.owner == UDP:
@@ -232,13 +193,13 @@ class Operation:
 
     def _beyond(self, hand: str) -> Array:
         """Return the way (3,) in m from the tool of a hand to its goal in {H}, if its arm is at a limit; else zeros."""
-        state = self._state["hands"][hand]
+        state = self.reading["hands"][hand]
         if state["wall"] is None:
             return np.zeros(3)
         name = state["robot"]
         goal = self.world.signals[f"{name}.goal"].reshape(4, 4)
-        T = self._members[name].kin.forward(self.world.signals[f"{name}.q"], goal)
-        camera = self.scene.cameras[self._table.camera].robot
+        T = self.members[name].kin.forward(self.world.signals[f"{name}.q"], goal)
+        camera = self.scene.cameras[self.table.camera].robot
         R_world_view = self.world.signals[f"{camera}.view"].reshape(4, 4)[:3, :3]
         return R_world_view.T @ self._places[name].T_world_base[:3, :3] @ (goal - T)[:3, 3]
 
@@ -259,46 +220,29 @@ class Operation:
         """Return whether the hands of this client control the robots."""
         return self.owner == client
 
-    def release(self, client: str) -> None:
-        """End the control by this client's hands, if this client has control."""
-        if self.owner == client:
-            self.owner = None
-            self.device.leave()
-
     def ask(self, client: str, message: wire.Message) -> None:
         """Handle a request of a client.
 
         Raises:
             RefusedError: the request is refused; nothing has changed.
         """
-        if isinstance(message, wire.Hands):
-            return self._hands(client, message)
         if isinstance(message, wire.Release):
             return self.release(client)
-        if isinstance(message, wire.Scale):
-            self._leave_to(client)
-            return self.device.rescale(message.value)
+        try:
+            if isinstance(message, wire.Hands):
+                return self._hands(client, message)
+            if isinstance(message, wire.Scale):
+                return self.rescale(client, message.value)
+        except HeldError as error:
+            raise RefusedError("held", str(error)) from None
         raise RefusedError("refused", "these robots are led by the hands of the console alone: send `hands`")
 
-    def _leave_to(self, client: str) -> None:
-        if self.owner not in (None, client) and not self._silent:
-            raise RefusedError("held", f"{self.owner} has the hands of the console; wait until it lets go")
-
-    def _own(self, client: str) -> None:
-        self._leave_to(client)
-        if self.owner != client:
-            self.device.leave()
-            self.owner = client
-
-    @property
-    def _silent(self) -> bool:
-        return any(self.device.silent(hand, self.world.t) for hand in (0, 1))
-
     def _hands(self, client: str, message: wire.Hands) -> None:
-        self._own(client)
-        for k, hand in enumerate((message.right, message.left)):
-            pose = wire.pose_of(hand.pose)
-            self.device.give(HandState(k, message.clutch, message.camera, message.number, pose, hand.grip))
+        states = [
+            HandState(k, message.clutch, message.camera, message.number, wire.pose_of(hand.pose), hand.grip)
+            for k, hand in enumerate((message.right, message.left))
+        ]
+        self.give(client, *states)
 
     # -- documents ------------------------------------------------------------------------------------
 
@@ -315,88 +259,18 @@ class Operation:
             "duration": 0.0,
             "speed": 1.0,
             "loop": False,
-            "robots": [{"name": n, "reason": None} for n in self._members],
-            "console": self._state,
+            "robots": [{"name": n, "reason": None} for n in self.members],
+            "console": self.reading,
         }
 
     def _read(self) -> dict[str, Any]:
-        signals = self.world.signals
-        mode = float(signals["console.mode"][0])
-        silent = bool(signals[f"{console_scene.PEDALS}.silent"][0])
-        taps, t = int(signals["console.taps"][0]), self.world.t
-        if mode == TOOLS or silent:
-            self._pressed = t
-        hands = {}
-        for hand in HANDS:
-            arms = getattr(self._table, hand)
-            arm = arms[taps % len(arms)]
-            follows = bool(signals[f"{arm}.follows"][0])
-            wall = self._wall(arm) if follows else None
-            jumps = int(sum(signals[f"{a}.jumps"][0] for a in arms))
-            hands[hand] = {"robot": arm, "follows": follows, "wall": wall, "jumps": jumps}
-        return {
-            "owner": self.owner,
-            "heard": self.device.heard,
-            "silent": silent,
-            "mode": "nothing" if mode == FREE else "camera" if mode == CAMERA else "instruments",
-            "scale": float(signals[f"{console_scene.PEDALS}.scale"][0]),
-            "hands": hands,
-            "camera": self._camera_wall() if mode == CAMERA else None,
-            "pedal": None if mode == TOOLS or silent or t - self._pressed < _STUCK else _stuck(mode),
-            "rate": round(self._rate, 1),
-            "stopped": self._stopped or None,
-            "packets": None if self.packets is None else self.packets.state(t, signals),
-            "mqtt": None if self.tablet is None else self.tablet.state,
-        }
-
-    def _wall(self, name: str) -> str | None:
-        """Return a text on the joint limit that prevents an arm from reaching its goal; None if there is none."""
-        member, signals = self._members[name], self.world.signals
-        q, goal = signals[f"{name}.q"], signals[f"{name}.goal"].reshape(4, 4)
-        T = member.kin.forward(q, goal)
-        way = float(np.linalg.norm(goal[:3, 3] - T[:3, 3]))
-        if way < _WALL[0] and float(spatial.rotation_angle(goal[:3, :3] @ T[:3, :3].T)) < _WALL[1]:
-            return None
-        for k, joint in enumerate(member.mechanism.active):
-            low, high = joint.limits or (-np.inf, np.inf)
-            if not member.kin.auxiliary[k] and (q[k] - low < 1e-6 or high - q[k] < 1e-6):
-                shown, unit = (q[k] / DEG, "°") if joint.is_angle else (q[k] / MM, " mm")
-                return f"{joint.name} is at its limit, {shown:.0f}{unit}"
-        return None
-
-    def _camera_wall(self) -> str | None:
-        robot = self.scene.cameras[self._table.camera].robot
-        at, drag = self.world.signals[f"{robot}.at"], Drag()
-        names, units = ("pan", "tilt", "depth", "roll"), (DEG, DEG, MM, DEG)
-        for k, (name, unit) in enumerate(zip(names, units, strict=True)):
-            if at[k] - drag.lower[k] < 1e-9 or drag.upper[k] - at[k] < 1e-9:
-                return f"{name} is at its limit, {at[k] / unit:.0f}{'°' if unit == DEG else ' mm'}"
-        return None
-
-    def _tell(self, new: dict[str, Any]) -> None:
-        """Set the new state; log silence, jumps and limits, and also send jumps to all clients."""
-        old, self._state = self._state, new
-        log = logging.getLogger(__name__)
-        if new["silent"] and not old["silent"]:
-            log.warning("nothing was heard of the hands for %g s: nothing moves", self.device.patience)
-        if new["pedal"] and not old["pedal"]:
-            log.warning("%s", new["pedal"])
-        if self.tablet is not None and new["scale"] != old["scale"]:
-            self.tablet.show(new["scale"])
-        for hand, now in new["hands"].items():
-            before = old["hands"][hand]
-            if now["jumps"] > before["jumps"]:
-                text = f"the {hand} hand jumped: {now['robot']} stands, and follows from there"
-                self._warn(text)
-            if now["wall"] and now["wall"] != before["wall"]:
-                log.warning("%s: %s", now["robot"], now["wall"])
+        packets = None if self.packets is None else self.packets.state(self.world.t, self.world.signals)
+        return super()._read() | {"packets": packets, "mqtt": None if self.tablet is None else self.tablet.state}
 
     def _warn(self, text: str) -> None:
         """Write a message to the log, and send it to all clients."""
         logging.getLogger(__name__).warning("%s", text)
+        self._send(text)
+
+    def _send(self, text: str) -> None:
         self.send({"type": "error", "code": "failed", "message": text})
-
-
-def _stuck(mode: float) -> str:
-    which = "camera" if mode == CAMERA else "clutch"
-    return f"the {which} pedal has been pressed for {_STUCK:g} s: release it if it is stuck"

@@ -1,12 +1,7 @@
-"""The front end: all content of the viser page; `twin.ui.session` holds the state of the robots.
-
-A single loop solves and draws, so that all browsers show the same robot. Callbacks of the page only store requests; a
-new request replaces an earlier one of the same kind, so that fast input does not queue up.
-"""
+"""The front end: all content of the viser page; `twin.ui.session` holds the state of the robots."""
 
 from __future__ import annotations
 
-import logging
 import threading
 import time
 from collections.abc import Callable
@@ -17,7 +12,6 @@ import numpy as np
 import viser
 
 from twin.core import spatial
-from twin.core.errors import TwinError
 from twin.core.spatial import Array
 from twin.ui.session import instruments, timeline
 from twin.ui.session.desk import Desk, Moved
@@ -26,11 +20,8 @@ from twin.ui.session.planner import Planner
 from twin.ui.session.timeline import Clock, Playback
 from twin.ui.session.trocars import rcm_at
 from twin.ui.viewer.fields import FieldNodes
+from twin.ui.viewer.loop import Loop
 from twin.ui.viewer.nodes import BLUE, RobotNodes
-from twin.ui.viewer.server import stop, tell
-
-FRAME = 1 / 60
-"""Duration in s of a display frame."""
 
 _READ = 0.1
 """Time in s between two readings; each reading redraws the panels."""
@@ -101,11 +92,10 @@ class Panels(Protocol):
     def close(self) -> None: ...  # noqa: D102
 
 
-class Front:
+class Front(Loop):
     """The page with one or more robots, of which one is active; created by `page.open_page`.
 
     Attributes:
-        server: the server of viser.
         actors: the robots in the given order; `hand` is the active robot, to which gizmo, sliders and readings refer.
         local: whether only this machine can open the page; only then sessions may be saved to disk.
         terminal: terminal for confirmations; without a terminal, a robot's files are never changed.
@@ -125,7 +115,8 @@ class Front:
         terminal: Terminal | None = None,
         feed: Feed | None = None,
     ) -> None:
-        self.server, self.title, self.actors, self.hand = server, title, actors, actors[0]
+        super().__init__(server, title, stopping)
+        self.actors, self.hand = actors, actors[0]
         self.local, self.terminal = local, terminal
         self.clock = Clock()
         self.feed, self._fields = feed, None if feed is None else FieldNodes(server, feed)
@@ -136,12 +127,8 @@ class Front:
         self.ghosts: dict[str, RobotNodes] = {}
         self.ghost_shown = False
         self.dragging = False
-        self.stopping = threading.Event() if stopping is None else stopping
-        self._wishes: dict[str, Callable[[], object]] = {}
-        self._lock = threading.Lock()
         self._plans: dict[str, Planner] = {}
-        self._last = self._looked = self.now = time.perf_counter()
-        self._stale = True
+        self._looked, self._stale = self.now, True
         self.after_frame: list[Callable[[], object]] = []
         for a in actors:
             self.nodes[a.name].place(a.T_world_base, a.scale)
@@ -154,54 +141,11 @@ class Front:
         self._grab_links()
         self.refresh()
 
-    # -- requests and the loop ------------------------------------------------------------------------
+    # -- the loop -------------------------------------------------------------------------------------
 
-    def ask(self, kind: str, wish: Callable[[], object]) -> None:
-        """Store a request for the loop; the request replaces an earlier one of the same kind."""
-        with self._lock:
-            self._wishes.pop(kind, None)
-            self._wishes[kind] = wish
-
-    def go_on(self, kind: str, move: Callable[[], Moved]) -> None:
-        """Store a request for a move, which continues in the next frame if it exceeds its time limit."""
-
-        def wish() -> None:
-            if move().more:
-                with self._lock:
-                    self._wishes.setdefault(kind, wish)
-
-        self.ask(kind, wish)
-
-    def wished(self, kind: str) -> bool:
-        """Return whether a request of this kind is waiting; if so, the slider of the request must not be changed."""
-        with self._lock:
-            return any(k.startswith(kind) for k in self._wishes)
-
-    def run(self) -> None:
-        """Solve and draw until `stop` is called or `stopping` is set."""
-        try:
-            while not self.stopping.is_set():
-                start = time.perf_counter()
-                self.step()
-                self.stopping.wait(max(0.001, FRAME - (time.perf_counter() - start)))
-        finally:
-            self.close()
-
-    def step(self) -> None:
-        """Handle requests, advance the clock, draw one frame, and update the readings periodically."""
-        now = time.perf_counter()
-        passed, self._last, self.now = now - self._last, now, now
-        with self._lock:
-            wishes, self._wishes = self._wishes, {}
-        for wish in wishes.values():
-            try:
-                wish()
-            except TwinError as error:
-                self.say(str(error), bad=True)
-            except Exception as error:  # an error in a request must not end the loop
-                logging.getLogger(__name__).exception("a wish failed")
-                self.say(f"internal error, {type(error).__name__}: {error}. Please report it.", bad=True)
-            self._stale = True
+    def frame(self, passed: float, wished: bool) -> None:
+        """Advance the clock, draw one frame, and update the readings periodically."""
+        self._stale |= wished
         self._take_plans()
         if self.clock.advance(passed):
             self.stand()
@@ -211,26 +155,21 @@ class Front:
             act()
         if self.terminal is not None:
             self.terminal.poll()
-        if now - self._looked >= _READ and (self._stale or self.clock.playing):
-            self._looked, self._stale = now, False
+        if self.now - self._looked >= _READ and (self._stale or self.clock.playing):
+            self._looked, self._stale = self.now, False
             self.refresh()
 
     def close(self) -> None:
         """Release processes, threads and the port."""
-        self.stopping.set()
         self.panels.close()
         for planner in self._plans.values():
             planner.close()
         self._plans.clear()
-        stop(self.server)
+        super().close()
 
-    def stop(self) -> None:
-        """End the loop."""
-        self.stopping.set()
-
-    def say(self, text: str, bad: bool = False) -> None:
-        """Show a notice in every browser."""
-        tell(self.server, self.title, text, bad)
+    def go_on(self, kind: str, move: Callable[[], Moved]) -> None:
+        """Store a request for a move, which continues in the next frame if it exceeds its time limit."""
+        self.repeat(kind, lambda: move().more)
 
     # -- robots ---------------------------------------------------------------------------------------
 

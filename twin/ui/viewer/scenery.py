@@ -18,10 +18,11 @@ from twin.ui.session.trocars import in_trocars, rcm_at
 from twin.ui.viewer import recording
 from twin.ui.viewer.front import Actor, Front
 from twin.ui.viewer.nodes import BLUE, ORANGE, RobotNodes
+from twin.ui.viewer.room import FIRST, OUTSIDE, corners, furnish
 
-VIEWS = ("overview", "front", "top", "along the shaft", "endoscope", "microscope")
-FIRST, ENDOSCOPE = 40, 70
-"""Angles of view in deg: initial, and for the endoscope view (a common laparoscope)."""
+VIEWS = (*OUTSIDE, "along the shaft", "endoscope", "microscope")
+ENDOSCOPE = 70
+"""Angle of view in deg of the endoscope view (a common laparoscope)."""
 
 _CUTS = ("none", "x", "y", "z")
 
@@ -31,28 +32,16 @@ class Scenery:
 
     def __init__(self, front: Front, props: Mechanism | None) -> None:
         self.front, self.scene = front, front.server.scene
-        scene = self.scene
-        corners = [front.nodes[a.name].to_world(c) for a in front.actors for c in _corners(front.nodes[a.name].box)]
+        found = [front.nodes[a.name].to_world(c) for a in front.actors for c in corners(front.nodes[a.name].box)]
         self.props: RobotNodes | None = None
         if props is not None:
             poses = ReferenceModel(props).home().link_poses
             self.props = RobotNodes(front.server, f"/{props.name}", props, poses)
-            corners += list(_corners(self.props.box))
-        low, high = np.min(corners, axis=0), np.max(corners, axis=0)
+            found += list(corners(self.props.box))
+        low, high = np.min(found, axis=0), np.max(found, axis=0)
         self.middle, self.size = 0.5 * (low + high), float(np.linalg.norm(high - low))
         floor = float(low[2]) if props is None else min(0.0, float(low[2]))
-        scene.set_up_direction("+z")
-        scene.configure_default_lights(False)
-        scene.configure_environment_map("studio", environment_intensity=0.25)
-        scene.add_light_directional("/light/key", intensity=1.7, position=(1.2, -0.9, 2.2), cast_shadow=True)
-        scene.add_light_directional("/light/fill", intensity=0.45, position=(-0.8, 1.6, 0.7))
-        cell = 0.1 if self.size > 0.4 else 0.02
-        at = (self.middle[0], self.middle[1], floor)
-        self.grid = scene.add_grid(
-            "/floor", 60 * cell, 60 * cell, cell_size=cell, section_size=5 * cell, position=at,
-            cell_color=(205, 211, 219), section_color=(186, 194, 204), shadow_opacity=0.3,
-            fade_distance=25 * cell, fade_from="origin",
-        )  # fmt: skip
+        self.grid = furnish(front.server, self.middle, self.size, floor)
         self._floor = floor
         self._patients: dict[str, RobotNodes] = {}
         self._patient_shown = False
@@ -64,9 +53,6 @@ class Scenery:
         self._cut: tuple[int, float] | None = None
         self._one = threading.Lock()
         self._cut_drawn: tuple | None = None
-        front.server.initial_camera.position = self.middle + self.size * np.array([1.0, -1.35, 0.6])
-        front.server.initial_camera.look_at = self.middle
-        front.server.initial_camera.fov = FIRST * DEG
 
     # -- the instrument -------------------------------------------------------------------------------
 
@@ -295,14 +281,8 @@ class Scenery:
         along /= np.linalg.norm(along)
         side = R / np.linalg.norm(R) if abs(along[2]) > 0.9 else up
         return {
-            "overview": (self.middle + self.size * np.array([1.0, -1.35, 0.6]), self.middle, up),
-            "front": (self.middle + self.size * np.array([1.5, 0.0, 0.1]), self.middle, up),
-            "top": (self.middle + self.size * np.array([0.0, -0.01, 1.5]), self.middle, up),
+            **{name: (self.middle + self.size * way, self.middle, up) for name, way in OUTSIDE.items()},
             "along the shaft": (p - 0.6 * size * along + 0.04 * size * side, p, side),
             "endoscope": (lens, sight, (above - lens) / np.linalg.norm(above - lens)),
             "microscope": (p + 0.25 * size * up + 0.05 * size * np.array([1.0, -1.0, 0]), p, up),
         }[view]
-
-
-def _corners(box: Array) -> Array:
-    return np.array([[box[i, 0], box[j, 1], box[k, 2]] for i in (0, 1) for j in (0, 1) for k in (0, 1)])

@@ -1,0 +1,414 @@
+"""The live console in the viewer: arrows, sliders and pedals lead the World of the scene as any other device does."""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from contextlib import contextmanager
+
+import numpy as np
+import pytest
+
+import twin
+from made import headset_page
+from made.headset_page import until
+from twin.cad.build import read_mechanism
+from twin.core import spatial
+from twin.core.errors import WorldError
+from twin.core.units import DEG, MM
+from twin.simulation.controllers.camera import Drag, Dragging, hands
+from twin.ui.session import console
+from twin.ui.session.console import HeldError, LiveConsole
+from twin.ui.session.pens import IDLE, ROLL, Pens
+from twin.ui.viewer.console import ARROWS, ConsoleFront, hand_text, status
+from twin.ui.viewer.server import serve
+
+pytestmark = pytest.mark.usefixtures("cad_once")
+ARMS = {"right": "psm1", "left": "psm2"}
+FRAME = 1 / 60
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return twin.load_scene("davinci")
+
+
+@pytest.fixture(scope="module")
+def robots(scene):
+    kinds = {name: twin.load(name) for name in {p.robot for p in scene.places}}
+    return {p.name: kinds[p.robot] for p in scene.places}
+
+
+class Desk:
+    """A live console with the pens of a page, and the time that passes."""
+
+    def __init__(self, scene, robots):
+        self.live = LiveConsole(scene, robots)
+        self.pens = Pens(self.live)
+        self.live.advance(FRAME)
+
+    def wait(self, seconds):
+        for _ in range(round(seconds / FRAME)):
+            self.pens.say(FRAME)
+            self.live.advance(FRAME)
+
+    def rest(self):
+        """Let time pass until nothing moves."""
+        for _ in range(100):
+            before = self.q()
+            self.wait(0.1)
+            if self.pens.settled and not moved(before, self.q()):
+                return
+        raise AssertionError("the robots do not come to rest")
+
+    def q(self):
+        return {n: self.live.world.signals[f"{n}.q"].copy() for n in ("psm1", "psm2", "ecm")}
+
+    def lead(self, hand, way=(0, 0, 0), turn=(0, 0, 0), client="page 1"):
+        """Drag the arrows of a hand by a way in m and a turn in rad, in the World."""
+        T = self.live.tool(hand)
+        to = spatial.pose(spatial.exp_so3(np.array(turn)) @ T[:3, :3], T[:3, 3] + way)
+        self.pens.lead(client, hand, T, to)
+        return to
+
+
+@pytest.fixture
+def desk(scene, robots, monkeypatch):
+    monkeypatch.setattr(console, "_BUDGET", np.inf)  # a busy machine does not make the World late
+    return Desk(scene, robots)
+
+
+def moved(before, after):
+    return {n for n, q in after.items() if not np.allclose(q, before[n], atol=1e-9, rtol=0)}
+
+
+# -- pens -------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("hand", ARMS)
+def test_a_tool_goes_where_its_arrows_are_dragged_and_nothing_else_moves(desk, hand):
+    before = desk.q()
+    to = desk.lead(hand, (0.006, -0.004, 0.008), (0.1, -0.05, 0.2))
+    desk.rest()
+    np.testing.assert_allclose(desk.live.tool(hand), to, atol=1e-9)
+    assert moved(before, desk.q()) == {ARMS[hand]}
+    desk.live.rescale("page 1", 0.1)
+    desk.wait(FRAME)
+    to = desk.lead(hand, (-0.006, 0.004, -0.008))
+    desk.rest()
+    np.testing.assert_allclose(desk.live.tool(hand), to, atol=1e-9)
+
+
+def test_a_far_drag_is_no_jump_and_as_fast_as_the_tool_may_be(desk):
+    to = desk.lead("right", (0.0, 0.0, 0.03))
+    at = [desk.live.tool("right")[:3, 3]]
+    for _ in range(60):
+        desk.wait(FRAME)
+        at.append(desk.live.tool("right")[:3, 3])
+    fastest = np.linalg.norm(np.diff(at, axis=0), axis=1).max()
+    np.testing.assert_allclose(desk.live.tool("right"), to, atol=1e-9)
+    assert fastest <= 0.5 * FRAME + 1 * MM
+    assert desk.live.reading["hands"]["right"]["jumps"] == 0
+
+
+def test_what_is_beyond_a_limit_is_told_and_nothing_is_left_to_go_back(desk, caplog):
+    before = desk.q()
+    with caplog.at_level(logging.WARNING):
+        desk.lead("right", 0.1 * desk.live.view[:3, 2])  # out of the patient
+        desk.rest()
+    wall = desk.live.reading["hands"]["right"]["wall"]
+    assert "is at its limit" in wall
+    assert f"psm1: {wall}" in caplog.text
+    assert status(desk.live.reading) == ("warn", f"psm1: {wall}")
+    assert hand_text(desk.live.reading, "right") == ("warn", f"Right hand: psm1 {wall}")
+    at = desk.q()
+    assert moved(before, at) == {"psm1"}
+    desk.pens.settle("right")
+    desk.rest()
+    assert np.abs(desk.q()["psm1"] - at["psm1"]).max() < 1e-4
+    assert desk.live.reading["hands"]["right"]["wall"] is None
+    to = desk.lead("right", -0.01 * desk.live.view[:3, 2])
+    desk.rest()
+    np.testing.assert_allclose(desk.live.tool("right")[:3, 3], to[:3, 3], atol=1e-6)
+
+
+def test_a_jaw_opens_by_parts_of_its_range(desk):
+    desk.pens.squeeze("page 1", "left", 0.5)
+    before = desk.q()
+    desk.rest()
+    assert desk.q()["psm2"][-1] == pytest.approx(40 * DEG, abs=1e-6)
+    assert moved({"psm2": before["psm2"][:-1]}, {"psm2": desk.q()["psm2"][:-1]}) == set()
+    assert moved(before, desk.q()) == {"psm2"}
+    desk.pens.squeeze("page 1", "left", 0.0)
+    desk.rest()
+    assert desk.q()["psm2"][-1] == pytest.approx(0.0, abs=1e-6)
+
+
+def test_under_the_clutch_arrows_move_freely_and_the_instruments_stand(desk):
+    desk.lead("right", (0.002, 0, 0))
+    desk.rest()
+    before = desk.q()
+    desk.pens.press("page 1", clutch=True)
+    desk.wait(0.1)
+    assert status(desk.live.reading) == ("good", "Clutch: the arrows move freely, the instruments stand.")
+    desk.lead("right", (0.02, 0, 0))
+    desk.wait(0.5)
+    desk.pens.press("page 1", clutch=False)
+    desk.rest()
+    assert moved(before, desk.q()) == set()
+    to = desk.lead("right", (0.0, 0.003, 0))
+    desk.rest()
+    np.testing.assert_allclose(desk.live.tool("right"), to, atol=1e-6)
+
+
+def test_with_the_camera_pedal_the_scene_goes_with_the_arrows(desk):
+    before, T = desk.q(), desk.live.view.copy()
+    desk.pens.press("page 1", camera=True)
+    desk.wait(0.1)
+    R, lever = T[:3, :3], Drag().lever
+    seen = np.linalg.solve(T, [*(T[:3, 3] - lever * T[:3, 2]), 1.0])  # a point of the scene, before the lens
+    p = T @ seen
+    desk.lead("left", R @ (0.004, 0.003, 0.0))
+    desk.rest()
+    assert moved(before, desk.q()) == {"ecm"}
+    shown = np.linalg.solve(desk.live.view, p)[:3] - seen[:3]
+    np.testing.assert_allclose(shown, (0.004, 0.003, 0.0), atol=0.6 * MM)
+    roll = desk.live.camera_at[3]
+    desk.lead("left", turn=0.2 * desk.live.view[:3, 2])
+    desk.rest()
+    assert desk.live.camera_at[3] == pytest.approx(roll - 0.2, abs=1e-6)
+
+
+def test_the_camera_goes_to_its_sliders_by_both_hands(desk):
+    wanted = desk.live.camera_at + np.array([5 * DEG, -4 * DEG, 6 * MM, 8 * DEG])
+    before = desk.q()
+    desk.pens.aim("page 1", wanted)
+    desk.rest()
+    np.testing.assert_allclose(desk.live.camera_at, wanted, atol=1e-6)
+    assert moved(before, desk.q()) == {"ecm"}
+    assert desk.live.reading["mode"] == "instruments"
+    desk.pens.aim("page 1", wanted + np.array([0, 0, 0, 9.0]))
+    desk.wait(0.1)
+    desk.pens.aim("page 1", wanted - np.array([0, 0, 0, 0.05]))  # another place, before the first is reached
+    desk.rest()
+    np.testing.assert_allclose(desk.live.camera_at, wanted - np.array([0, 0, 0, 0.05]), atol=1e-6)
+
+
+def test_where_the_hands_go_is_the_inverse_of_the_cameras_law():
+    rng, drag = np.random.default_rng(3), Drag(rate=(1e6,) * 4)
+    for _ in range(100):
+        at, wanted = rng.uniform(np.array(drag.lower) * 0.9, np.array(drag.upper) * 0.9, (2, 4))
+        right, left = rng.normal(size=(2, 3))
+        law = Dragging(at, 1e-3, drag)
+        law.step(right, left, True)
+        np.testing.assert_allclose(law.step(*hands(at, wanted, right, left, drag), True), wanted, atol=1e-9)
+
+
+def test_hands_are_let_go_after_a_while_and_taken_by_one_page_at_a_time(desk):
+    desk.lead("right", (0.002, 0, 0))
+    desk.wait(0.3)
+    assert desk.live.owner == "page 1"
+    assert status(desk.live.reading) == ("good", "page 1 leads psm1.")
+    with pytest.raises(HeldError, match="page 1 has the hands"):
+        desk.lead("left", (0.002, 0, 0), client="page 2")
+    desk.pens.press("page 1", clutch=True)
+    desk.wait(IDLE + 0.5)
+    assert desk.live.owner == "page 1", "a pedal is held"
+    desk.pens.press("page 1", clutch=False)
+    desk.wait(IDLE + 0.5)
+    assert desk.live.owner is None
+    assert status(desk.live.reading) == ("plain", "Nobody leads: nothing moves.")
+    before = desk.q()
+    to = desk.lead("left", (0.002, 0, 0), client="page 2")
+    desk.rest()
+    np.testing.assert_allclose(desk.live.tool("left"), to, atol=1e-9)
+    assert moved(before, desk.q()) == {"psm2"}
+
+
+def test_another_device_that_has_the_hands_is_left_alone(desk):
+    desk.lead("right", (0.002, 0, 0))
+    desk.wait(0.3)
+    desk.pens.say(FRAME)
+    desk.live.release("page 1")
+    desk.live.owner = "a pen"
+    desk.live.device._heard = [desk.live.world.t] * 2
+    desk.pens.say(FRAME)
+    assert desk.pens.client is None
+    assert desk.live.owner == "a pen"
+
+
+def test_silence_and_a_world_that_fails_are_told(desk, monkeypatch):
+    desk.lead("right", (0.002, 0, 0))
+    desk.wait(0.3)
+    for _ in range(30):
+        desk.live.advance(FRAME)
+    assert status(desk.live.reading) == ("warn", "Nothing is heard of page 1: nothing moves.")
+
+    def fail(ticks):
+        raise WorldError("signal 'psm1.q' is not finite at t = 1.000 s")
+
+    monkeypatch.setattr(desk.live.world, "step", fail)
+    desk.live.advance(FRAME)
+    tone, text = status(desk.live.reading)
+    assert tone == "bad"
+    assert "psm1.q" in text
+    desk.live.advance(FRAME)
+    assert ROLL > 4 * DEG
+
+
+# -- the page ---------------------------------------------------------------------------------------------------------
+
+
+@contextmanager
+def fronted(scene, robots, props=None):
+    front = ConsoleFront("test", scene, robots, props, serve("test", "127.0.0.1", 0))
+    try:
+        yield front
+    finally:
+        front.close()
+
+
+@pytest.fixture(scope="module")
+def front(scene, robots):
+    with pytest.MonkeyPatch.context() as patch, fronted(scene, robots) as front:
+        patch.setattr(console, "_BUDGET", np.inf)
+        yield front
+
+
+def go_on(front, until, seconds=20.0):
+    """Let frames pass, each of which finds that the same time has passed since the last one, until something holds."""
+    for _ in range(round(seconds / FRAME)):
+        front._last = time.perf_counter() - FRAME
+        front.step()
+        if until():
+            return
+    raise AssertionError(status(front.console.reading))
+
+
+def drag(front, hand, way, ended=True):
+    T = front._at[hand].copy()
+    T[:3, 3] += way
+    front.ask(hand, lambda: front._lead(hand, "page 1", T, ended))
+    return T
+
+
+def test_views_look_at_the_tools_and_through_the_endoscope(front):
+    for view in ("close", "overview"):
+        eye, at, _ = front.camera(view)
+        assert np.linalg.norm(eye - at) > 0.3
+    eye, at, up = front.camera("endoscope")
+    tips = np.array([front.console.tool(hand)[:3, 3] for hand in ARMS])
+    along = (at - eye) / np.linalg.norm(at - eye)
+    assert ((tips - eye) @ along > 0.02).all()
+    assert up @ along == pytest.approx(0, abs=1e-12)
+
+
+def test_arrows_lead_a_tool_and_come_back_to_it(front):
+    drag(front, "right", (0.001, 0.0, 0.0), ended=False)
+    T = drag(front, "right", (0.004, 0.002, 0.0), ended=False)
+    go_on(front, lambda: np.allclose(front.console.tool("right"), T, atol=1e-8))
+    poses = front.console.world.frame().link_poses["psm1"]
+    for body in front.console.members["psm1"].mechanism.bodies:
+        node = front.nodes["psm1"].bodies[body.name]
+        np.testing.assert_allclose(np.asarray(node.position), poses[body.name][:3, 3], atol=1e-7)
+    drag(front, "right", 0.1 * front.console.view[:3, 2])  # out of the patient: beyond a limit
+    go_on(front, lambda: front.console.reading["hands"]["right"]["wall"])
+    assert "is at its limit" in front._status.content
+    go_on(front, lambda: not front.console.reading["hands"]["right"]["wall"] and not front._left_to_settle)
+    go_on(front, lambda: np.allclose(front.arrows["right"].position, front.console.tool("right")[:3, 3], atol=1e-6))
+
+
+def test_controls_show_what_holds_in_the_world(front):
+    front.ask("scale", lambda: front.console.rescale("page 1", 0.8))
+    go_on(front, lambda: front._scale.value == 0.8)
+    at = front.console.camera_at + np.array([0, 0, 5 * MM, 0])
+    front.ask("aim", lambda: front.pens.aim("page 1", at))
+    go_on(front, lambda: not front.pens.aims and abs(front._camera[2].value - at[2] / MM) < 0.3)
+    front.ask("pedal", lambda: front.pens.press("page 1", clutch=True))
+    go_on(front, lambda: front._clutch.value and "instruments stand" in front._status.content)
+    front.ask("let go", front.pens.release)
+    go_on(front, lambda: not front._clutch.value and "Nobody leads" in front._status.content)
+
+
+def test_a_page_that_is_refused_is_told_once_and_its_arrows_go_back(front, monkeypatch):
+    said = []
+    monkeypatch.setattr("twin.ui.viewer.loop.tell", lambda server, title, text, bad: said.append(text))
+    go_on(front, lambda: front._rested > 0.3)
+    front.pens.use("page 7")
+    go_on(front, lambda: front.console.owner == "page 7")
+    for _ in range(3):
+        drag(front, "left", (0.01, 0, 0))
+        go_on(front, lambda: True)
+    assert said == ["page 7 has the hands of the console; wait until it lets go"]
+    go_on(front, lambda: np.allclose(front.arrows["left"].position, front.console.tool("left")[:3, 3], atol=1e-9))
+    front.pens.release()
+
+
+# -- in Chromium ------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def chromium():
+    yield from headset_page.chromium()
+
+
+@pytest.fixture(scope="module")
+def look(chromium, scene, robots):
+    from test_viewer_page import Looker
+
+    props = read_mechanism(scene.props, with_mass=False).mechanism
+    front = ConsoleFront("twin · davinci", scene, robots, props, serve("davinci", "127.0.0.1", 0))
+    thread = threading.Thread(target=front.run)
+    thread.start()
+    try:
+        look = Looker(chromium, front, tab=None)
+        yield look
+        assert look.errors == []
+    finally:
+        front.stop()
+        thread.join(30)
+
+
+@pytest.mark.browser
+def test_the_mouse_drags_an_instrument_by_its_arrows(look):
+    front = look.front
+    T, ecm = front.console.tool("right"), front.console.world.signals["ecm.q"]
+    p, axis = T[:3, 3], T[:3, 0]
+    x, y = look.at(p)
+    there = np.array(look.at(p + 0.03 * axis)) - (x, y)
+    along = there / np.linalg.norm(there)
+    start = np.array([x, y]) + 0.6 * ARROWS * along
+    look.drag(start, start + 25 * along)
+    until(lambda: np.linalg.norm(front.console.tool("right")[:3, 3] - p) > 2 * MM, "the instrument follows")
+    until(lambda: not front._left_to_settle, "the arrows are back")
+    step = front.console.tool("right")[:3, 3] - p
+    assert step @ axis > 0.95 * np.linalg.norm(step), "along the arrow"
+    assert np.array_equal(front.console.world.signals["ecm.q"], ecm)
+
+
+@pytest.mark.browser
+def test_a_slider_opens_a_jaw_and_a_pedal_is_pressed(look):
+    front = look.front
+    field = look.field("left jaw")
+    field.fill("50")
+    field.press("Enter")
+    until(lambda: abs(front.console.world.signals["psm2.q"][-1] - 40 * DEG) < 1e-6, "the jaw")
+    look.page.locator("label", has_text="clutch").click()
+    until(lambda: front.console.reading["mode"] == "nothing", "the clutch")
+    look.page.get_by_text("the instruments stand").first.wait_for()
+    look.page.get_by_role("button", name="Let go").click()
+    until(lambda: front.console.owner is None, "the hands are free")
+    look.page.get_by_text("Nobody leads").first.wait_for()
+
+
+@pytest.mark.browser
+def test_the_picture_goes_with_the_endoscope(look):
+    front = look.front
+    look.page.get_by_role("button", name="endoscope").click()
+    until(lambda: np.allclose(look.clients[0].camera.position, front.console.view[:3, 3], atol=1e-4), "the endoscope")
+    field = look.field("pan")
+    field.fill("6")
+    field.press("Enter")
+    until(lambda: abs(front.console.camera_at[0] - 6 * DEG) < 1e-6, "the pan")
+    until(lambda: np.allclose(look.clients[0].camera.position, front.console.view[:3, 3], atol=1e-4), "the picture")

@@ -1,0 +1,271 @@
+"""A scene under its console, live: a World stepped in real time, one client whose hands lead, and what is said of both.
+
+The hands of a client become states of the input device `GivenHands`. Silence, jumps and limits are reported in the
+state and in the log. Web pages and viewer use this class and differ in how hands arrive and poses are drawn.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+import time
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from twin.api import Robot
+from twin.core import spatial
+from twin.core.errors import TwinError
+from twin.core.spatial import Array
+from twin.core.units import DEG, MM
+from twin.model.scene import Scene
+from twin.simulation import console_scene
+from twin.simulation.console_scene import HANDS, Member
+from twin.simulation.controllers.camera import Drag
+from twin.simulation.controllers.pedals import CAMERA, FREE, TOOLS
+from twin.simulation.devices.given import GivenHands, HandState
+from twin.simulation.world import Block
+
+_BUDGET, _CHUNK = 0.012, 4
+"""Maximum real time in s for steps of the World per call; number of steps between two checks of this time."""
+
+_OWED = 0.1
+"""Maximum delay in s of the World; a larger delay is dropped, so that the World runs slower than real time."""
+
+_STUCK = 30.0
+"""Time in s for which a pedal is pressed before it is reported, because it may be stuck (ASSUMED)."""
+
+_WALL = (0.5 * MM, 1 * DEG)
+"""Minimum distance in m and angle in rad between goal and tool at which a joint limit is reported."""
+
+
+class HeldError(TwinError):
+    """Another client has the hands."""
+
+
+class LiveConsole:
+    """The robots of a scene, controlled by its console in real time.
+
+    Attributes:
+        scene: the scene.
+        world: the World.
+        device: the input device, which receives the hands of a client.
+        owner: identifier of the client whose hands control the robots; None: no client.
+        members: mechanism and equations of each robot.
+        reading: the last state: controlled arms, arms at a limit, and the reason if nothing moves.
+    """
+
+    def __init__(
+        self, scene: Scene, robots: Mapping[str, Robot], device: GivenHands | None = None, watch: Block | None = None
+    ) -> None:
+        """Create the World with the robots at the places of the scene.
+
+        Args:
+            scene: the scene.
+            robots: robots by the names of their places.
+            device: the input device; None: `GivenHands`.
+            watch: see `World`.
+
+        Raises:
+            TwinError: the scene has no console, or the console does not match its robots.
+        """
+        if scene.console is None:
+            raise TwinError(f"scene '{scene.name}' has no console: add the table [console] to {scene.file.name}")
+        self.scene, self.table = scene, scene.console
+        self.device = device or GivenHands(console_scene.PEDALS, HANDS, self.table.scale)
+        self.members = {n: Member(r.mechanism, r.kinematics()) for n, r in robots.items()}
+        self.world = console_scene.world(scene, self.members, self.device, records=False, watch=watch)
+        self.owner: str | None = None
+        self._places = {p.name: p for p in scene.places}
+        self._camera = scene.cameras[self.table.camera].robot
+        self._owed, self._rate, self._stopped, self._pressed = 0.0, 1.0, "", 0.0
+        self.reading = self._read()
+
+    # -- time -----------------------------------------------------------------------------------------
+
+    def advance(self, passed: float) -> list[str]:
+        """Step the World by the real time in s that has passed; return messages for all clients, which are also logged.
+
+        If the machine is too slow, the World runs slower than real time. If the World fails, it stands from then on.
+        """
+        if not self._stopped and passed > 0:
+            self._step(passed)
+        return self._tell(self._read())
+
+    def _step(self, passed: float) -> None:
+        dt, end = self.world.dt, time.monotonic() + _BUDGET
+        self._owed += passed
+        wanted = done = int(self._owed / dt + 1e-6)
+        try:
+            while done > 0:
+                n = min(done, _CHUNK)
+                self._before_steps(math.ceil(done / _CHUNK), n * dt)
+                self.world.step(n)
+                done -= n
+                if time.monotonic() > end:
+                    break
+        except TwinError as error:
+            self._stopped = str(error)
+            logging.getLogger(__name__).error("the World has stopped: %s", error)
+        self._after_steps(done > 0)
+        self._owed = min(self._owed - (wanted - done) * dt, _OWED)
+        share = min(1.0, passed) * 0.5
+        self._rate += share * ((wanted - done) * dt / passed - self._rate)
+
+    def _before_steps(self, parts: int, dt: float) -> None:
+        """Prepare steps of the World, which take dt in s; `parts`: number of such groups of steps that are left."""
+
+    def _after_steps(self, behind: bool) -> None:
+        """Finish a call of `advance`; `behind`: whether the machine was too slow for all steps."""
+
+    # -- hands ----------------------------------------------------------------------------------------
+
+    def give(self, client: str, right: HandState, left: HandState) -> None:
+        """Pass in the hands of a client.
+
+        Raises:
+            HeldError: another client has the hands.
+        """
+        self.own(client)
+        self.device.give(right)
+        self.device.give(left)
+
+    def own(self, client: str) -> None:
+        """Make a client the owner of the hands.
+
+        Raises:
+            HeldError: another client has the hands.
+        """
+        self.require_free(client)
+        if self.owner != client:
+            self.device.leave()
+            self.owner = client
+
+    @property
+    def silent(self) -> bool:
+        """Whether a hand is silent."""
+        return any(self.device.silent(hand, self.world.t) for hand in (0, 1))
+
+    def rescale(self, client: str, scale: float) -> None:
+        """Set the motion scale.
+
+        Raises:
+            HeldError: another client has the hands.
+        """
+        self.require_free(client)
+        self.device.rescale(scale)
+
+    def release(self, client: str) -> None:
+        """End the control by this client's hands, if this client has control."""
+        if self.owner == client:
+            self.owner = None
+            self.device.leave()
+
+    def require_free(self, client: str) -> None:
+        """Raise if another client has the hands and is not silent.
+
+        Raises:
+            HeldError: another client has the hands.
+        """
+        if self.owner not in (None, client) and not self.silent:
+            raise HeldError(f"{self.owner} has the hands of the console; wait until it lets go")
+
+    # -- state ----------------------------------------------------------------------------------------
+
+    def arm(self, hand: str) -> str:
+        """Return the name of the robot that a hand ("right" or "left") leads now."""
+        arms = getattr(self.table, hand)
+        return arms[int(self.world.signals["console.taps"][0]) % len(arms)]
+
+    def tool(self, hand: str) -> Array:
+        """Return the present pose (4, 4) in the World of the tool that a hand leads."""
+        name = self.arm(hand)
+        q, goal = self.world.signals[f"{name}.q"], self.world.signals[f"{name}.goal"].reshape(4, 4)
+        return self._places[name].T_world_base @ self.members[name].kin.forward(q, goal)
+
+    def goal(self, hand: str) -> Array:
+        """Return the commanded pose (4, 4) in the World of the tool that a hand leads."""
+        name = self.arm(hand)
+        return self._places[name].T_world_base @ self.world.signals[f"{name}.goal"].reshape(4, 4)
+
+    @property
+    def view(self) -> Array:
+        """Pose (4, 4) of the endoscope's picture in the World: x right, y up, z out of the picture."""
+        return self.world.signals[f"{self._camera}.view"].reshape(4, 4)
+
+    @property
+    def camera_at(self) -> Array:
+        """Present pan, tilt, depth and roll (4,) of the camera, in rad and m."""
+        return self.world.signals[f"{self._camera}.at"]
+
+    def _read(self) -> dict[str, Any]:
+        signals = self.world.signals
+        mode = float(signals["console.mode"][0])
+        silent, t = bool(signals[f"{console_scene.PEDALS}.silent"][0]), self.world.t
+        if mode == TOOLS or silent:
+            self._pressed = t
+        hands = {}
+        for hand in HANDS:
+            arm = self.arm(hand)
+            follows = bool(signals[f"{arm}.follows"][0])
+            wall = self._wall(arm) if follows else None
+            jumps = int(sum(signals[f"{a}.jumps"][0] for a in getattr(self.table, hand)))
+            hands[hand] = {"robot": arm, "follows": follows, "wall": wall, "jumps": jumps}
+        return {
+            "owner": self.owner,
+            "heard": self.device.heard,
+            "silent": silent,
+            "mode": "nothing" if mode == FREE else "camera" if mode == CAMERA else "instruments",
+            "scale": float(signals[f"{console_scene.PEDALS}.scale"][0]),
+            "hands": hands,
+            "camera": self._camera_wall() if mode == CAMERA else None,
+            "pedal": None if mode == TOOLS or silent or t - self._pressed < _STUCK else _stuck(mode),
+            "rate": round(self._rate, 1),
+            "stopped": self._stopped or None,
+        }
+
+    def _wall(self, name: str) -> str | None:
+        """Return a text on the joint limit that prevents an arm from reaching its goal; None if there is none."""
+        member, signals = self.members[name], self.world.signals
+        q, goal = signals[f"{name}.q"], signals[f"{name}.goal"].reshape(4, 4)
+        T = member.kin.forward(q, goal)
+        way = float(np.linalg.norm(goal[:3, 3] - T[:3, 3]))
+        if way < _WALL[0] and float(spatial.rotation_angle(goal[:3, :3] @ T[:3, :3].T)) < _WALL[1]:
+            return None
+        for k, joint in enumerate(member.mechanism.active):
+            low, high = joint.limits or (-np.inf, np.inf)
+            if not member.kin.auxiliary[k] and (q[k] - low < 1e-6 or high - q[k] < 1e-6):
+                shown, unit = (q[k] / DEG, "°") if joint.is_angle else (q[k] / MM, " mm")
+                return f"{joint.name} is at its limit, {shown:.0f}{unit}"
+        return None
+
+    def _camera_wall(self) -> str | None:
+        at, drag = self.camera_at, Drag()
+        names, units = ("pan", "tilt", "depth", "roll"), (DEG, DEG, MM, DEG)
+        for k, (name, unit) in enumerate(zip(names, units, strict=True)):
+            if at[k] - drag.lower[k] < 1e-9 or drag.upper[k] - at[k] < 1e-9:
+                return f"{name} is at its limit, {at[k] / unit:.0f}{'°' if unit == DEG else ' mm'}"
+        return None
+
+    def _tell(self, new: dict[str, Any]) -> list[str]:
+        """Set the new state; log silence, jumps and limits; return the jumps, which the state does not show."""
+        old, self.reading = self.reading, new
+        log, said = logging.getLogger(__name__), []
+        if new["silent"] and not old["silent"]:
+            log.warning("nothing was heard of the hands for %g s: nothing moves", self.device.patience)
+        if new["pedal"] and not old["pedal"]:
+            log.warning("%s", new["pedal"])
+        for hand, now in new["hands"].items():
+            before = old["hands"][hand]
+            if now["jumps"] > before["jumps"]:
+                said.append(f"the {hand} hand jumped: {now['robot']} stands, and follows from there")
+                log.warning("%s", said[-1])
+            if now["wall"] and now["wall"] != before["wall"]:
+                log.warning("%s: %s", now["robot"], now["wall"])
+        return said
+
+
+def _stuck(mode: float) -> str:
+    which = "camera" if mode == CAMERA else "clutch"
+    return f"the {which} pedal has been pressed for {_STUCK:g} s: release it if it is stuck"

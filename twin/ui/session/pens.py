@@ -1,0 +1,266 @@
+"""Two handles that a page moves by what it has, gizmos and sliders: they become the hands of a `LiveConsole`.
+
+A handle is at a pose in {H}, the axes of the endoscope's picture. What a page asks for is a displacement of the tool,
+an opening of the gripper, or a place of the camera; here this becomes a motion of the handles that the console takes
+for that of a person: in steps that are no jumps, and only once the tool follows.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from twin.core import spatial
+from twin.core.spatial import Array
+from twin.core.units import DEG
+from twin.simulation.console_scene import HANDS
+from twin.simulation.controllers import camera
+from twin.simulation.controllers.camera import Drag
+from twin.simulation.controllers.following import SCALE
+from twin.simulation.controllers.jaw import Grip
+from twin.simulation.devices.given import HandState
+from twin.ui.session.console import HeldError, LiveConsole
+
+STEP, TURN = 0.02, 0.3
+"""Largest motion of a handle in one call of `say`, in m and rad: a larger one in one tick counts as a jump."""
+
+SQUEEZE = 4.0
+"""Largest rate of a gripper in rad/s."""
+
+ROLL = 5 * DEG
+"""Rotation of a handle about its axis that shows that a person holds it; the start condition asks for 4 deg."""
+
+IDLE = 5.0
+"""Time in s without any use, after which other clients may have the hands."""
+
+
+@dataclass
+class Pen:
+    """One handle.
+
+    Attributes:
+        p, R: (3,) position in m and (3, 3) attitude in {H} to reach.
+        grip: angle of the gripper in rad to reach.
+        at, turned, gripped: the same, as they were last given to the console.
+        used: whether it was moved since the client has the hands.
+        rolled: sequence number of the state that shows that a person holds it.
+    """
+
+    p: Array
+    R: Array = field(default_factory=lambda: np.eye(3))
+    grip: float = 0.0
+    at: Array = field(default_factory=lambda: np.zeros(3))
+    turned: Array = field(default_factory=lambda: np.eye(3))
+    gripped: float = 0.0
+    used: bool = False
+    rolled: int = -1
+
+    def __post_init__(self) -> None:
+        self.at = self.p.copy()
+
+    @property
+    def arrived(self) -> bool:
+        """Whether the console was given all that was asked for."""
+        return bool((self.p == self.at).all() and (self.turned == self.R).all() and self.grip == self.gripped)
+
+    def rest(self) -> None:
+        """Forget what was asked for and not yet given."""
+        self.p, self.R, self.grip = self.at.copy(), self.turned.copy(), self.gripped
+
+    def next(self, seconds: float) -> None:
+        """Go on towards what is asked for, by at most `STEP`, `TURN` and `SQUEEZE`."""
+        way = self.p - self.at
+        length = float(np.linalg.norm(way))
+        self.at = self.p.copy() if length <= STEP else self.at + way * (STEP / length)
+        turn = spatial.log_so3(self.R @ self.turned.T)
+        angle = float(np.linalg.norm(turn))
+        self.turned = self.R.copy() if angle <= TURN else spatial.exp_so3(turn * (TURN / angle)) @ self.turned
+        off, most = self.grip - self.gripped, SQUEEZE * seconds
+        self.gripped = self.grip if abs(off) <= most else self.gripped + float(np.copysign(most, off))
+
+
+@dataclass
+class _Aim:
+    """A place that the camera is to reach, and where camera and hands were when the pedal took effect."""
+
+    wanted: Array
+    at: Array | None = None
+    right: Array = field(default_factory=lambda: np.zeros(3))
+    left: Array = field(default_factory=lambda: np.zeros(3))
+
+
+class Pens:
+    """Both handles and the pedals of one page.
+
+    Attributes:
+        clutch, camera: whether the pedals are pressed.
+        client: identifier of the client who uses the hands; None: no client.
+        pens: handles by hand.
+    """
+
+    def __init__(self, console: LiveConsole) -> None:
+        """Put the handles beside each other; nobody uses them yet."""
+        self.console = console
+        self.clutch = self.camera = False
+        self.client: str | None = None
+        self.pens = {hand: Pen(np.array([x, 0.0, 0.0])) for hand, x in zip(HANDS, (0.08, -0.08), strict=True)}
+        self._number = self._first = 0
+        self._idle = 0.0
+        self._aim: _Aim | None = None
+        self._drag = Drag()
+
+    # -- what a client does ---------------------------------------------------------------------------
+
+    def use(self, client: str) -> None:
+        """Take the hands for a client, or keep them.
+
+        Raises:
+            HeldError: another client has the hands.
+        """
+        if self.client not in (None, client):
+            self.console.require_free(client)
+            self.release()
+        if self.client is None:
+            self.console.require_free(client)
+            self.client, self._first = client, self._number
+            for pen in self.pens.values():
+                pen.used, pen.rolled = False, -1
+        self._idle = 0.0
+
+    def release(self) -> None:
+        """Release the hands and the pedals; motion that was not yet given to the console is forgotten."""
+        if self.client is not None:
+            self.console.release(self.client)
+        self.client, self._aim, self.clutch, self.camera = None, None, False, False
+        for pen in self.pens.values():
+            pen.rest()
+
+    def press(self, client: str, *, clutch: bool | None = None, camera: bool | None = None) -> None:
+        """Press or release pedals; None: as it is.
+
+        Raises:
+            HeldError: another client has the hands.
+        """
+        self.use(client)
+        self._aim = None
+        self.clutch = self.clutch if clutch is None else clutch
+        self.camera = self.camera if camera is None else camera
+
+    def lead(self, client: str, hand: str, T_old: Array, T_new: Array) -> None:
+        """Move a hand so that its tool moves as from T_old to T_new, both (4, 4) in the World.
+
+        While the camera pedal is pressed, both hands move, so that the scene before the lens moves so in the picture.
+
+        Raises:
+            HeldError: another client has the hands.
+        """
+        self.use(client)
+        self._aim = None
+        self._shift(hand, T_old, T_new)
+
+    def squeeze(self, client: str, hand: str, part: float) -> None:
+        """Open a gripper by a part of the range of the jaw, 0 (closed) to 1.
+
+        Raises:
+            HeldError: another client has the hands.
+        """
+        self.use(client)
+        pen = self.pens[hand]
+        pen.used, pen.grip = True, Grip().travel * float(np.clip(part, 0, 1))
+
+    def aim(self, client: str, wanted: Array) -> None:
+        """Bring the camera to pan, tilt, depth and roll (4,) in rad and m, within its limits, by both hands.
+
+        Raises:
+            HeldError: another client has the hands.
+        """
+        self.use(client)
+        wanted = np.clip(np.asarray(wanted, float), self._drag.lower, self._drag.upper)
+        if self._aim is None:
+            self._aim = _Aim(wanted)
+        self._aim.wanted = wanted
+
+    # -- what the console is given --------------------------------------------------------------------
+
+    @property
+    def aims(self) -> bool:
+        """Whether the camera is on its way to where `aim` wants it."""
+        return self._aim is not None
+
+    @property
+    def settled(self) -> bool:
+        """Whether all that was asked for was given to the console."""
+        return self._aim is None and all(p.arrived for p in self.pens.values())
+
+    def say(self, passed: float) -> None:
+        """Give the state of hands and pedals to the console; `passed` is the time in s since the last call.
+
+        After `IDLE` without use, and without a pressed pedal, the hands are released.
+        """
+        if self.client is None:
+            return
+        self._idle += passed
+        if self._idle > IDLE and self.settled and not (self.clutch or self.camera):
+            self.release()
+            return
+        reading = self.console.reading
+        if self._aim is not None:
+            self._towards_aim(self._aim, reading["mode"])
+        leads = reading["owner"] == self.client and not reading["silent"] and reading["mode"] == "instruments"
+        pedal = self.clutch or self.camera or self._aim is not None
+        for hand, pen in self.pens.items():
+            follows = bool(reading["hands"][hand]["follows"])
+            if pedal or follows or not pen.used:
+                pen.next(passed)
+            elif leads and reading["heard"] >= max(self._first, pen.rolled):
+                # The tool keeps its attitude when it starts to follow, so that this rotation moves nothing.
+                roll = spatial.rotation_z(ROLL)
+                pen.rolled, pen.turned, pen.R = self._number, pen.turned @ roll, pen.R @ roll
+        camera_pedal = self.camera or self._aim is not None
+        states = [
+            HandState(k, self.clutch, camera_pedal, self._number, spatial.pose(pen.turned, pen.at), pen.gripped)
+            for k, pen in enumerate(self.pens[hand] for hand in HANDS)
+        ]
+        self._number = (self._number + 1) % 2**32
+        try:
+            self.console.give(self.client, *states)
+        except HeldError:  # another device has taken the hands
+            self.release()
+
+    def settle(self, hand: str) -> None:
+        """Bring a hand that is beyond what its arm can reach back to the tool, so that nothing is left to go back."""
+        if self.client is None or not self.console.reading["hands"][hand]["follows"]:
+            return
+        goal, tool = self.console.goal(hand), self.console.tool(hand)
+        if not np.allclose(goal, tool, rtol=0, atol=1e-9):
+            self._shift(hand, goal, tool)
+
+    def _shift(self, hand: str, T_old: Array, T_new: Array) -> None:
+        R = self.console.view[:3, :3]
+        way, turn = R.T @ (T_new[:3, 3] - T_old[:3, 3]), R.T @ T_new[:3, :3] @ T_old[:3, :3].T @ R
+        if self.camera and not self.clutch:
+            right, left = (self.pens[h] for h in HANDS)
+            middle, half = (right.p + left.p) / 2 + way / self._drag.scale, (right.p - left.p) / 2
+            half = spatial.rotation_z(spatial.angle_about_z(turn)) @ half
+            right.p, left.p = middle + half, middle - half
+            return
+        pen = self.pens[hand]
+        scale = float(np.clip(self.console.reading["scale"], *SCALE))
+        pen.used, pen.p = True, pen.p + way / scale
+        pen.R = spatial.matrix_from_quat_wxyz(spatial.quat_from_matrix_wxyz(turn @ pen.R))  # no rounding adds up
+
+    def _towards_aim(self, aim: _Aim, mode: str) -> None:
+        right, left = (self.pens[h] for h in HANDS)
+        now = self.console.camera_at
+        if aim.at is None:
+            if mode != "camera":
+                for pen in (right, left):
+                    pen.rest()  # the hands are still until the pedal has taken effect
+                return
+            aim.at, aim.right, aim.left = now.copy(), right.at.copy(), left.at.copy()
+        right.p, left.p = camera.hands(aim.at, aim.wanted, aim.right, aim.left, self._drag)
+        if np.allclose(now, aim.wanted, rtol=0, atol=1e-7):
+            self._aim = None
+            for pen in (right, left):
+                pen.rest()

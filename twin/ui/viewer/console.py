@@ -1,0 +1,356 @@
+"""The page of a scene that is led from its console: the same live World as that of `twin serve`, with viser's controls.
+
+Arrows at both tools, sliders and pedals move two handles (`twin.ui.session.pens`); these are the input of the World
+(`twin.ui.session.console`).
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Mapping
+from html import escape
+from typing import Any
+
+import numpy as np
+import viser
+
+from twin.api import Robot
+from twin.core import spatial
+from twin.core.spatial import Array
+from twin.core.units import DEG, MM
+from twin.model.mechanism import Mechanism
+from twin.model.scene import Scene
+from twin.reference import ReferenceModel
+from twin.simulation.console_scene import HANDS
+from twin.simulation.controllers.camera import Drag
+from twin.simulation.controllers.following import SCALE
+from twin.simulation.controllers.jaw import Grip
+from twin.ui.session.console import LiveConsole
+from twin.ui.session.pens import Pens
+from twin.ui.viewer.loop import Loop
+from twin.ui.viewer.nodes import RobotNodes
+from twin.ui.viewer.room import FIRST, OUTSIDE, corners, furnish
+
+ARROWS = 90.0
+"""Size of the arrows at a tool in pixels, at every distance."""
+
+CLOSE = np.array([0.15, -0.26, 0.2])
+"""From the tools to the camera of the view "close", in m."""
+
+AWAY = 0.7
+"""Part of the usual distance for the views from outside: the scene is wide and low."""
+
+FAR, CAVITY = 100.0, 0.4
+"""Distance in m up to which the room is drawn, and the view of the endoscope, which shows the cavity alone."""
+
+STILL = 1e-9
+"""Motion of a joint in rad or m below which nothing has moved: an arm at a limit may jitter by rounding."""
+
+RESTS = 0.2
+"""Time in s for which nothing has moved, after which arrows and hands go to where the tools are."""
+
+TOUCHED = 0.7
+"""Time in s after a change by a person, in which a control is not set to the value that it has in the World."""
+
+_CAMERA = (("pan [°]", DEG, 0.5), ("tilt [°]", DEG, 0.5), ("depth [mm]", MM, 0.5), ("roll [°]", DEG, 0.5))
+_TONES = {"good": "#1f8a55", "warn": "#c77700", "bad": "#d62f2f", "plain": "inherit"}
+_HELP = """Drag the arrows at an instrument: it follows. The rings turn it. With the pedal **camera**, the arrows drag
+what the endoscope sees; with the pedal **clutch**, they move freely and the instruments stand."""
+
+
+class ConsoleFront(Loop):
+    """The page of a scene with a console.
+
+    Attributes:
+        console: the World and its hands.
+        pens: the handles that this page moves.
+        nodes: scene nodes of each robot.
+        arrows: transform controls at the tool of each hand.
+    """
+
+    def __init__(
+        self,
+        title: str,
+        scene: Scene,
+        robots: Mapping[str, Robot],
+        props: Mechanism | None,
+        server: viser.ViserServer,
+        stopping: threading.Event | None = None,
+    ) -> None:
+        """Create World and page.
+
+        Args:
+            title: title of the page.
+            scene: a scene with a console.
+            robots: robots by name of their place.
+            props: mechanism of the props; None: no props.
+            server: the server of viser.
+            stopping: set when the page shall end.
+
+        Raises:
+            TwinError: the scene has no console, or the console does not match its robots.
+        """
+        super().__init__(server, title, stopping)
+        self.console = LiveConsole(scene, robots)
+        self.pens = Pens(self.console)
+        self._view_angle = scene.cameras[self.console.table.camera].view_deg * DEG
+        poses = self.console.world.frame().link_poses
+        self.nodes = {n: RobotNodes(server, f"/{n}", m.mechanism, poses[n]) for n, m in self.console.members.items()}
+        boxes = [n.box for n in self.nodes.values()]
+        self.props: RobotNodes | None = None
+        if props is not None:
+            self.props = RobotNodes(server, f"/{props.name}", props, ReferenceModel(props).home().link_poses)
+            boxes.append(self.props.box)
+        found = np.concatenate([corners(b) for b in boxes])
+        low, high = found.min(axis=0), found.max(axis=0)
+        self._middle, self._size = 0.5 * (low + high), float(np.linalg.norm(high - low))
+        furnish(server, self._middle, self._size, min(0.0, float(low[2])))
+        self._shown = self._row()
+        self._rested = 0.0
+        self._left_to_settle: set[str] = set()
+        self._at = {hand: self.console.tool(hand) for hand in HANDS}
+        self._dragged: set[str] = set()
+        self._touched: dict[str, float] = {}
+        self._through: set[int] = set()
+        self._viewed = np.zeros((4, 4))
+        self.arrows = {hand: self._arrows(hand) for hand in HANDS}
+        self._panel()
+        eye, at, _ = self.camera("close")
+        server.initial_camera.position, server.initial_camera.look_at = eye, at
+        server.on_client_disconnect(lambda client: self.ask(f"gone {client.client_id}", lambda: self._gone(client)))
+
+    # -- the loop -------------------------------------------------------------------------------------
+
+    def frame(self, passed: float, wished: bool) -> None:
+        """Give the hands to the World, step it by the time that has passed, and show it."""
+        self.pens.say(passed)
+        for text in self.console.advance(passed):
+            self.say(text, bad=True)
+        row = self._row()
+        moved = bool(np.abs(row - self._shown).max() > STILL)
+        self._rested = 0.0 if moved or wished or not self.pens.settled else self._rested + passed
+        if moved:
+            self._shown = row
+            poses = self.console.world.frame().link_poses
+            for name, nodes in self.nodes.items():
+                nodes.write(poses[name])
+        if self._rested > RESTS:
+            for hand in self._left_to_settle - self._dragged:
+                self.pens.settle(hand)
+            self._left_to_settle &= self._dragged
+        self._follow()
+        self._look_through()
+        self._show()
+
+    def close(self) -> None:
+        """Release the hands and the port."""
+        self.pens.release()
+        super().close()
+
+    def _row(self) -> Array:
+        return np.concatenate([self.console.world.signals[f"{n}.q"] for n in self.console.members])
+
+    # -- arrows ---------------------------------------------------------------------------------------
+
+    def _arrows(self, hand: str) -> viser.TransformControlsHandle:
+        T = self._at[hand]
+        arrows = self.server.scene.add_transform_controls(
+            f"/hands/{hand}",
+            scale=ARROWS,
+            fixed=True,
+            depth_test=False,
+            position=T[:3, 3],
+            wxyz=spatial.quat_from_matrix_wxyz(T[:3, :3]),
+        )
+
+        @arrows.on_update
+        async def _(event: viser.TransformControlsEvent) -> None:
+            if event.client is None:
+                return
+            R = spatial.matrix_from_quat_wxyz(np.array(event.target.wxyz))
+            T, client, phase = spatial.pose(R, np.array(event.target.position)), _name(event.client), event.phase
+            self.ask(hand, lambda: self._lead(hand, client, T, phase == "end"))
+
+        return arrows
+
+    def _lead(self, hand: str, client: str, T: Array, ended: bool) -> None:
+        T_old, self._at[hand] = self._at[hand], T
+        self._dragged.discard(hand)
+        self.pens.lead(client, hand, T_old, T)
+        self._left_to_settle.add(hand)
+        if not ended:
+            self._dragged.add(hand)
+
+    def _follow(self) -> None:
+        """Put the arrows where the tools are, unless they are dragged or the tool is still on its way to them."""
+        for hand, arrows in self.arrows.items():
+            if hand in self._dragged or hand in self._left_to_settle or self.wished(hand):
+                continue
+            T = self.console.tool(hand)
+            if np.array_equal(T, self._at[hand]):
+                continue
+            self._at[hand] = T
+            arrows.position, arrows.wxyz = T[:3, 3], spatial.quat_from_matrix_wxyz(T[:3, :3])
+
+    def _gone(self, client: viser.ClientHandle) -> None:
+        self._through.discard(client.client_id)
+        self._dragged.clear()
+        if self.pens.client == _name(client):
+            self.pens.release()
+            self.say(f"{_name(client)} was closed: nothing moves")
+
+    # -- views ----------------------------------------------------------------------------------------
+
+    def camera(self, view: str) -> tuple[Array, Array, Array]:
+        """Return (camera position, target, up vector) of a view, each (3,) in m in the World."""
+        up, tools = np.array([0.0, 0.0, 1.0]), [self.console.tool(h)[:3, 3] for h in HANDS]
+        if view == "endoscope":
+            T = self.console.view
+            return T[:3, 3], T[:3, 3] - 0.08 * T[:3, 2], T[:3, 1]
+        if view == "close":
+            middle = np.mean(tools, axis=0)
+            return middle + CLOSE, middle, up
+        return self._middle + AWAY * self._size * OUTSIDE[view], self._middle, up
+
+    def look(self, view: str, client: viser.ClientHandle) -> None:
+        """Move the camera of a browser to a view; through the endoscope it goes on with the endoscope."""
+        inside = view == "endoscope"
+        (self._through.add if inside else self._through.discard)(client.client_id)
+        eye, at, up = self.camera(view)
+        with client.atomic():
+            client.camera.up_direction = up
+            client.camera.position, client.camera.look_at = eye, at
+            client.camera.fov = self._view_angle if inside else FIRST * DEG
+            client.camera.near, client.camera.far = (0.001, CAVITY) if inside else (0.01, FAR)
+
+    def _look_through(self) -> None:
+        if np.array_equal(self.console.view, self._viewed):
+            return
+        self._viewed = self.console.view.copy()
+        for client in self.server.get_clients().values():
+            if client.client_id in self._through:
+                self.look("endoscope", client)
+
+    # -- controls -------------------------------------------------------------------------------------
+
+    def _panel(self) -> None:
+        gui, pens = self.server.gui, self.pens
+        gui.set_panel_label(self.title)
+        gui.configure_theme(control_width="large", show_logo=False, show_share_button=False)
+        gui.main_panel.dock_right()
+        gui.main_panel.set_width(350)
+        self._status, self._said = gui.add_html(""), ""
+        gui.add_markdown(_HELP)
+        views = gui.add_button_group("look", ("close", "endoscope", *OUTSIDE))
+        views.on_click(lambda e: e.client and self.look(views.value, e.client))
+        with gui.add_folder("Pedals"):
+            self._clutch = gui.add_checkbox("clutch", False, hint="Down until it is clicked again")
+            self._pedal = gui.add_checkbox("camera", False, hint="Down until it is clicked again")
+            self._on(self._clutch, "clutch", lambda client, v: pens.press(client, clutch=v))
+            self._on(self._pedal, "camera pedal", lambda client, v: pens.press(client, camera=v))
+        with gui.add_folder("Instruments"):
+            self._scale = gui.add_slider("motion scale", *SCALE, 0.01, self.console.table.scale)
+            self._on(self._scale, "scale", self.console.rescale)
+            self._jaws = {
+                hand: gui.add_slider(f"{hand} jaw [% open]", 0, 100, 1, 0, hint=self.console.arm(hand))
+                for hand in HANDS
+            }
+            for hand, slider in self._jaws.items():
+                self._on(slider, f"jaw {hand}", lambda client, v, hand=hand: pens.squeeze(client, hand, v / 100))
+        with gui.add_folder("Camera"):
+            drag, at = Drag(), self.console.camera_at
+            self._camera = [
+                gui.add_slider(name, low / unit, high / unit, step, _rounded(x, unit, step))
+                for (name, unit, step), low, high, x in zip(_CAMERA, drag.lower, drag.upper, at, strict=True)
+            ]
+            for slider in self._camera:
+                self._on(slider, "aim", lambda client, v: self._aim(client))
+        let_go = gui.add_button("Let go", hint="Others may take the hands; after 5 s without use it happens by itself")
+        let_go.on_click(lambda _: self.ask("let go", pens.release))
+        if self.props is not None:
+            clear = gui.add_checkbox("transparent patient", True)
+            clear.on_update(lambda _: self.ask("clear", lambda: self._see_through(clear.value)))
+            self._see_through(True)
+
+    def _on(self, control: Any, kind: str, do: Callable[[str, Any], object]) -> None:
+        """Make a control of the page a request; what the page itself sets is none."""
+
+        def changed(event: viser.GuiEvent) -> None:
+            if event.client is not None:
+                client, value = _name(event.client), control.value
+                self._touched[kind] = self.now
+                self.ask(kind, lambda: do(client, value))
+
+        control.on_update(changed)
+
+    def _aim(self, client: str) -> None:
+        self.pens.aim(client, np.array([s.value * u for s, (_, u, _) in zip(self._camera, _CAMERA, strict=True)]))
+
+    def _see_through(self, on: bool) -> None:
+        assert self.props is not None
+        for body, handle in self.props.meshes:
+            handle.opacity = 0.3 if on and body == "patient" else None
+
+    def _show(self) -> None:
+        """Show in the controls what holds in the World, and the status."""
+        pens = self.pens
+        self._set(self._clutch, "clutch", pens.clutch)
+        self._set(self._pedal, "camera pedal", pens.camera)
+        self._set(self._scale, "scale", self.console.reading["scale"], 0.005)
+        for hand, slider in self._jaws.items():
+            self._set(slider, f"jaw {hand}", round(100 * pens.pens[hand].grip / Grip().travel), 0.5)
+        if not pens.aims:
+            for slider, (_, unit, step), x in zip(self._camera, _CAMERA, self.console.camera_at, strict=True):
+                self._set(slider, "aim", _rounded(x, unit, step), step / 2)
+        tone, text = status(self.console.reading)
+        said = "".join(
+            f"<div style='padding:0 1em .4em;color:{_TONES[tone]}'>{escape(text)}</div>"
+            for tone, text in ((tone, text), *(hand_text(self.console.reading, hand) for hand in HANDS))
+        )
+        if said != self._said:
+            self._said = self._status.content = said
+
+    def _set(self, control: Any, kind: str, value: Any, apart: float = 0.0) -> None:
+        if self.wished(kind) or self.now - self._touched.get(kind, -np.inf) < TOUCHED:
+            return
+        if abs(control.value - value) > apart:
+            control.value = value
+
+
+def _rounded(value: float, unit: float, step: float) -> float:
+    return step * round(float(value) / unit / step)
+
+
+def _name(client: viser.ClientHandle) -> str:
+    return f"page {client.client_id + 1}"
+
+
+def status(reading: Mapping[str, Any]) -> tuple[str, str]:
+    """Return (tone, text): what a person has to know now about the state of a `LiveConsole`."""
+    led = [h["robot"] for h in reading["hands"].values() if h["follows"]]
+    walls = [f"{h['robot']}: {h['wall']}" for h in reading["hands"].values() if h["wall"]]
+    if reading["stopped"]:
+        return "bad", f"The simulation has stopped: {reading['stopped']}"
+    if reading["owner"] is None:
+        return "plain", "Nobody leads: nothing moves."
+    if reading["silent"]:
+        return "warn", f"Nothing is heard of {reading['owner']}: nothing moves."
+    if walls:
+        return "warn", "; ".join(walls)
+    if reading["camera"]:
+        return "warn", f"Camera: {reading['camera']}"
+    if reading["rate"] < 0.8:
+        return "warn", f"The simulation runs at {reading['rate']}x real time."
+    if reading["mode"] == "nothing":
+        return "good", "Clutch: the arrows move freely, the instruments stand."
+    if reading["mode"] == "camera":
+        return "good", "Camera: both hands drag the picture."
+    return "good", f"{reading['owner']} leads {' and '.join(led)}." if led else f"{reading['owner']} has the hands."
+
+
+def hand_text(reading: Mapping[str, Any], hand: str) -> tuple[str, str]:
+    """Return (tone, text) on one hand: its robot, and whether this follows, stands or is at a limit."""
+    now = reading["hands"][hand]
+    doing = now["wall"] or ("follows" if now["follows"] else "stands")
+    tone = "warn" if now["wall"] else "good" if now["follows"] else "plain"
+    return tone, f"{hand.capitalize()} hand: {now['robot']} {doing}"

@@ -1,0 +1,114 @@
+"""The loop of a viser page: one thread solves and draws, so that all browsers show the same.
+
+Callbacks of the page only store requests; a new request replaces an earlier one of the same kind, so that fast input
+does not queue up.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+
+import viser
+
+from twin.core.errors import TwinError
+from twin.ui.viewer.server import stop, tell
+
+FRAME = 1 / 60
+"""Duration in s of a display frame."""
+
+AGAIN = 3.0
+"""Time in s before the same notice is shown again: a drag that is refused is refused in every frame."""
+
+
+class Loop(ABC):
+    """A page with its loop.
+
+    Attributes:
+        server: the server of viser.
+        title: title of the page.
+        stopping: set when the loop shall end.
+        now: time in s of the present frame on the clock of `time.perf_counter`.
+    """
+
+    def __init__(self, server: viser.ViserServer, title: str, stopping: threading.Event | None = None) -> None:
+        self.server, self.title = server, title
+        self.stopping = threading.Event() if stopping is None else stopping
+        self._wishes: dict[str, Callable[[], object]] = {}
+        self._lock = threading.Lock()
+        self._last = self.now = time.perf_counter()
+        self._told = "", -AGAIN
+
+    @abstractmethod
+    def frame(self, passed: float, wished: bool) -> None:
+        """Draw one frame.
+
+        Args:
+            passed: time in s since the last frame.
+            wished: whether a request was handled since then.
+        """
+
+    def ask(self, kind: str, wish: Callable[[], object]) -> None:
+        """Store a request for the loop; the request replaces an earlier one of the same kind."""
+        with self._lock:
+            self._wishes.pop(kind, None)
+            self._wishes[kind] = wish
+
+    def repeat(self, kind: str, more: Callable[[], bool]) -> None:
+        """Store a request that is repeated in the next frame if it returns True and no other of its kind came."""
+
+        def wish() -> None:
+            if more():
+                with self._lock:
+                    self._wishes.setdefault(kind, wish)
+
+        self.ask(kind, wish)
+
+    def wished(self, kind: str) -> bool:
+        """Return whether a request of this kind is waiting; if so, the slider of the request must not be changed."""
+        with self._lock:
+            return any(k.startswith(kind) for k in self._wishes)
+
+    def run(self) -> None:
+        """Draw frames until `stop` is called or `stopping` is set."""
+        try:
+            while not self.stopping.is_set():
+                start = time.perf_counter()
+                self.step()
+                self.stopping.wait(max(0.001, FRAME - (time.perf_counter() - start)))
+        finally:
+            self.close()
+
+    def step(self) -> None:
+        """Handle requests, then draw one frame."""
+        now = time.perf_counter()
+        passed, self._last, self.now = now - self._last, now, now
+        with self._lock:
+            wishes, self._wishes = self._wishes, {}
+        for wish in wishes.values():
+            try:
+                wish()
+            except TwinError as error:
+                self.say(str(error), bad=True)
+            except Exception as error:  # an error in a request must not end the loop
+                logging.getLogger(__name__).exception("a wish failed")
+                self.say(f"internal error, {type(error).__name__}: {error}. Please report it.", bad=True)
+        self.frame(passed, bool(wishes))
+
+    def stop(self) -> None:
+        """End the loop."""
+        self.stopping.set()
+
+    def close(self) -> None:
+        """End the loop and release the port."""
+        self.stopping.set()
+        stop(self.server)
+
+    def say(self, text: str, bad: bool = False) -> None:
+        """Show a notice in every browser; the same one not again within `AGAIN`."""
+        if self._told[0] != text or self.now - self._told[1] > AGAIN:
+            self._told = text, self.now
+            tell(self.server, self.title, text, bad)

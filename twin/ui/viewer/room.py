@@ -1,0 +1,50 @@
+"""The room around the robots of a page: light, floor, and the views from outside."""
+
+from __future__ import annotations
+
+import numpy as np
+import viser
+
+from twin.core.spatial import Array
+from twin.core.units import DEG
+
+FIRST = 40
+"""Angle of view in deg from outside."""
+
+OUTSIDE = {
+    "overview": np.array([1.0, -1.35, 0.6]),
+    "front": np.array([1.5, 0.0, 0.1]),
+    "top": np.array([0.0, -0.01, 1.5]),
+}
+"""Views from outside: from the middle of the scene to the camera, in parts of the scene's size."""
+
+
+def corners(box: Array) -> Array:
+    """Return the corners (8, 3) of a box (2, 3)."""
+    return np.array([[box[i, 0], box[j, 1], box[k, 2]] for i in (0, 1) for j in (0, 1) for k in (0, 1)])
+
+
+def furnish(server: viser.ViserServer, middle: Array, size: float, floor: float) -> viser.GridHandle:
+    """Add light and floor, and set the first view; return the floor.
+
+    Args:
+        server: the server of viser.
+        middle: (3,) middle of the scene in m.
+        size: diagonal of the scene in m.
+        floor: height of the floor in m.
+    """
+    scene = server.scene
+    scene.set_up_direction("+z")
+    scene.configure_default_lights(False)
+    scene.configure_environment_map("studio", environment_intensity=0.25)
+    scene.add_light_directional("/light/key", intensity=1.7, position=(1.2, -0.9, 2.2), cast_shadow=True)
+    scene.add_light_directional("/light/fill", intensity=0.45, position=(-0.8, 1.6, 0.7))
+    cell = 0.1 if size > 0.4 else 0.02
+    server.initial_camera.position = middle + size * OUTSIDE["overview"]
+    server.initial_camera.look_at = middle
+    server.initial_camera.fov = FIRST * DEG
+    return scene.add_grid(
+        "/floor", 60 * cell, 60 * cell, cell_size=cell, section_size=5 * cell, position=(middle[0], middle[1], floor),
+        cell_color=(205, 211, 219), section_color=(186, 194, 204), shadow_opacity=0.3,
+        fade_distance=25 * cell, fade_from="origin",
+    )  # fmt: skip
