@@ -23,10 +23,11 @@ from twin.simulation import console_scene
 from twin.simulation.controllers.console import LARGEST, STIFFNESS
 from twin.simulation.controllers.following import Pace
 from twin.simulation.devices.packets import pack
-from twin.ui.headset import operation, packet_hands, served
+from twin.ui.headset import packet_hands, served
 from twin.ui.headset import protocol as wire
 from twin.ui.headset.operation import Operation
 from twin.ui.headset.protocol import RefusedError
+from twin.ui.session import console
 from twin.ui.session.timeline import RATE
 
 pytestmark = pytest.mark.usefixtures("cad_once")
@@ -90,7 +91,7 @@ class Running:
 
 @pytest.fixture
 def running(scene, robots, monkeypatch):
-    monkeypatch.setattr(operation, "_BUDGET", np.inf)  # a busy machine does not make the World late
+    monkeypatch.setattr(console, "_BUDGET", np.inf)  # a busy machine does not make the World late
     found = Running(Operation(scene, robots))
     yield found
     found.op.close()
@@ -233,7 +234,7 @@ def test_a_camera_pedal_that_is_stuck_at_the_start_moves_nothing(running):
 
 @pytest.mark.parametrize("pedal", ["clutch", "camera"])
 def test_a_pedal_that_stays_pressed_is_told(running, monkeypatch, caplog, pedal):
-    monkeypatch.setattr(operation, "_STUCK", 0.3)
+    monkeypatch.setattr(console, "_STUCK", 0.3)
     running.start()
     setattr(running.pens, pedal, True)
     with caplog.at_level(logging.WARNING):
@@ -333,8 +334,8 @@ def session(running, ticks=700, delay=100, lost=0.05):
 
 
 def test_a_bad_network_makes_no_tool_jump_and_its_loss_is_shown(scene, robots, monkeypatch):
-    monkeypatch.setattr(operation.console_scene, "world", lambda *a, records: WORLD(*a, records=True))
-    monkeypatch.setattr(operation, "_BUDGET", np.inf)
+    monkeypatch.setattr(console.console_scene, "world", lambda *a, records, watch: WORLD(*a, records=True))
+    monkeypatch.setattr(console, "_BUDGET", np.inf)
     running = Running(Operation(scene, robots))
     lost = session(running)
     state, recording = running.state, running.op.world.recording()
