@@ -46,7 +46,7 @@ class Judge:
         tolerance: Tolerance | None = None,
         replaced: Mapping[str, Rows] | None = None,
     ) -> None:
-        """Compare a formula with the truth.
+        """Compare a formula with the mechanism's values.
 
         Args:
             formula: the equations.
@@ -151,7 +151,7 @@ class Judge:
             lost = [n for n in step.required if not self._has(n, computed)]
             if lost:
                 step.missing = ", ".join(lost)
-                self.notes.append(f"{step.equation.name} ({step.variant}) was not judged: {step.missing} not known")
+                self.notes.append(f"{step.equation.name} ({step.variant}) was not judged: {step.missing} is unknown")
                 continue
             if self.truth.free in step.inputs:
                 self._place(step)
@@ -235,7 +235,7 @@ class Judge:
         return out
 
     def difference(self, name: str, value: Any) -> Array:
-        """Return the difference between a value and the truth, (k, entries) in units of the tolerance."""
+        """Return the difference of a value from the mechanism's, (k, entries) in units of the tolerance."""
         true, kind = self.truth.symbols[name], self.truth.kinds[name]
         if value is true:
             return self._zeros.setdefault(name, np.zeros_like(to_array(true, self.truth.k)))
@@ -339,7 +339,7 @@ class Judge:
                 if s.returns:
                     return found
                 after = step.before[s.index + 1]
-                for name in mine:  # these outputs are unchanged, because their inputs are
+                for name in mine:  # these outputs do not change, because their inputs do not change
                     env[name] = plain.copied({name: after[name]})[name]
                     dirty.discard(name)
                 continue
