@@ -285,7 +285,7 @@ def test_the_mechanism_tells_its_own_singularity_and_a_jump(sils, planned):
     facts, found, curves = margins.of_mechanism(model, posed, rows, clock)
     assert found == []
     assert curves["conditioning.type1"].min() > 0.05
-    assert "of 1" in facts["mechanism, drives at rest (type 2)"]
+    assert "1: best" in facts["mechanism, drives at rest (type 2)"]
     name = model.mechanism.passive[0].name
     other = posed.q_passive[name].copy()
     other[30:] += 0.5
