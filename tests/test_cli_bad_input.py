@@ -345,7 +345,7 @@ def test_formula_has_a_nan_parameter(robot, refused):
         "*FORMULA.parameters[1:]))\n"
     )
     message = refused()
-    name = re.search(r"parameter '(\w+)' is nan; it must be a finite number in SI units", message)
+    name = re.search(r"parameter '(\w+)' is nan; the value must be a finite number in SI units", message)
     assert name
     assert str(robot.formula) in message
 

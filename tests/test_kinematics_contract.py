@@ -135,7 +135,7 @@ def changed(formula, equation, **values):
         (lambda f: changed(f, "eq1", outputs=()), "has no outputs"),
         (lambda f: changed(f, "eq1", variants={"corrected": 3}), "is not a function"),
         (lambda f: replace(f, aspects=(Aspect("D", 2, "x"),)), "must be \\+1 or -1"),
-        (lambda f: replace(f, seeds=((1.0,),)), "seed 0 must hold 6 finite numbers"),
+        (lambda f: replace(f, seeds=((1.0,),)), "seed 0 must have 6 finite numbers"),
         (lambda f: replace(f, coordinates=replace(f.coordinates, units=("mm",) * 6)), "'m' or 'rad'"),
         (lambda f: replace(f, parameters=(replace(f.parameters[0], note=""),)), "has no note"),
         (lambda f: replace(f, measures=(replace(f.measures[0], alarm=-1.0),)), "must not be negative"),
@@ -156,7 +156,7 @@ def test_broken_contract_is_named(sils, change, message):
         (lambda f: replace(f, parameters=f.parameters[1:]), "'eq2' needs symbol 'l_0'. Did you mean"),
         (lambda f: replace(f, points={"s1": ("X_S1", "nope", "Z_S1")}), "gives point 's1': 'nope'"),
         (lambda f: replace(f, points={"s1": "nope"}), "point 's1': there is no symbol 'nope'"),
-        (lambda f: replace(f, points={"s1": "X_S1"}), "must hold 3 numbers"),
+        (lambda f: replace(f, points={"s1": "X_S1"}), "must have 3 numbers"),
         (lambda f: replace(f, passive=("nope",)), "no equation gives passive 'nope'"),
         (
             lambda f: changed(f, "eq1", outputs=f.equations[0].outputs[:8]),
