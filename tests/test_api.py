@@ -538,7 +538,7 @@ def test_stage_is_a_robot_without_equations(stage, robot, T_home):
         (lambda r: r.protocol("table2"), "give the path of a protocol file"),
         (lambda r: twin.plan(r, SHORT), "robot 'sils' has no equations"),
         (lambda r: twin.validate(r), "it has no CAD"),
-        (lambda r: twin.build(r), "sils is already a stage"),
+        (lambda r: twin.build(r), "sils was loaded from a USD stage"),
     ],
 )
 def test_stage_says_what_it_cannot_do(stage, call, message):

@@ -83,7 +83,7 @@ def test_a_study_that_fits_agrees(tmp_path, capsys):
 def test_command(capsys):
     assert main(["study", "sher"]) == 1
     printed = capsys.readouterr().out
-    assert "reproduces the print" in printed
+    assert "agrees with the print" in printed
     verdict, way = (line.strip() for line in printed.rstrip().splitlines()[-2:])
     assert main(["study", "sher", "--json"]) == 1
     data = json.loads(capsys.readouterr().out)

@@ -1,7 +1,7 @@
-"""Export of a scene: a checked bundle for each robot with its base pose, and one USD stage with all robots.
+"""Export a scene: a checked bundle for each robot with its base pose, and one USD stage with all robots.
 
-Formats other than USD contain one robot with its motion. `scene.json` contains the pose of each robot's base; a player
-places the bases and starts all motions at the same time.
+Files in formats other than USD contain one robot with its motion. `scene.json` contains the pose of each robot's base.
+A player places the bases, and starts all motions at the same time.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from twin.exchange.write.clip import Budget
 from twin.model.scene import Scene, load_scene
 
 _TOLERANCE = 1 * UM
-"""Maximum difference in m between a link in the scene's stage and in its robot's bundle, both in world."""
+"""Maximum difference in m between the world position of a link in the scene's stage and in its robot's bundle."""
 
 
 @dataclass(frozen=True)
@@ -113,7 +113,7 @@ def export_scene(
         progress: see `twin.api.Progress`.
 
     Raises:
-        TwinError: something is missing or malformed; the folder is then unchanged.
+        TwinError: an input is missing or malformed; the folder stays unchanged.
     """
     scene, kinds = load_scene(file), chosen_formats(formats)
     root = folder or Path("twin-out") / scene.name / "export"
@@ -200,9 +200,9 @@ def _readme(scene: Scene, formats: Sequence[str]) -> str:
         "",
         "One folder for each robot, with its own README.txt and proof.json:",
         f"  {', '.join(p.name for p in scene.places)}.",
-        f"Formats: {', '.join(formats)}. Each file holds one robot in its base frame, z up, m, with its motion.",
-        "scene.json   T_world_base of each robot (4 x 4, rows), and its protocol; all motions start together.",
+        f"Formats: {', '.join(formats)}. Each file contains one robot with its motion, in its base frame, z up, in m.",
+        "scene.json   T_world_base of each robot (4 x 4, row by row), and its protocol; all motions start together.",
     ]
     if "usd" in formats:
-        lines.append(f"usd/{scene.name}.usda   all robots at their places with their motions, and the props.")
+        lines.append(f"usd/{scene.name}.usda   all robots at their base poses with their motions, and the props.")
     return "\n".join(lines) + "\n"

@@ -1,4 +1,4 @@
-"""Optional packages of single commands; the error for a missing package contains the install command."""
+"""Optional packages of single commands; the error message for a missing package contains the install command."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from types import ModuleType
 from twin.core.errors import TwinError
 
 EXTRAS = {"distributed": "cluster", "segno": "qr", "yaml": "yaml", "pyarrow": "parquet"}
-"""Name of the extra of this package that installs each module, by module name."""
+"""Extra (of the package twin-robotics) that installs a module, by module name."""
 
 
 def require(module: str, purpose: str) -> ModuleType:
