@@ -120,9 +120,7 @@ class Boundary:
         run = model.collect(some)
         self._given = run
         self.motions = Degeneracy(model, some)
-        self._whole = bool(
-            stated.valid(run, True).any()
-        )  # False: passive joints are wrong (reported elsewhere)
+        self._whole = bool(stated.valid(run, True).any())  # False: passive joints are wrong (reported elsewhere)
         good = stated.valid(run, self._whole)
         self._drawn = some[good]
         self._why = "" if good.any() else "the equations agree with the mechanism's joint values at no state"

@@ -184,7 +184,7 @@ def _rest(trajectory: Trajectory, mechanism: Mechanism, protocol: Protocol) -> I
             name = trajectory.frame
             ways = [
                 (name, name, float(np.linalg.norm(T1[:3, 3] - T0[:3, 3])), limits.tip_acceleration, ("mm", MM)),
-                (f"the rotation of {name}", name, turn, limits.rotation_acceleration, ("deg", DEG)),
+                (f"{name} (rotation)", name, turn, limits.rotation_acceleration, ("deg", DEG)),
             ]
             for j, joint in enumerate(mechanism.active):
                 if joint.max_acceleration is not None:
