@@ -71,7 +71,9 @@ class Source:
     @property
     def _files(self) -> assets.RobotFiles:
         if self.files is None:
-            raise TwinError(f"{self.stage.stem if self.stage else 'the robot'} was loaded from a USD stage: no CAD")
+            raise TwinError(
+                f"{self.stage.stem if self.stage else 'the robot'} was loaded from a USD stage: it has no CAD"
+            )
         return self.files
 
     @cached_property

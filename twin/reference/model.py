@@ -91,7 +91,7 @@ class ReferenceModel:
         return self.state(self._reach(self._start(seed), q, self._move_driven))
 
     def solve_pose(self, T_base_tool: Array, seed: Assembly | None = None) -> Assembly:
-        """Return the assembly with the tool at T_base_tool (4, 4); the active joints are solved too.
+        """Return the assembly with the tool at T_base_tool (4, 4); the active joints are also solved for.
 
         Raises:
             AssemblyError: no assembly has its tool at this pose; the error contains the best assembly.

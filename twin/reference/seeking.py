@@ -174,7 +174,7 @@ def gradient(motions: Degeneracy, values: Values, X: Array, N: Array, row: Index
 
 
 def wander(motions: Degeneracy, valid: Valid, starts: Array, steps: int = 10, seed: int = 0) -> Array:
-    """Return states at some distance from the starts, by walks in random directions; blocked walks turn."""
+    """Return states at some distance from the starts, by random walks that change direction when blocked."""
     rng = np.random.default_rng(seed)
     X = starts.copy()
     nv = motions.model.tree.model.nv

@@ -53,7 +53,7 @@ _SAME = 1 * MM
 """Distance in m between bodies of two assemblies below which both are in the same assembly mode."""
 
 _FIRST = 5
-"""Number of first halvings in which the middle of each interval is tested for collisions; rejects most bad paths."""
+"""Number of first halvings in which mesh collisions are tested, because they reject most blocked paths early."""
 
 _NARROW = 3.0
 """Largest margin, in units of the required distance, for which meshes are tested; for larger margins coal is slow."""

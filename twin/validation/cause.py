@@ -138,7 +138,7 @@ def _after_cad(found: list[Cause]) -> tuple[Cause, ...]:
 
 
 def _sizes(found: Sequence[Finding], most: int = 6) -> str:
-    """Return places and sizes of the first `most` findings as text, and the number of the rest."""
+    """Return, as text, places and sizes of the first `most` findings, and the number of further findings."""
     words = [
         f.code.partition(".")[2].replace("_", " ") if f.size is None else f"{f.where} {shown(f.size, f.unit)}".strip()
         for f in found

@@ -131,7 +131,7 @@ class GroupTables(Table):
         for i, row in enumerate(self.outcome):
             for j, pair in enumerate(row.compared):
                 if not set(pair.between) <= names:
-                    raise at(("outcome", i, "compared", j, "between"), f"groups are {', '.join(sorted(names))}")
+                    raise at(("outcome", i, "compared", j, "between"), f"the groups are {', '.join(sorted(names))}")
         known = {o.name for o in self.outcome}
         for i, claim in enumerate(self.claim):
             if unknown := set(claim.outcomes) - known:

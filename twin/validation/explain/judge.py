@@ -1,8 +1,8 @@
 """Compare a formula with the mechanism row by row (a row is one assignment), with the mechanism's values as inputs.
 
-An intermediate symbol that the mechanism also has (a named point, a passive joint) is compared and then replaced by the
-mechanism's value, so that a wrong row does not affect later rows. Other symbols are computed and passed on; if a row
-disagrees, all rows since the last known symbol are suspected.
+If the mechanism also has an intermediate symbol (a named point, a passive joint), the symbol is compared, and then
+replaced by the mechanism's value. A wrong row therefore does not affect later rows. Other symbols are computed and used
+by later rows; if a row disagrees, all rows since the last known symbol are suspected.
 """
 
 from __future__ import annotations
@@ -255,7 +255,7 @@ class Judge:
     # -- trials of edits ----------------------------------------------------------------------------------------
 
     def trial(self, step: Step, edits: list[Edit], extra: Mapping[str, Any] | None = None) -> Residuals:
-        """Return the residuals of the rows that edits change; call it with numpy's warnings off.
+        """Return the residuals of the rows that edits change; call this method with NumPy's warnings off.
 
         Args:
             step: the edited equation.
