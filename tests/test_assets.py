@@ -91,7 +91,7 @@ def test_built_in_name_wins_over_a_folder_of_that_name(folder, monkeypatch, capl
 
 @pytest.mark.parametrize("name", ["slis", "SILS", "sill"])
 def test_misspelt_robot_gets_the_right_name(name):
-    with pytest.raises(TwinError, match=rf"there is no robot '{name}'.*Known: .*sils.*path to a robot folder"):
+    with pytest.raises(TwinError, match=rf"there is no robot '{name}'.*Known: .*sils.*path of a robot folder"):
         assets.files(name)
 
 

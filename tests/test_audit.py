@@ -136,7 +136,7 @@ def test_command_exits_with_2_where_nothing_can_be_read(tmp_path, capsys):
 
 def test_a_robot_that_the_files_do_not_show_is_refused(good, capsys):
     assert main(["audit", str(good), "--robot", "pa10"]) == 2
-    assert "no clip is named after one of its protocols" in capsys.readouterr().err
+    assert "no clip has the name of a protocol of the robot" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("name", ["x.step", "notes.txt"])

@@ -159,7 +159,7 @@ def test_what_no_edit_explains_is_said_to_be_unexplained(faulty, sils_model, tru
     x = explain("sils", formula, sils_model, truth=truth, budget=0.5)
     assert (x.verdict, x.explained) == ("disagree", False)
     assert not x.repairs[0].cures
-    assert "make it agree" in x.repairs[0].note
+    assert "makes the rows agree" in x.repairs[0].note
     assert x.exit_code == 1
 
 
@@ -222,7 +222,7 @@ def test_what_is_printed_names_row_place_and_edit(printed1, printed2):
     line = next(i for i, text in enumerate(file, 1) if i > first and text.startswith("    Y_S1 ="))
     text = "\n".join(map(plain, printed1.text()))
     for part in (
-        "DISAGREE: 4 rows off, explained",
+        "DISAGREE: 4 rows wrong, explained",
         "x of point s1",
         "c_theta -> c_phi",
         f"sils.py:{line}",

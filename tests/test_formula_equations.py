@@ -116,10 +116,10 @@ def test_what_only_a_variant_reads_is_offered_to_no_other_row(changed):
 
 BAD = {
     "a symbol without a row": ("z = 1", "z", "must end by returning the symbols that it changes"),
-    "a statement that is not a row": ("q += 1", "q", "its rows are assignments"),
+    "a statement that is not a row": ("q += 1", "q", "its rows must be assignments"),
     "a part of what it changes": ("q = 1\n    p = 2", "q", "return q, p"),
     "nothing returned": ("q = 1", "", "return q"),
-    "half of a row": ("q, far = 1, 2", "q, far", "in 0 rows, not in one"),
+    "half of a row": ("q, far = 1, 2", "q, far", "0 rows of the equation assign this, not one row"),
 }
 
 

@@ -60,7 +60,7 @@ def test_users_formula_loads_like_a_built_in_one(tmp_path):
         assert kin.joints == ("q1", "q2")
     # Two joints cannot give any pose: the left inverse says so instead of dropping the rest.
     T[2, 3] = 0.1
-    with pytest.raises(KinematicsError, match=r"no values of x, y describe this pose \(off by 0\.1\)"):
+    with pytest.raises(KinematicsError, match=r"no values of x, y describe this pose \(error 0\.1\)"):
         kin.inverse(T)
     assert np.isnan(kin.inverse_many(T[None])).all()
 
@@ -135,7 +135,7 @@ def changed(formula, equation, **values):
         (lambda f: changed(f, "eq1", outputs=()), "has no outputs"),
         (lambda f: changed(f, "eq1", variants={"corrected": 3}), "is not a function"),
         (lambda f: replace(f, aspects=(Aspect("D", 2, "x"),)), "must be \\+1 or -1"),
-        (lambda f: replace(f, seeds=((1.0,),)), "seed 0 must hold 6 finite numbers"),
+        (lambda f: replace(f, seeds=((1.0,),)), "seed 0 must have 6 finite numbers"),
         (lambda f: replace(f, coordinates=replace(f.coordinates, units=("mm",) * 6)), "'m' or 'rad'"),
         (lambda f: replace(f, parameters=(replace(f.parameters[0], note=""),)), "has no note"),
         (lambda f: replace(f, measures=(replace(f.measures[0], alarm=-1.0),)), "must not be negative"),
@@ -156,7 +156,7 @@ def test_broken_contract_is_named(sils, change, message):
         (lambda f: replace(f, parameters=f.parameters[1:]), "'eq2' needs symbol 'l_0'. Did you mean"),
         (lambda f: replace(f, points={"s1": ("X_S1", "nope", "Z_S1")}), "gives point 's1': 'nope'"),
         (lambda f: replace(f, points={"s1": "nope"}), "point 's1': there is no symbol 'nope'"),
-        (lambda f: replace(f, points={"s1": "X_S1"}), "must hold 3 numbers"),
+        (lambda f: replace(f, points={"s1": "X_S1"}), "must have 3 numbers"),
         (lambda f: replace(f, passive=("nope",)), "no equation gives passive 'nope'"),
         (
             lambda f: changed(f, "eq1", outputs=f.equations[0].outputs[:8]),
@@ -200,7 +200,7 @@ def test_pose_that_is_not_rigid_is_refused(sils):
     T[:3, 3] = 0.38, 0.28, 0.185
     kin.inverse(T)
     T[0, 0] = 1.001
-    with pytest.raises(KinematicsError, match="Is it a rigid pose in metres"):
+    with pytest.raises(KinematicsError, match="Check that it is a rigid pose in metres"):
         kin.inverse(T)
     assert np.isnan(kin.inverse_many(T[None])).all()
     with pytest.raises(KinematicsError, match="no Jacobian at this pose"):

@@ -129,7 +129,7 @@ def test_a_margin_that_accepts_what_no_joint_can_do_is_found():
 
     found = judged(replaced(formula, "scope", wrong), model, run)
     assert found["five joints", "reach"].status == "disagrees"
-    assert "outside the mechanism's freedoms" in found["five joints", "reach"].why
+    assert "poses that the mechanism cannot reach" in found["five joints", "reach"].why
 
 
 def test_a_measure_of_the_formulas_own_angles_is_named_and_not_accused():

@@ -159,4 +159,4 @@ def test_wrong_input_is_named(tmp_path, capsys):
     assert "protocol 'over' has no insertion" in capsys.readouterr().err
     assert not (tmp_path / "op").exists()
     assert main(["operate", "sher", "--trials", "0"]) == 2
-    assert "--trials 0: it must be at least 1" in capsys.readouterr().err
+    assert "--trials 0: the number must be at least 1" in capsys.readouterr().err

@@ -88,7 +88,7 @@ def test_equations_that_say_the_same_are_told_from_those_that_do_not(bench, tmp_
         path.write_text(source.replace("(L_V - Z_S2)**2", new), encoding="utf-8")
         made[name] = formula.with_formula(bench.robot, path).kinematics(parameters={})
     rng = np.random.default_rng(0)
-    assert "are the same" in same_equations(bench.kin, made["same"], bench.trajectory, rng)
+    assert "are equal" in same_equations(bench.kin, made["same"], bench.trajectory, rng)
     assert same_equations(bench.kin, made["other"], bench.trajectory, rng) == ""
 
 

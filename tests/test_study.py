@@ -63,7 +63,7 @@ def test_the_row_of_all_users_is_not_the_mean_of_its_rows(recomputed):
 
 def test_claims_of_the_prose_are_checked(recomputed):
     claims = [f.message for f in recomputed[1] if f.code == "study.claim"]
-    assert any("not true for physical demand" in c for c in claims)
+    assert any("is false for physical demand" in c for c in claims)
     assert any("the sign should be >=" in c for c in claims)
 
 
@@ -83,7 +83,7 @@ def test_a_study_that_fits_agrees(tmp_path, capsys):
 def test_command(capsys):
     assert main(["study", "sher"]) == 1
     printed = capsys.readouterr().out
-    assert "reproduces the print" in printed
+    assert "agrees with the print" in printed
     verdict, way = (line.strip() for line in printed.rstrip().splitlines()[-2:])
     assert main(["study", "sher", "--json"]) == 1
     data = json.loads(capsys.readouterr().out)

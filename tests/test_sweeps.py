@@ -237,7 +237,7 @@ def test_workspace_command_writes_what_others_read(tmp_path, capsys):
         (["--step-mm", "0.01"], "positions; the limit is 5e+07. Take a larger --step-mm"),
         (["--joints", "--scheduler", "local"], "--scheduler: joint samples run on this machine"),
         (["--count", "1.5"], "argument --count: invalid"),
-        (["--scheduler", "tcp://127.0.0.1:1", "--count", "1000"], "no Dask scheduler answers there"),
+        (["--scheduler", "tcp://127.0.0.1:1", "--count", "1000"], "no Dask scheduler answers at this address"),
     ],
 )
 def test_workspace_refuses(arguments, message, tmp_path, capsys, monkeypatch):
@@ -439,7 +439,7 @@ def test_a_sweep_stops_and_goes_on(tmp_path, capsys):
     assert (tmp_path / "b/sweep.png").stat().st_size > 10_000
     # another job in that folder is not mixed with it
     assert cli.main([*SWEEP, "--seed", "5", "--out", str(tmp_path / "b")]) == 2
-    assert "the folder holds another sweep" in capsys.readouterr().err
+    assert "the folder contains another sweep" in capsys.readouterr().err
     assert len(judged(tmp_path / "b")) == 8
 
 
@@ -447,7 +447,7 @@ def test_a_sweep_stops_and_goes_on(tmp_path, capsys):
     ("arguments", "message"),
     [
         ([], "--vary is required"),
-        (["--vary", "l_p=1..2mm", "--vary", "l_p=3..4mm"], "a factor is given twice"),
+        (["--vary", "l_p=1..2mm", "--vary", "l_p=3..4mm"], "the same factor is given twice"),
         (["--vary", "l_p=120..150mm", "--objective", "beauty"], "objective 'beauty'"),
         (["--vary", "l_p=120..150mm", "--objective", "tolerance"], "depends on the mechanism only"),
         (["--vary", "bar1:r12-s1=570..580mm", "--objective", "volume"], "a distance of the mechanism"),

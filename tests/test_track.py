@@ -487,7 +487,7 @@ def test_command_disagrees_beyond_a_millimetre(column, tmp_path, capsys, monkeyp
 
 def test_wrong_questions_are_refused(column, tmp_path):
     robot = api.load(column)
-    with pytest.raises(TwinError, match="mismatch 100 %: give 0 to below 100 %"):
+    with pytest.raises(TwinError, match="mismatch 100 %: give at least 0 % and less than 100 %"):
         api.track(robot, mismatch=1.0)
     with pytest.raises(DescriptionError, match="the file does not exist: without masses"):
         api.track(robot, inertia="cited")

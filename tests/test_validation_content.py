@@ -122,7 +122,7 @@ def _no_joint(m):
         (_centre, "bar1", "mass centre"),
         (_tensor, "bar1", "tensor"),
         (_mesh, "bar1", "on the stage"),
-        (_inside_out, "bar1", "another mesh"),
+        (_inside_out, "bar1", "a different mesh"),
         (_point, "", "point"),
         (_no_joint, "r13", "not on the stage"),
     ],
@@ -170,8 +170,8 @@ class Looked:
     [
         (Written("x.usda", Looked.keys, np.full(11, 1e-4), np.zeros(11)), "differs from the protocol's"),
         (Written("x.usda", Looked.keys, np.zeros(11), np.full(11, 1e-3)), "differs from the protocol's"),
-        (Written("x.usda", Looked.keys + 0.1, np.zeros(0), np.zeros(0)), "samples were changed"),
-        (Written("x.usda", Looked.keys, np.zeros(11), np.zeros(11), ("bar1",)), "bar1 have none"),
+        (Written("x.usda", Looked.keys + 0.1, np.zeros(0), np.zeros(0)), "of another protocol, or was changed"),
+        (Written("x.usda", Looked.keys, np.zeros(11), np.zeros(11), ("bar1",)), "bar1 have no time codes"),
     ],
 )
 @pytest.mark.parametrize("due", [True, False])

@@ -218,7 +218,7 @@ def test_the_printed_target_and_what_would_keep_the_rcm(sils, printed):
     assert "26.6" in least
     assert "22.3" in least
     assert "skew" in facts["sweep: move the RCM"]
-    assert facts["sweep: other readings of the angles"].startswith("none keeps the RCM")
+    assert facts["sweep: other interpretations of the angles"].startswith("none respects the RCM")
     assert codes(found) == {"rcm.fix"}
     assert len(found) == 2
 
@@ -240,7 +240,7 @@ def test_a_wrong_sign_of_an_angle_is_recognised(sils, printed):
     right = span.rcm + 40 * MM * (R @ trajectory.shaft_axis)
     wrong = replace(w, position=right, angles=w.angles * [1, -1, 1])
     other = replace(protocol, waypoints={**protocol.waypoints, "t": wrong})
-    assert "signs +, -, + keep the RCM" in consistent._readings(other, trajectory, span)
+    assert "signs +, -, + respect the RCM" in consistent._readings(other, trajectory, span)
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -285,7 +285,7 @@ def test_the_mechanism_tells_its_own_singularity_and_a_jump(sils, planned):
     facts, found, curves = margins.of_mechanism(model, posed, rows, clock)
     assert found == []
     assert curves["conditioning.type1"].min() > 0.05
-    assert "of 1" in facts["mechanism, drives at rest (type 2)"]
+    assert "1: best" in facts["mechanism, drives at rest (type 2)"]
     name = model.mechanism.passive[0].name
     other = posed.q_passive[name].copy()
     other[30:] += 0.5

@@ -94,20 +94,20 @@ def threemf_doubled_39_times(folder: Path) -> Path:
     return _3mf(folder, _doubled(39, 2))
 
 
-@bomb(NEW, "bytes, unpacked")
+@bomb(NEW, "unpacked bytes")
 def threemf_of_3_mb_that_unpacks_to_gigabytes(folder: Path) -> Path:
     rows = b'<vertex x="0" y="0" z="0"/>' * 400_000
     whole = b"<model><resources><object id='0'><mesh><vertices>" + rows * 100
     return _3mf(folder, whole)
 
 
-@bomb(AUDIT, "depth of its nodes")
+@bomb(AUDIT, "depth of the nodes")
 def glb_chain_of_200_000_nodes(folder: Path) -> Path:
     nodes = [{"children": [i + 1]} for i in range(199_999)] + [{}]
     return _glb(folder, "chain.glb", {"scene": 0, "scenes": [{"nodes": [0]}], "nodes": nodes})
 
 
-@bomb(AUDIT, "depth of its brackets")
+@bomb(AUDIT, "depth of the brackets")
 def usda_nested_20_000_deep(folder: Path) -> Path:
     return _write(folder / "deep.usda", "#usda 1.0\n" + 'def Xform "a" {\n' * 20_000 + "}\n" * 20_000)
 
@@ -200,7 +200,7 @@ def gltf_whose_buffer_is_a_device(folder: Path) -> Path:
     return _robot_of(folder, "m.gltf")
 
 
-@bomb(NEW, "rows that its header states")
+@bomb(NEW, "rows stated in the header")
 def ply_that_states_4_000_000_000_rows(folder: Path) -> Path:
     head = "ply\nformat ascii 1.0\nelement vertex 4000000000\nproperty float x\nend_header\n0\n"
     _write(folder / "m.ply", head)
@@ -227,7 +227,7 @@ def usda_whose_instances_multiply(folder: Path) -> Path:
     return _write(folder / "many.usda", "".join(rows))
 
 
-@bomb(AUDIT, "bytes, unpacked")
+@bomb(AUDIT, "unpacked bytes")
 def usdz_that_unpacks_to_gigabytes(folder: Path) -> Path:
     with zipfile.ZipFile(folder / "z.usdz", "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr("a.usda", "#usda 1.0\n")
@@ -259,7 +259,7 @@ def sdf_whose_includes_multiply(folder: Path) -> Path:
     return folder / "0.sdf"
 
 
-@bomb(NEW, "depth of its elements")
+@bomb(NEW, "depth of the elements")
 def urdf_nested_100_000_deep(folder: Path) -> Path:
     return _write(folder / "d.urdf", '<robot name="r">' + "<a>" * 100_000 + "</a>" * 100_000 + "</robot>")
 
@@ -285,12 +285,12 @@ def obj_beside_a_urdf_of_60_mb(folder: Path) -> Path:
     return _robot_of(folder, "m.obj")
 
 
-@bomb(INFO, "depth of its brackets")
+@bomb(INFO, "depth of the brackets")
 def toml_nested_5000_deep(folder: Path) -> Path:
     return _robot_folder(folder, "a = " + "[" * 5000 + "]" * 5000)
 
 
-@bomb(INFO, "depth of its dotted names")
+@bomb(INFO, "depth of the dotted names")
 def toml_name_of_200_000_parts(folder: Path) -> Path:
     return _robot_folder(folder, "a." * 200_000 + "b = 1")
 

@@ -14,13 +14,13 @@ MOST = 400_000
 
 
 def points(found: Workspace) -> tuple[Array, np.ndarray, np.ndarray]:
-    """Return positions (k, 3) in m, values (k, 4), and colours (k, 3) uint8 that show the inverse condition number."""
+    """Return positions (k, 3) in m, values (k, 4), and colours (k, 3) uint8 of the inverse condition numbers."""
     from matplotlib import colormaps
 
     at = np.flatnonzero(found.reached)
     at = at[:: max(1, -(-len(at) // MOST))]
     values = found.values[at]
-    known = values[:, 1] if values[:, 1].any() else values[:, 2]  # without equations: by margin to the limits
+    known = values[:, 1] if values[:, 1].any() else values[:, 2]  # no condition numbers: limit margins
     most = float(np.quantile(known, 0.99)) if len(known) else 1.0
     rgba = colormaps["viridis"](np.clip(known / max(most, 1e-12), 0, 1), bytes=True)
     return found.grid.position(at), values, np.asarray(rgba)[:, :3]

@@ -1,4 +1,4 @@
-"""Run tasks on other processors through a Dask scheduler: an existing one, by address, or a local one.
+"""Run tasks on other processors through a Dask scheduler, which already runs at an address or is started locally.
 
 Each result is returned when its task is finished. If a worker dies, another worker reruns its unfinished tasks.
 """
@@ -28,7 +28,7 @@ PATIENCE = "10s"
 
 @contextlib.contextmanager
 def cluster(address: str = HERE, workers: int | None = None) -> Iterator[Client]:
-    """Yield a client of the scheduler at an address such as tcp://10.0.0.1:8786, or of local workers.
+    """Yield a client of the scheduler at `address`, such as tcp://10.0.0.1:8786; "local" starts local workers.
 
     Raises:
         TwinError: no scheduler answers at the address, it has no workers, or `distributed` is not installed.
@@ -53,10 +53,10 @@ def cluster(address: str = HERE, workers: int | None = None) -> Iterator[Client]
         try:
             client = Client(address, timeout=PATIENCE)
         except (OSError, TimeoutError, ValueError) as error:
-            raise TwinError(f"--scheduler {address}: no Dask scheduler answers there ({error})") from error
+            raise TwinError(f"--scheduler {address}: no Dask scheduler answers at this address ({error})") from error
         with client:
             if not client.scheduler_info()["workers"]:
-                raise TwinError(f"--scheduler {address}: no workers; start some: dask worker {address}")
+                raise TwinError(f"--scheduler {address}: the scheduler has no workers; start: dask worker {address}")
             yield client
 
 

@@ -1,8 +1,8 @@
-"""Design variants: parameters and distances are varied, and each design is evaluated by workspace and accuracy.
+"""Vary parameters and distances of a robot, and evaluate workspace and accuracy of each resulting design.
 
-A factor is a parameter of the equations, or a distance between two joints on one body of the mechanism, written
-`body:joint-joint`; changing the distance moves the second joint along the line between them. Each design is evaluated
-independently, so that the work can be distributed, stopped and resumed.
+A factor is a varied quantity: a parameter of the equations, or the distance between two joints on one body of the
+mechanism, written `body:joint-joint`. A changed distance moves the second joint along the line between the joints. Each
+design is evaluated independently, so that the work can be distributed, stopped and resumed.
 """
 
 from __future__ import annotations
@@ -25,10 +25,10 @@ from twin.kinematics import Kinematics
 from twin.model.mechanism import Joint, Mechanism
 
 OBJECTIVES = {
-    "volume": ("dm³", +1, "positions reached in the home orientation"),
-    "conditioning": ("", +1, "mean inverse condition number over these positions"),
+    "volume": ("dm³", +1, "volume of the positions reached in the home orientation"),
+    "conditioning": ("", +1, "mean inverse condition number over the positions reached in the home orientation"),
     "margin": ("", +1, "mean margin to the nearest joint limit, 1 in the middle of the range"),
-    "tolerance": ("µm", -1, "95th-percentile position error at home, 10 µm of each joint frame, 1 µm of encoders"),
+    "tolerance": ("µm", -1, "95th-percentile position error at home: joint frames 10 µm, encoders 1 µm"),
 }
 """Objectives: unit, whether larger (+1) or smaller (-1) values are better, and description."""
 
@@ -116,12 +116,12 @@ def factor(robot: api.Robot, text: str) -> Factor:
 
 
 def distance(mechanism: Mechanism, name: str) -> float:
-    """Return the distance in m between two joints, `body:joint-joint`, perpendicular to the axes of parallel pins."""
+    """Return the distance in m for `body:joint-joint`; for parallel pins, it is perpendicular to their axes."""
     return float(np.linalg.norm(_between(mechanism, name)[0]))
 
 
 def stretched(mechanism: Mechanism, name: str, value: float) -> Mechanism:
-    """Return the mechanism with this distance set to `value` in m; the second joint moves along the connecting line."""
+    """Return the mechanism with the distance `name` set to `value` in m; the second joint moves on the joining line."""
     line, joint, side = _between(mechanism, name)
     size = float(np.linalg.norm(line))
     if size < 1e-9:
@@ -147,7 +147,7 @@ def _between(mechanism: Mechanism, name: str) -> tuple[Array, Joint, str]:
     a, b = (getattr(joint, side) for joint, side in ends)
     line = b[:3, 3] - a[:3, 3]
     axes = [T[:3, 2] for T, (joint, _) in zip((a, b), ends, strict=True) if joint.type in ("revolute", "cylindrical")]
-    if axes and np.linalg.norm(np.cross(axes[0], axes[-1])) < 1e-6:  # lengths along pins do not count
+    if axes and np.linalg.norm(np.cross(axes[0], axes[-1])) < 1e-6:  # a shift along parallel pins has no effect
         line = line - (line @ axes[0]) * axes[0]
     return line, *ends[1]
 
@@ -204,7 +204,7 @@ def _robot(source: str, protocol: str | None) -> api.Robot:
 
 
 def judge(work: Job, design: Sequence[float]) -> dict[str, float]:
-    """Return the objectives of one design; NaN for a design that cannot be assembled."""
+    """Return the objectives of one design; NaN if the design cannot be assembled."""
     robot = _robot(work.source, work.protocol)
     out: dict[str, float] = {}
     named = {f.name: float(v) for f, v in zip(work.factors, design, strict=True)}

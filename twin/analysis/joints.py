@@ -1,8 +1,8 @@
-"""Workspace from samples of the joint ranges, for robots whose equations have no closed-form inverse.
+"""Compute a workspace from samples of the joint ranges, for robots whose equations have no closed-form inverse.
 
-Joint values are spread evenly over their ranges, and the resulting tool positions are counted in cells. For a robot
-without equations, the positions come from the mechanism with closed loops; the margin to a singularity of the loops
-then replaces the singularity measure, and there is no condition number.
+Joint values are spread evenly over their ranges, and the resulting tool positions are counted in grid cells. For a
+robot without equations, the positions come from the mechanism with closed loops. In this case, there is no condition
+number, and the margin to a singularity of the loops replaces the singularity measure.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from twin.core.errors import TwinError
 from twin.core.spatial import Array
 
 _FIRST = 50_000
-"""Number of samples from which the size of the box is estimated."""
+"""Number of samples from which the extent of the grid is estimated."""
 
 _CELLS = 20_000_000
 """Maximum number of grid cells."""
@@ -49,7 +49,7 @@ def by_joints(
     p = p[(values[:, 0] > 0) & np.isfinite(p).all(axis=1)]
     if not len(p):
         raise TwinError(
-            f"{robot.name}: none of {min(_FIRST, count)} joint positions within the limits can be assembled"
+            f"{robot.name}: the mechanism cannot be assembled at any of {min(_FIRST, count)} samples of its joints"
         )
     extent = np.ptp(p, axis=0)
     step = step or float(max(extent.max(), 1e-6)) / 64
@@ -57,7 +57,7 @@ def by_joints(
     low = p.min(axis=0) - margin
     shape = np.ceil((extent + 2 * margin) / step).astype(int) + 1
     if shape.prod() > _CELLS:
-        raise TwinError(f"--step-mm: {shape.prod():.3g} cells of {1e3 * step:.3g} mm; the limit is {_CELLS:.0g}")
+        raise TwinError(f"--step-mm {1e3 * step:.3g}: {shape.prod():.3g} cells; the limit is {_CELLS:.0g}")
     nx, ny, nz = (int(n) for n in shape)
     grid = Grid(low, step, (nx, ny, nz), np.eye(3))
     cells = grid.positions
@@ -78,7 +78,7 @@ def by_joints(
         inverse += np.bincount(at, weights=of[:, 1], minlength=cells)
         np.maximum.at(margins, at, of[:, 2])
         np.fmin.at(singular, at, of[:, 3])
-        progress(f"{count:.3g} joint positions", last / count)
+        progress(f"{count:.3g} joint samples", last / count)
     out = np.zeros((cells, 4), np.float32)
     out[:, 0] = hits > 0
     out[:, 1] = inverse / np.maximum(hits, 1)
@@ -99,7 +99,7 @@ def _ranges(robot: Robot) -> Array:
 
 
 def _root(n: int) -> float:
-    """Return the positive root of x^(n + 1) = x + 1, whose powers spread points evenly in n dimensions."""
+    """Return the positive root of x^(n + 1) = x + 1; its powers are the steps of an even sequence in n dimensions."""
     x = 2.0
     for _ in range(60):
         x = (1 + x) ** (1 / (n + 1))

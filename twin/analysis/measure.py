@@ -1,7 +1,8 @@
-"""One compiled kernel that evaluates poses: reachability, margin to joint limits, conditioning.
+"""Compile one function (kernel) that evaluates poses: reachability, margin to joint limits, conditioning.
 
-Condition numbers come from the eigenvalues of J J^T, computed by Jacobi rotations in sweeps until the off-diagonal
-entries are rounding errors. The sweeps are unrolled code, so that many poses are computed at once.
+Condition numbers come from the eigenvalues of J J^T (J: Jacobian). They are computed by sweeps of Jacobi rotations
+until the off-diagonal entries are rounding errors. The number of sweeps is fixed, so that many poses are computed at
+once.
 """
 
 from __future__ import annotations
@@ -21,8 +22,9 @@ from twin.kinematics.compile import POSE_TOL
 NAMES = ("reached", "inverse_condition", "limit_margin", "singularity")
 """Names of the values at a pose.
 
-Reached (1 or 0); inverse condition number, 0..1; margin of the joint nearest to a limit (1 in the middle of its range,
-0 at the limit); smallest singularity measure of the equations (NaN if they have none).
+`reached`: 1 or 0. `inverse_condition`: inverse condition number, 0..1. `limit_margin`: margin of the joint nearest to a
+limit (1 in the middle of its range, 0 at the limit). `singularity`: smallest singularity measure of the equations (NaN
+if they have none).
 """
 
 ROOT = 1.2207440846057596
@@ -32,7 +34,7 @@ _SWEEPS, _BESIDE = 12, 1e-13
 
 
 def shared(bounds: Sequence[Bound]) -> tuple[Bound, ...]:
-    """Return the limits that involve several joints: limits of transmission motors, and minimum gaps on one rail."""
+    """Return the limits that involve several joints: limits of motors with a transmission, and gaps on one rail."""
     return tuple(b for b in bounds if b.kind in ("motor", "gap"))
 
 
@@ -53,7 +55,7 @@ def kernel(
         pose: function from a sample (size,) to its pose (4, 4) or, with `from_joints`, to its joints (n,).
         bounds: limits that involve several joints, see `shared`.
         from_joints: whether samples are joints; requires forward equations.
-        size: count of numbers in a sample.
+        size: number of entries of a sample.
     """
     program, n = kin.program, len(kin.joints)
     i = ca.SX.sym("i", size)
@@ -84,7 +86,7 @@ def kernel(
     for bound in bounds:
         reached = ca.logic_and(reached, ca.dot(ca.SX(ca.DM(bound.weights)), q) >= bound.least)
     aspects = program.group["aspect"]
-    if aspects.function.numel_out(0):  # poses in another assembly do not count as reached
+    if aspects.function.numel_out(0):  # a pose in another assembly mode does not count as reached
         for sign, aspect in zip(ca.vertsplit(aspects.function(state)), kin.formula.aspects, strict=True):
             reached = ca.logic_and(reached, sign * aspect.preferred > 0)
     measures = program.group["measure"]

@@ -1,4 +1,4 @@
-"""Workspace of a robot from a grid of poses or from joint samples, depending on its equations."""
+"""Compute the workspace of a robot from a grid of poses or from joint samples, depending on its equations."""
 
 from __future__ import annotations
 
@@ -34,8 +34,8 @@ def workspace(
 ) -> Workspace:
     """Return the workspace of the tool.
 
-    With a closed-form inverse, positions on a grid are evaluated in one or more orientations; otherwise, or if
-    `by_joint_positions`, joint values are sampled.
+    With a closed-form inverse, positions on a grid are evaluated in one or more orientations. Without it, or if
+    `by_joint_positions` is True, joint values are sampled.
 
     Args:
         robot: a robot with CAD, or loaded from a stage.
@@ -60,7 +60,7 @@ def workspace(
         if scheduler:
             raise TwinError("--scheduler: joint samples run on this machine only; omit --joints")
         return by_joints(robot, count, step, progress)
-    progress("find the box", 0.0)
+    progress("find the extent", 0.0)
     T = centre(robot)
     turns = turns if tilt else 1
     low, high = box(robot, T, tilt, turns)

@@ -34,7 +34,7 @@ class Sweep(Result):
         designs: (k, factors) in SI units, the CAD's design first.
         judged: (k, objectives) values, in the units of `design.OBJECTIVES`.
         best: (k,) bool, whether a design is Pareto-optimal.
-        before: number of designs whose results came from the cache.
+        before: number of designs whose results were already stored in the folder.
     """
 
     robot: str
@@ -81,10 +81,10 @@ class Sweep(Result):
     def text(self) -> Iterator[Part]:
         """Yield the CAD's design and the Pareto-optimal designs."""
         data = self.content()
-        yield f"{self.robot} · {len(self.designs)} designs evaluated ({self.before} from cache)"
+        yield f"{self.robot} · {len(self.designs)} designs evaluated ({self.before} from the cache)"
         yield from (f"  {name}: {meaning['meaning']}" for name, meaning in data["objectives"].items())
         if (grid := data["grid"]) is not None:
-            cells = f"positions {grid['step_mm']:.3g} mm apart, the same for every design"
+            cells = f"a grid of {grid['step_mm']:.3g} mm, the same for every design"
             yield f"  volume is counted on {cells}: ± {grid['volume_error_dm3']:.1g} dm³ for the CAD's design"
         yield ""
         head = [n for n in data["drawn"] if n != "pareto"]
@@ -99,7 +99,7 @@ class Sweep(Result):
 
 def _cell(name: str, value: Any) -> str:
     if name == "design":
-        return "as drawn" if value == 0 else str(value)
+        return "CAD" if value == 0 else str(value)
     return f"{value:.4g}"
 
 
@@ -119,7 +119,7 @@ def sweep(
     fresh: bool = False,
     progress: Progress = silent,
 ) -> Sweep:
-    """Evaluate designs; results that are already stored in the same folder are reused.
+    """Evaluate designs, and reuse results that are already stored in the same folder.
 
     Args:
         robot: a robot with CAD, and with equations if an objective requires them.
@@ -143,7 +143,7 @@ def sweep(
         robot = robot.bound(robot.protocol(protocol))
     factors = [design.factor(robot, text) for text in vary]
     if len({f.name for f in factors}) < len(factors):
-        raise TwinError("--vary: a factor is given twice")
+        raise TwinError("--vary: the same factor is given twice")
     default = ("tolerance",) if all(":" in f.name for f in factors) else ("volume", "conditioning")
     objectives = tuple(dict.fromkeys(objectives or default))
     progress("positions", 0.0)

@@ -1,4 +1,4 @@
-"""The results of a sweep on disk, one line for each evaluated design, so that a sweep can be stopped and resumed."""
+"""Store the results of a sweep on disk, one line for each evaluated design, so that it can be stopped and resumed."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def key_of(work: Job, designs: Array) -> str:
 
 
 class Table:
-    """`rows.csv` and `job.json` in a folder; open it with `with`, then `add` the results of each design.
+    """Stored results of a sweep: `rows.csv` and `job.json` in a folder; use with `with`, and `add` each result.
 
     Attributes:
         done: objectives by design number, of designs evaluated so far.
@@ -43,10 +43,10 @@ class Table:
             try:
                 old = json.loads(job.read_text(encoding="utf-8"))["key"]
             except (ValueError, KeyError, TypeError) as error:
-                raise TwinError(f"{job}: damaged; give --fresh to start again") from error
+                raise TwinError(f"{job}: the file is damaged; give --fresh to start again") from error
             if old != key:
                 raise TwinError(
-                    f"{folder}: the folder holds another sweep; give another --out, or --fresh to start again"
+                    f"{folder}: the folder contains another sweep; give another --out, or --fresh to start again"
                 )
         else:
             self._path.unlink(missing_ok=True)

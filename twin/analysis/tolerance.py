@@ -1,9 +1,9 @@
 """Tool error caused by manufacturing and encoder errors: first-order propagation through the loops, and Monte Carlo.
 
-Every joint has two frames, one on each body; each frame has a small error in position and rotation. The loops are then
-closed again, by least squares if they are overconstrained (for example pins of a planar loop that are not parallel: the
-gaps are distributed, as by clearances). The first-order result is the derivative of the implicit equations; a Monte
-Carlo simulation with compiled Newton steps checks it.
+Every joint has two frames, one on each body; each frame has a small error in position and rotation. With these errors,
+the loops are closed again. If they are overconstrained (for example by pins of a planar loop that are no longer
+parallel), they are closed by least squares, which distributes the gaps as clearances would. The first-order result is
+the derivative of the implicit equations. A Monte Carlo simulation with compiled Newton steps checks this result.
 """
 
 from __future__ import annotations
@@ -98,7 +98,7 @@ class Budget:
 
     @property
     def difference(self) -> float | None:
-        """Maximum relative difference between first-order and Monte Carlo standard deviations; None if not sampled."""
+        """Largest relative difference of the standard deviations, first-order and Monte Carlo; None if not sampled."""
         if self.sampled is None:
             return None
         a, b = (np.sqrt(np.diag(c)) for c in (self.covariance, self.sampled))
@@ -188,7 +188,7 @@ class Tolerances:
         return ca.Function("slopes", [e.q, e.states], [ca.densify(x) for x in outs], {"cse": True})
 
     def _sensitivity(self, q: Array, state: Array) -> Array:
-        """Return the tool twist (6, errors) in base per unit error: frame errors first, then encoder errors."""
+        """Return the tool twist (6, errors) in base per unit of each error: frame errors first, then encoder errors."""
         Jx, Je, Jq, Tx, Te, Tq = (x.full() for x in self._slopes(q, state))
         direct = np.hstack([Te, Tq])
         if not Jx.size:
@@ -211,7 +211,7 @@ class Tolerances:
 
     @property
     def _kernel(self) -> Kernel:
-        """Compiled function that closes the loops with given errors, by Gauss-Newton from the state without errors."""
+        """Compiled function that closes the loops with given errors, by Gauss-Newton from the error-free state."""
         e = self.equations
         names = [p.name for p in e.passive]
         seed = ca.SX.sym("seed", e.states.numel())
@@ -240,7 +240,7 @@ class Tolerances:
 
 
 def _within(covariance: Array) -> tuple[float, float]:
-    """Return the radii in m and rad within which the fraction `SHARE` of normal errors with covariance (6, 6) is."""
+    """Return (position, rotation): radii in m and rad that the fraction `SHARE` of normal errors does not exceed."""
     draw = np.random.default_rng(0).normal(size=(200_000, 3))
     out = []
     for block in (covariance[:3, :3], covariance[3:, 3:]):
@@ -301,7 +301,7 @@ class ToleranceBudget(Result):
 
     @property
     def factor(self) -> float | None:
-        """Required position error divided by the computed error in the worst state; below 1: requirement not met."""
+        """Required position error divided by the computed error in the worst state; below 1, it is not met."""
         return None if self.required is None else self.required / self.worst.within[0]
 
     @property
@@ -356,15 +356,15 @@ class ToleranceBudget(Result):
         """Yield a row for each state, the Monte Carlo check, and whether the requirement is met."""
         s = self.spread
         yield f"{self.robot} · tool error caused by part and encoder errors\n"
-        yield "  standard deviations for each axis of each joint frame, ASSUMED unless given:"
-        place = f"{s.shift / UM:g} µm and {s.turn / DEG:g}° of its pose"
-        yield f"  {place}, {s.slide / UM:g} µm and {s.angle / DEG:g}° of an encoder\n"
+        yield "  standard deviations (ASSUMED unless given):"
+        place = f"joint frames {s.shift / UM:g} µm and {s.turn / DEG:g}° for each axis"
+        yield f"  {place}; encoders {s.slide / UM:g} µm and {s.angle / DEG:g}°\n"
         rows = []
         for b in self.budgets:
             sd = ", ".join(f"{x / UM:.3g}" for x in np.sqrt(np.diag(b.covariance))[:3])
             most = ", ".join(f"{what} {100 * p:.0f} %" for what, p, _ in b.contributors[:3])
             rows.append((b.name, f"{b.within[0] / UM:.4g} µm", f"{b.within[1] / DEG:.3g}°", sd, most))
-        yield Table(("state", "95 % within", "turned", "sigma x, y, z [µm]", "worst contributors"), rows, fit=True)
+        yield Table(("state", "95 % within", "rotation", "sigma x, y, z [µm]", "largest contributors"), rows, fit=True)
         yield ""
         for b in self.budgets:
             if b.sampled_within is not None and b.difference is not None:

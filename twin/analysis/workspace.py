@@ -1,4 +1,4 @@
-"""Workspace: a grid of positions, in several orientations around a central one, evaluated by a compiled kernel.
+"""Compute a workspace on a grid of positions, in several orientations around a central one, with a compiled kernel.
 
 Poses are not stored: the kernel computes each pose from its index, in chunks, and only a few values are stored for each
 position. Collisions are not checked; passive joints are limited only by the equations.
@@ -33,14 +33,14 @@ CHUNK = 1 << 18
 """Number of poses in a chunk, which takes tens of milliseconds and a few MB."""
 
 COLUMNS = ("reached", "inverse_condition", "limit_margin", "singularity")
-"""Columns of values for each position.
+"""Columns of the values for each position.
 
-Fraction of its orientations that are reached; and over the reached orientations: mean inverse condition number, largest
-margin to a joint limit, smallest singularity measure.
+`reached`: fraction of its orientations that are reached. Over the reached orientations: `inverse_condition`, mean
+inverse condition number; `limit_margin`, largest margin to a joint limit; `singularity`, smallest singularity measure.
 """
 
 _START, _FARTHEST = 0.1, 12.8
-"""Half edge length in m of the first and of the last box that is searched."""
+"""Half edge length in m of the first and of the largest box that is searched."""
 
 _COARSE, _GROWN = 32, 5
 """(number of positions along an edge while searching the box, maximum number of refinements)."""
@@ -188,7 +188,7 @@ class Workspace(Result):
             spread = ", ".join(f"{k}: {v:.3f}" for k, v in s["inverse_condition_quantiles"].items())
             yield f"  inverse condition {s['global_conditioning_index']:.3f} mean ({spread})"
         spread = ", ".join(f"{k}: {v:.2f}" for k, v in s["limit_margin_quantiles"].items())
-        yield f"  joint limits      best margin of a position, 1 in the middle of the range: {spread}"
+        yield f"  joint limits      margin (0 at a limit, 1 in the middle of the range): {spread}"
         if s["smallest_singularity_measure"] is not None:
             yield f"  singularity       smallest measure {s['smallest_singularity_measure']:.3g}"
         if s["best_position_mm"] is not None:
@@ -199,7 +199,7 @@ class Workspace(Result):
 
 def _what(s: Mapping[str, Any]) -> str:
     if s.get("sampled") == "joints":
-        return f"{s['samples']} joint positions, {100 * s['assembled']:.1f} % assembled"
+        return f"{s['samples']} joint positions, {100 * s['assembled']:.1f} % can be assembled"
     if s["orientations"] == 1:
         return f"{s['poses']} positions in one orientation"
     return f"{s['positions']} positions in {s['orientations']} orientations within {s['tilt_deg']:g}° about each axis"
@@ -208,8 +208,8 @@ def _what(s: Mapping[str, Any]) -> str:
 def volume_error(cube: np.ndarray, cell: float) -> float:
     """Return the uncertainty of a volume computed by counting cells, about two standard deviations.
 
-    It is the standard deviation of the volumes from the eight interleaved grids with twice the step. This is about
-    twice the standard deviation of the full grid, as measured on SILS at 6 to 32 mm with shifted grids.
+    The result is the standard deviation of eight volumes, from the interleaved grids with twice the step. Measurements
+    on SILS with shifted grids of 6 to 32 mm show that this is about twice the standard deviation of the full grid.
 
     Args:
         cube: (nx, ny, nz) bool, whether a position is reached.
@@ -251,7 +251,7 @@ def judge(robot: Robot, grid: Grid) -> Kernel:
     kin = robot.kinematics()
     if not kin.closed_inverse:
         raise KinematicsError(
-            f"{robot.name}: its equations have no closed-form inverse; solving pose by pose would take hours"
+            f"{robot.name}: the equations have no closed-form inverse; a numerical inverse would take hours"
         )
     return measure.kernel(kin, robot.mechanism.limits, grid.pose, bounds=shared_bounds(robot))
 
@@ -298,8 +298,8 @@ def box(robot: Robot, T: Array, tilt: float = 0.0, turns: int = 1) -> tuple[Arra
         half *= 2
     if not len(p):
         raise TwinError(
-            f"{robot.name}: no pose is reachable within {half:g} m of the tool's position in that orientation; with "
-            f"{len(robot.joints)} joints not every orientation can be held: give --tilt-deg, or --joints"
+            f"{robot.name}: no position within {half:g} m of the tool is reached in its present orientation; with "
+            f"{len(robot.joints)} joints not every orientation is possible: give --tilt-deg, or --joints"
         )
     low, high = p.min(axis=0) - 2 * step, p.max(axis=0) + 2 * step
     for _ in range(_GROWN):  # repeat on a finer grid: a coarse grid misses thin regions

@@ -33,7 +33,7 @@ class Info(Result):
     Attributes:
         data: plain data, in SI units.
         bodies: number of bodies.
-        findings: findings of the CAD, and a warning if the mechanism is singular as drawn.
+        findings: findings of the CAD, and a warning if the mechanism is singular in the CAD's rest poses.
     """
 
     kind: ClassVar[str] = "info"
@@ -57,7 +57,7 @@ class Info(Result):
             + (f"loops closed by {', '.join(loops)}" if loops else "no loops")
         )
         for name, r in data["redundant"].items():
-            yield f"    redundant at {name}: {r['count']} of {', '.join(r['among'])}"
+            yield f"    redundant constraints of loop {name}: {r['count']} of {', '.join(r['among'])}"
         yield f"  frames: {', '.join(data['frames'])}   points: {', '.join(data['points']) or 'none'}\n"
         yield Table(("joint", "type", "between", "limits", ""), [_joint_row(j) for j in data["joints"]])
         yield ""
@@ -69,7 +69,7 @@ class Info(Result):
             yield "  no equations"
         if data["parameters"]:
             yield "\n  parameters (* assumed: not published)"
-            # Drawing dimensions come last because there are many.
+            # The dimensions of the CAD come last, because there are many.
             yield _parameters(
                 sorted(data["parameters"], key=lambda p: (p["name"].startswith("drawing."), p["provenance"]))
             )
@@ -107,7 +107,7 @@ class SceneInfo(Result):
             )
             for r in data["robots"]
         ]
-        yield Table(("robot", "protocol", "port", "port at [mm]", "base at [mm]"), rows)
+        yield Table(("robot", "protocol", "port", "port position [mm]", "base position [mm]"), rows)
         around = data["surroundings"] or "none"
         yield f"\n  surroundings: {around}; required clearance: {data['clearance_mm']:g} mm"
         yield "\n".join(f"  camera {n}: {c['robot']}, frame {c['frame']}" for n, c in data["cameras"].items())

@@ -52,9 +52,9 @@ def operate(
     from twin.simulation.operated import run_trials
 
     if trials < 1:
-        raise TwinError(f"--trials {trials}: it must be at least 1")
+        raise TwinError(f"--trials {trials}: the number must be at least 1")
     if not scale > 0:
-        raise TwinError(f"--scale {scale:g}: it must be above 0")
+        raise TwinError(f"--scale {scale:g}: the scale must be above 0")
     chosen = protocol if isinstance(protocol, Protocol) else robot.protocol(protocol)
     progress("read CAD", 0.0)
     kin, mechanism = robot.kinematics(), robot.mechanism

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from twin.simulation.dynamics.track import PlantName
 
 _SEEDS = (0, 1)
-"""Random seeds of the runs in which the errors of masses and frictions have random signs."""
+"""Seeds of the runs in which the errors of masses and friction have random signs."""
 
 _CURVE = tuple(p / 100 for p in range(-20, 21, 5))
 """Relative errors of the inertias at which the curve of the tip error is computed."""
@@ -33,12 +33,12 @@ def track(
     curve: bool = False,
     progress: Progress = silent,
 ) -> Tracking:
-    """Simulate computed torque control along a protocol, with an exact model and with wrong models.
+    """Simulate computed-torque control along a protocol, with an exact model and with wrong models.
 
     Args:
         robot: a robot with masses in its description, inertia.toml or stage.
         protocol: a protocol, its name or its path; default: the robot's default protocol.
-        mismatch: relative error, 0 to below 1, of the masses and inertia tensors in the wrong models.
+        mismatch: relative error (at least 0, below 1) of the masses and inertia tensors in the wrong models.
         plant: simulator of the robot, "mujoco" or "pinocchio"; the controller's model always uses Pinocchio.
         inertia: source of the masses, "cited" (inertia.toml) or "cad" (computed from the CAD); default: "cited" if
             inertia.toml exists, else "cad".
@@ -56,7 +56,7 @@ def track(
     from twin.simulation.dynamics.track import curve as over
 
     if not 0 <= mismatch < 1:
-        raise TwinError(f"mismatch {100 * mismatch:g} %: give 0 to below 100 %")
+        raise TwinError(f"mismatch {100 * mismatch:g} %: give at least 0 % and less than 100 %")
     chosen = protocol if isinstance(protocol, Protocol) else robot.protocol(protocol)
     robot = robot.bound(chosen)
     known = robot.files is not None and (robot.files.cad / masses.NAME).is_file()
@@ -67,7 +67,7 @@ def track(
     progress("read CAD", 0.0)
     trajectory = plan(robot, chosen, progress)
     if source == "cad" and robot.files is not None:
-        progress("weigh CAD", 0.0)
+        progress("compute masses", 0.0)
         robot = robot.weighed()
     arm = arm_of(robot.mechanism, table, cited=source == "cited")
     if plant == "mujoco":

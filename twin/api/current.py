@@ -22,7 +22,7 @@ class StageCheck(Result):
 
     Attributes:
         folder: folder of the stage.
-        fresh: number of files in the new build.
+        fresh: number of files of the new build.
         differing: files that differ from the new build, or are missing.
         unexpected: files that are not in the new build.
         command: command line that rebuilds the stage.
@@ -73,7 +73,7 @@ def check_build(robot: Robot, folder: Path | None = None, word: str = "", progre
         TwinError: the robot was loaded from a stage, or cannot be built.
     """
     if robot.files is None:
-        raise TwinError(f"{robot.name} is already a stage")
+        raise TwinError(f"{robot.name} was loaded from a USD stage: there is no CAD to build from")
     current = folder or robot.files.usd
     with Scratch() as work:
         fresh = make.build(robot, Path(work), progress=progress)
@@ -85,7 +85,7 @@ def check_build(robot: Robot, folder: Path | None = None, word: str = "", progre
 
 
 def _same(a: Path, b: Path) -> bool:
-    """Return whether two layers are equal: in bytes or, because processors round differently, in content."""
+    """Return whether two files are equal in bytes or, because processors round differently, in USD content."""
     if not b.is_file():
         return False
     if filecmp.cmp(a, b, shallow=False):

@@ -48,21 +48,21 @@ def validate(
     baked: bool = False,
     progress: Progress = silent,
 ) -> Report:
-    """Judge the equations against the mechanism along a protocol, and the mechanism against its USD stage.
+    """Compare the equations with the mechanism along a protocol, and the mechanism with its USD stage.
 
     Args:
         robot: a robot with CAD and equations.
-        trajectory: the planned trajectory; None: it is planned now.
+        trajectory: the planned trajectory; None: the function plans it.
         protocol: the protocol of the trajectory; default: the robot's default protocol.
         variants: variants of the equations to judge; the motion is always planned with the robot's own variants.
         tolerances: maximum deviations; default: those of exact geometry, increased by the placement precision of the
             CAD.
         stage: root layer to judge; default: the robot's own stage, or a new build if it is missing or outdated.
-        baked: whether the motion in `stage` was baked from this trajectory; if not, a difference is only a warning.
+        baked: whether the motion in `stage` was baked from this trajectory. Otherwise a difference is only a warning.
         progress: see `Progress`.
 
     Raises:
-        TwinError: nothing could be judged, because something is missing or malformed.
+        TwinError: nothing could be judged, because an input is missing or malformed.
     """
     from twin.validation.case import Case
     from twin.validation.commands import commands
@@ -95,7 +95,7 @@ def explain(
     seconds: float = 8.0,
     progress: Progress = silent,
 ) -> Explanation:
-    """Find the row (assignment) of an equation that disagrees with the mechanism, the cause and the correction.
+    """Find the row (assignment) of an equation that disagrees with the mechanism, its cause and its correction.
 
     Args:
         robot: a robot with CAD (or a stage) and equations.
@@ -113,7 +113,7 @@ def explain(
 
     if tolerance is not None and not tolerance > 0:
         raise TwinError(f"tolerance {tolerance / UM:g} um: give a positive length")
-    formula = robot.formula  # its errors are raised before the CAD is read
+    formula = robot.formula  # read first, so that errors of the formula are raised before the CAD is read
     progress("read CAD", 0.0)
     used = Tolerances().widened(tolerance if tolerance is not None else 10 * robot.cad.placement_loss)
     return explain_(
@@ -136,7 +136,7 @@ def strokes(
     variants: Mapping[str, str] | None = None,
     progress: Progress = silent,
 ) -> Strokes:
-    """Judge the equations over the whole stroke of each joint, with the other joints at home.
+    """Compare the equations with the mechanism over the whole stroke of each joint, with the other joints at home.
 
     Args:
         robot: a robot with equations.

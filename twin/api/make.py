@@ -31,7 +31,7 @@ def build(
     """Write the robot's USD stage: meshes, masses, joints, and one baked motion for each protocol.
 
     Args:
-        robot: a robot with CAD; if it has no equations yet, motions that the mechanism cannot follow are skipped.
+        robot: a robot with CAD. If it has no equations yet, motions that the mechanism cannot follow are skipped.
         folder: folder to write; default: usd/<robot>/ in a checkout, usd/ in the folder of a user's robot.
         protocols: protocols whose motions are baked; default: all.
         progress: see `Progress`.
@@ -40,17 +40,17 @@ def build(
         The files written, root layer first.
 
     Raises:
-        OutputError: the folder cannot be written; it is then unchanged.
+        OutputError: the folder cannot be written; it stays unchanged.
     """
     from twin.exchange.write.usd import bake, write_usd
 
     if robot.files is None:
-        raise TwinError(f"{robot.name} is already a stage")
+        raise TwinError(f"{robot.name} was loaded from a USD stage: there is no CAD to build from")
     if folder is None:
         if not assets.is_checkout() and robot.name in names():
             raise TwinError("the installed data is read-only: choose a folder with --out")
         folder = robot.files.usd
-    progress("read CAD, weigh parts", 0.0)
+    progress("read CAD, compute masses", 0.0)
     robot = robot.weighed()
     assert robot.files is not None
     chosen = protocols or ()
@@ -63,7 +63,7 @@ def build(
             try:
                 bound, trajectory = robot.bound(robot.protocol(name)).mechanism, plan(robot, name)
             except ProtocolError:
-                if protocols is None and robot.unwritten:  # `twin plan` says why
+                if protocols is None and robot.unwritten:  # `twin plan` shows the reason
                     continue
                 raise
             bake(robot.mechanism, bound, trajectory, work)
@@ -90,11 +90,11 @@ def export(
         folder: folder to write; default: ./twin-out/<robot>/export/.
         formats: any of "usd", "usdz", "glb", "unity", "tracks", "mjcf", "urdf"; default: all.
         protocols: names or paths; default: every protocol of the robot.
-        budget: maximum interpolation errors between keys; it sets the key rate.
+        budget: maximum interpolation errors between keys; the key rate is chosen accordingly.
         progress: see `Progress`.
 
     Raises:
-        TwinError: something is missing or malformed; the folder is then unchanged.
+        TwinError: an input is missing or malformed; the folder stays unchanged.
     """
     from twin.exchange.audit import audit
     from twin.exchange.write.bundle import chosen_formats, write_bundle
@@ -106,7 +106,7 @@ def export(
 
 
 def audit(path: str | Path, robot: Robot | str | Path | None = None, progress: Progress = silent) -> AuditReport:
-    """Compare files of a moving robot with each other; the readers share no code with the writers.
+    """Compare exported files of a moving robot with each other; the readers share no code with the writers.
 
     Args:
         path: a folder, an exported scene, or one .glb, .gltf, USD, .usdz, track, MJCF or URDF file.
@@ -144,9 +144,9 @@ def _truth(robot: Robot, path: Path, progress: Progress) -> dict[str, tuple[Arra
             continue
         protocol = robot.protocol(max(fits, key=len))
         trajectory = plan(robot, protocol, progress)
-        inside = np.clip(times, 0.0, trajectory.duration)  # the last key is rounded
+        inside = np.clip(times, 0.0, trajectory.duration)  # the time of the last key is rounded
         model = ReferenceModel(robot.bound(protocol).mechanism)
         out[protocol.name] = (times, model.link_poses(trajectory.on(model, inside).x))
     if not out:
-        raise TwinError(f"{robot.name}: no clip is named after one of its protocols ({', '.join(known) or 'none'})")
+        raise TwinError(f"{robot.name}: no clip has the name of a protocol of the robot ({', '.join(known) or 'none'})")
     return out

@@ -1,4 +1,4 @@
-"""Checks of published material: tables from their printed rows, stated masses, equations of a surgeon's console."""
+"""Check published material: tables from their printed rows, stated masses, equations of a surgeon's console."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from twin.validation.groups import GroupTables, Recomputed
     from twin.validation.masses.collect import Source
 
-_NEXT = "compare the numbers above with the document; if it prints the same, cite the recomputed ones too"
+_NEXT = "compare the numbers above with the document; if the document prints them, also cite the recomputed numbers"
 
 
 @dataclass(frozen=True)
@@ -27,7 +27,7 @@ class Study(Result):
     """Published tables, recomputed from their printed rows.
 
     Attributes:
-        what: description of the printed values, for messages.
+        what: description of the printed values, such as "the printed means, p-values and claims".
         titles: (title, source) of the document of each table; ("", "") for a further table of the same document.
         tables: tables of the documents.
         data: the tables as plain data.
@@ -62,9 +62,8 @@ class Study(Result):
         n = sum(f.severity == "disagreement" for f in self.findings)
         words = {
             "agree": f"AGREE: {self.what} follow from the printed rows",
-            "disagree": f"DISAGREE: {n} of {self.what} {'do' if n > 1 else 'does'} not follow from the values "
-            "printed beside them",
-            "unchecked": f"UNCHECKED: {self.what} could not all be judged",
+            "disagree": f"DISAGREE: {n} of {self.what} {'do' if n > 1 else 'does'} not follow from the printed rows",
+            "unchecked": f"UNCHECKED: not all of {self.what} could be judged",
         }
         yield f"\n  {words[self.verdict]} (exit code {self.exit_code})"
         if self.what_to_do:
@@ -116,7 +115,7 @@ def _users(paths: Sequence[Path]) -> Study:
         data.append({"title": printed.title, "source": printed.source, "rows": [r.as_dict() for r in rows]})
         titles.append((printed.title, printed.source))
         lines = [
-            (r.name, f"{r.printed_p:.2f}", f"{p:.3f}", name, "reproduces the print" if name == r.test() else "")
+            (r.name, f"{r.printed_p:.2f}", f"{p:.3f}", name, "agrees with the print" if name == r.test() else "")
             for r in rows
             for name, p in r.tests.items()
         ]
@@ -126,7 +125,7 @@ def _users(paths: Sequence[Path]) -> Study:
 
 
 def _grouped(path: Path) -> bool:
-    """Return whether a study file compares independent groups; faults of the file are reported when it is loaded."""
+    """Return whether a study file compares independent groups; the loader reports faults of the file."""
     import tomllib
 
     try:
@@ -156,7 +155,7 @@ def _inertias(path: Path) -> Study:
     ]
     plain, negated = sum(r.mass_printed for r in rows), sum(r.mass_negated for r in rows)
     lines.append(("sum", "", "", f"{plain:.2f}", f"{negated:.2f}"))
-    head = ("row", "positive definite", "triangle slack", "minimum mass, as printed [kg]", "products negated [kg]")
+    head = ("row", "positive definite", "triangle slack", "minimum mass [kg], as printed", "products negated")
     data = {"title": exhibit.title, "source": exhibit.source, "rows": [r.as_dict() for r in rows]}
     title = (exhibit.title, exhibit.source)
     return Study("the printed masses and inertias", (title,), (Table(head, lines),), data, tuple(findings))
@@ -203,7 +202,7 @@ class Masses(Result):
                     else "inside"
                     if b.outside == 0
                     else f"{1e3 * b.outside:.1f} mm outside",
-                    "" if not b.findings else "CANNOT BE" if verdict(b.findings) != "agree" else "odd",
+                    "" if not b.findings else "FAILED" if verdict(b.findings) != "agree" else "warning",
                 )
                 for b in source.bodies
             ]
@@ -227,12 +226,12 @@ def masses(robot: Robot, progress: Progress = silent) -> Masses:
     from twin.validation.masses import collect
 
     sources = []
-    progress("weigh parts", 0.0)
+    progress("compute masses", 0.0)
     if robot.files is None:
         sources.append(collect.of_mechanism(robot.mechanism, "stage"))
     else:
         weighed = robot.weighed().mechanism
-        sources.append(collect.of_mechanism(weighed, "weighed on the CAD"))
+        sources.append(collect.of_mechanism(weighed, "computed from the CAD"))
         if robot.files.stage.is_file():
             from twin.usd.read import read_stage
 
@@ -254,11 +253,11 @@ def console(
 
     Args:
         name: name of the console.
-        variants: one reading for all equations ("paper", "conjugate", "decoupled"), or {equation: reading}.
+        variants: one variant for all equations ("paper", "conjugate", "decoupled"), or {equation: variant}.
         progress: see `Progress`.
 
     Raises:
-        TwinError: there is no such console, equation or reading.
+        TwinError: there is no such console, equation or variant.
     """
     from twin.simulation.controllers import console as equations
     from twin.validation.console import judge

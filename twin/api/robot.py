@@ -71,7 +71,9 @@ class Source:
     @property
     def _files(self) -> assets.RobotFiles:
         if self.files is None:
-            raise TwinError(f"{self.stage.stem if self.stage else 'the robot'} was loaded from a USD stage: no CAD")
+            raise TwinError(
+                f"{self.stage.stem if self.stage else 'the robot'} was loaded from a USD stage: it has no CAD"
+            )
         return self.files
 
     @cached_property
@@ -92,7 +94,7 @@ class Source:
         """Yield the robot's own USD stage if it is up to date with the CAD, else one rebuilt in a temporary folder."""
         from twin.exchange.write.usd import fresh_stage
 
-        cad = vars(self).get("weighed") or self.cad  # both have the same file hash
+        cad = vars(self).get("weighed") or self.cad  # `cad` and `weighed` have the same file hash
         with fresh_stage(self._files.stage, cad.mechanism.source, lambda: self.weighed.mechanism) as root:
             yield root
 
@@ -101,8 +103,9 @@ class Source:
 class Robot:
     """A robot: its mechanism from the CAD (or a USD stage) and its equations. Created by `load`; immutable.
 
-    Arrays are SI; poses are T_base_tool (4, 4); q holds the active joints in the order of `joints`. CAD and
-    equations are loaded when first used. `bound`, `weighed` and `with_...` return new robots that share the source.
+    Arrays are in SI units; poses are T_base_tool (4, 4); q is the values of the active joints, in the order of
+    `joints`. CAD and equations are loaded when first used. `bound`, `weighed` and `with_...` return new robots with the
+    same source.
 
     Attributes:
         source: the CAD or stage from which the robot is read.
@@ -164,8 +167,7 @@ class Robot:
     ) -> Kinematics:
         """Return the compiled equations, with the robot's variants and parameters (SI) unless others are given.
 
-        Auxiliary joints, which the equations do not contain, are part of q: the inverse returns their values in the
-        CAD.
+        Auxiliary joints are not in the equations but are part of q: for them, the inverse returns the CAD's values.
 
         Raises:
             KinematicsError: there are no equations, or a variant or parameter does not exist.
@@ -181,10 +183,10 @@ class Robot:
     def _extra_joints(self, names: Sequence[str]) -> Sequence[ExtraJoint]:
         """Return the driven joints that are not in `names`, the joints of the equations.
 
-        The CAD is read only if the description has such joints, so that equations alone load fast.
+        The CAD is read only if the description has such joints, so that robots without them load fast.
         """
         if self.files is not None:
-            with contextlib.suppress(TwinError):  # reading the mechanism raises these errors
+            with contextlib.suppress(TwinError):  # these errors are raised again when the mechanism is read
                 if all(j.name in names for j in self.source.description.joint if j.active):
                     return ()
         return self.mechanism.extra_joints(names)
@@ -195,7 +197,11 @@ class Robot:
 
     @cached_property
     def formula(self) -> Formula:
-        """The equations before compilation; `KinematicsError` if missing or malformed. A `formula.py` is executed."""
+        """The equations before compilation. A robot folder's `formula.py` is executed.
+
+        Raises:
+            KinematicsError: the equations are missing or malformed.
+        """
         from twin.robots import load_formula
 
         if self.equations is not None:
@@ -259,7 +265,7 @@ class Robot:
         return kin.jacobian(kin.forward(np.asarray(q, float), seed), q)
 
     def solve(self, task: Task, seed: Array | None = None) -> Solution:
-        """Solve a task (a pose, a masked pose, tip and trocar, ...) by Levenberg-Marquardt within the joint limits.
+        """Solve a task (full or partial pose, tip and trocar, ...) by Levenberg-Marquardt within the joint limits.
 
         Raises:
             KinematicsError: there is no solution; its attribute `best` is the best iterate.
@@ -310,8 +316,8 @@ class Robot:
     def bound(self, protocol: Protocol) -> Robot:
         """Return the robot with its trocars at the positions of the protocol; the same robot if the protocol sets none.
 
-        The equations have parameters trocar_x, trocar_y, trocar_z for a single trocar, trocar_NAME_x, ... for each of
-        several.
+        The equations have parameters trocar_x, trocar_y, trocar_z for a single trocar; with several trocars, they have
+        parameters trocar_NAME_x, ... for each trocar.
 
         Raises:
             TwinError: the mechanism has no such trocar.
@@ -332,11 +338,11 @@ class Robot:
         return replace(self, parameters={**self.parameters, **values})
 
     def with_mechanism(self, mechanism: Mechanism) -> Robot:
-        """Return the robot with another mechanism; masses are those of this mechanism."""
+        """Return the robot with the given mechanism and its masses."""
         return replace(self, changed=mechanism)
 
     def with_formula(self, formula: Formula) -> Robot:
-        """Return the robot with these equations instead of the equations of its files."""
+        """Return the robot with the given equations instead of the equations of its files."""
         return replace(self, equations=formula)
 
     def weighed(self) -> Robot:
@@ -346,11 +352,11 @@ class Robot:
             TwinError: the robot was loaded from a stage, or its description or CAD is malformed.
         """
         if self.files is None:
-            raise TwinError(f"{self.name} is already a stage")
+            raise TwinError(f"{self.name} was loaded from a USD stage: there is no CAD to compute masses from")
         if self.is_weighed:
             return self
         out = replace(self, is_weighed=True)
-        for name in ("formula", "_kinematics"):  # equations have no masses: the compiled functions stay valid
+        for name in ("formula", "_kinematics"):  # masses do not affect the equations: keep the compiled functions
             if name in vars(self):
                 vars(out)[name] = vars(self)[name]
         return out
@@ -374,8 +380,8 @@ class Robot:
         kin, order = self._kinematics, mechanical.joint_names
         if order != kin.joints:
             raise TwinError(
-                f"{self.name}: the description drives {', '.join(order)}, the equations {', '.join(kin.joints)}; "
-                "use the same names in the same order"
+                f"{self.name}: the driven joints are {', '.join(order)} in the description, but "
+                f"{', '.join(kin.joints)} in the equations; use the same names in the same order"
             )
         return replace(
             mechanical,
@@ -416,10 +422,10 @@ def load(
         admit(path)
         return Robot(Source(None, path, tool), None, variants, dict(parameters or {}))
     if tool is not None:
-        raise TwinError(f"{robot} is not a USD stage: its tool is set in its description")
+        raise TwinError(f"{robot} is not a USD stage: the tool is set in the robot's description")
     files = assets.files(robot)
     if (other := assets.hidden(robot)) is not None:
         logging.getLogger(__name__).warning(
-            "'%s' is the robot that comes with twin; for the one in the folder %s write ./%s", robot, other, robot
+            "'%s' is the built-in robot; for the robot in the folder %s write ./%s", robot, other, robot
         )
     return Robot(Source(files, None), files, variants, dict(parameters or {}))

@@ -1,4 +1,4 @@
-"""Export of a scene: a checked bundle for each robot with its base pose, and one USD stage with all robots.
+"""Export a scene: a checked bundle for each robot with its base pose, and one USD stage with all robots.
 
 Formats other than USD contain one robot with its motion. `scene.json` contains the pose of each robot's base; a player
 places the bases and starts all motions at the same time. A robot that a console leads has no motion: its files hold it
@@ -27,7 +27,7 @@ from twin.exchange.write.clip import Budget, home_poses
 from twin.model.scene import Place, Scene, load_scene
 
 _TOLERANCE = 1 * UM
-"""Maximum difference in m between a link in the scene's stage and in its robot's bundle, both in world."""
+"""Maximum difference in m between the world position of a link in the scene's stage and in its robot's bundle."""
 
 
 @dataclass(frozen=True)
@@ -116,7 +116,7 @@ def export_scene(
         progress: see `twin.api.Progress`.
 
     Raises:
-        TwinError: something is missing or malformed; the folder is then unchanged.
+        TwinError: an input is missing or malformed; the folder stays unchanged.
     """
     scene, kinds = load_scene(file), chosen_formats(formats)
     root = folder or Path("twin-out") / scene.name / "export"
@@ -221,8 +221,8 @@ def _readme(scene: Scene, formats: Sequence[str]) -> str:
         "",
         "One folder for each robot, with its own README.txt and proof.json:",
         f"  {', '.join(p.name for p in scene.places)}.",
-        f"Formats: {', '.join(formats)}. Each file holds one robot in its base frame, z up, m, with its motion.",
-        "scene.json   T_world_base of each robot (4 x 4, rows), and its protocol; all motions start together.",
+        f"Formats: {', '.join(formats)}. Each file contains one robot with its motion, in its base frame, z up, in m.",
+        "scene.json   T_world_base of each robot (4 x 4, row by row), and its protocol; all motions start together.",
     ]
     if led := [p.name for p in scene.places if not p.protocol]:
         lines.append(f"A console leads {', '.join(led)}: no motion; joint values where it begins are in scene.json.")

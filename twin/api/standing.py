@@ -1,4 +1,4 @@
-"""Obstacles around a robot in a scene: props and the other robots, as drawn."""
+"""Obstacles around a robot in a scene: props, and the other robots in their rest poses."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def standing(scene: str, robot: str, load: Callable[[str], Any]) -> list[Still]:
     """Return the bodies of the props and of the other robots of a scene, with poses in one robot's base frame.
 
     Args:
-        scene: name of a built-in scene, path of a scene.toml or of its folder.
+        scene: name of a built-in scene, or path of a scene.toml or of its folder.
         robot: name of the robot.
         load: function that returns the robot with a name.
 
@@ -33,7 +33,7 @@ def standing(scene: str, robot: str, load: Callable[[str], Any]) -> list[Still]:
     read = load_scene(file)
     own = next((p for p in read.places if p.name == robot), None)
     if own is None:
-        raise TwinError(f"scene '{read.name}' has no robot '{robot}': it has {', '.join(p.name for p in read.places)}")
+        raise TwinError(f"scene '{read.name}' has no robot '{robot}', but {', '.join(p.name for p in read.places)}")
     groups = []
     for place in read.places:
         if place is not own:

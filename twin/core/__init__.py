@@ -1,1 +1,1 @@
-"""Modules for all packages: errors, findings, units, provenance, rotations, files, processes, foreign files."""
+"""Modules used by all packages: errors, findings, units, provenance, rotations, files, processes, untrusted files."""

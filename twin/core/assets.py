@@ -1,7 +1,7 @@
 """Locations of data folders and robot files: next to pyproject.toml in a checkout, in twin/_data in a wheel.
 
-A user's robot is one folder that contains `cad/`, `trajectories/`, `usd/` and `formula.py`; the files of a built-in
-robot are in several folders. `RobotFiles` has the same paths for both.
+A user's robot is one folder that contains `cad/`, `trajectories/`, `usd/` and `formula.py`. The files of a built-in
+robot are in several folders. For both, `RobotFiles` has the same attributes.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ class RobotFiles:
         name: name of the robot.
         cad, usd, trajectories: folders.
         formula: file of the equations.
-        read: reader that opens each of these files once.
+        read: reader that opens each file once (`twin.core.foreign.once`).
     """
 
     name: str
@@ -99,7 +99,7 @@ def equations(files: RobotFiles | None, name: str) -> Path:
     if not files.has_equations:
         raise KinematicsError(
             f"{files.formula}: there are no equations yet, so nothing can be planned or judged. Write `inverse` or "
-            f"`forward` there, and delete the line `{NO_EQUATIONS}`."
+            f"`forward` in this file, and delete the line `{NO_EQUATIONS}`."
         )
     return files.formula
 
@@ -119,7 +119,7 @@ def scene_file(scene: str | Path) -> Path | None:
 
 
 def studies(name: str) -> list[Path]:
-    """Return the study files of a built-in name that is not a robot: every trajectories/<name>/study/*.toml."""
+    """Return the study files trajectories/<name>/study/*.toml of a built-in name that need not be a robot."""
     if name in names() or "/" in name or name in ("", ".", ".."):
         return []
     return sorted((data_folder() / "trajectories" / name / "study").glob("*.toml"))
@@ -154,7 +154,7 @@ def files(robot: str | Path) -> RobotFiles:
         if len(descriptions) != 1:
             raise TwinError(
                 f"robot folder {folder}: expected one robot description in {folder / 'cad'}, found "
-                f"{[p.name for p in descriptions] or 'none'}. A robot folder holds cad/<name>.toml, "
+                f"{[p.name for p in descriptions] or 'none'}. A robot folder contains cad/<name>.toml, "
                 "trajectories/ and formula.py."
             )
         found = RobotFiles(
@@ -166,7 +166,7 @@ def files(robot: str | Path) -> RobotFiles:
         )
         _settled(found)
         return found
-    raise TwinError(f"{unknown('robot', str(robot), names())} A path to a robot folder is accepted too.")
+    raise TwinError(f"{unknown('robot', str(robot), names())} The path of a robot folder is also accepted.")
 
 
 def hidden(robot: str | Path) -> Path | None:
@@ -181,6 +181,6 @@ def _descriptions(folder: Path) -> list[Path]:
 
 
 def _settled(files: RobotFiles) -> None:
-    """Complete or remove unfinished writes of killed processes in the folders of a robot."""
+    """Complete, undo or remove the unfinished writes of killed processes in the folders of a robot."""
     for folder in (files.cad, files.usd, files.trajectories):
         settle(folder)

@@ -1,9 +1,10 @@
 """Folders that are written completely or not at all, even if the process is killed, and temporary folders.
 
-`atomic_folder` writes into `.twin-XXXXXXXX.tmp/new` in the target. When all files are written, one rename creates a
-journal there: before this rename the target is unchanged; after it, all files will be moved. The next process that
-calls `settle` completes the moves of a killed process, or removes its unfinished files. A process locks its folder, and
-the kernel releases the lock when the process ends. There is no fsync: a power failure may still lose files.
+`atomic_folder` writes into `.twin-XXXXXXXX.tmp/new` in the target folder. When all files are written, one rename
+creates a journal (a list of moves) in `.twin-XXXXXXXX.tmp`. Before this rename, the target is unchanged; after it, all
+files will be moved. If the process is killed, the next process that calls `settle` completes the moves or removes the
+unfinished files. A process locks its folder, and the kernel releases the lock when the process ends. There is no fsync:
+a power failure may still lose files.
 """
 
 from __future__ import annotations
@@ -22,11 +23,11 @@ from pathlib import Path
 from twin.core.errors import OutputError
 
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
-"""System error numbers of a full disk, an exceeded quota and a too large file."""
+"""System error numbers: disk full, quota exceeded, file too large."""
 
 _PREFIX, _SUFFIX = ".twin-", ".tmp"
 _OWN = re.compile(r"\.twin-[a-z0-9_]{8}\.tmp")
-"""Names of the folders that this module creates, in a target or among the temporary files."""
+"""Names of the folders that this module creates, in a target folder or in the folder for temporary files."""
 
 _ABOVE = 4
 """Number of parent folders in which `settle` searches for the journal of an interrupted write. The journal is in the
@@ -65,7 +66,7 @@ def atomic_folder(target: Path, replacing: Collection[str] = ()) -> Iterator[Pat
                 _commit(base, target, own, replacing)
         except OSError as error:
             raise OutputError(_unwritable(target, error)) from error
-        except OutputError as error:  # from an inner atomic_folder: show the target, not the temporary folder
+        except OutputError as error:  # from an inner atomic_folder: name the target, not the temporary folder
             raise OutputError(str(error).replace(str(own / "new"), str(target))) from error
     finally:
         _discard(own)
@@ -77,7 +78,7 @@ class _ProbeError(Exception):
 
 
 def require_writable(target: Path) -> None:
-    """Raise an error if `atomic_folder` could not write to the target; call it before a long computation.
+    """Raise an error if `atomic_folder` could not write to the target; to be called before a long computation.
 
     Raises:
         OutputError: as `atomic_folder`.
@@ -109,7 +110,7 @@ def cache_folder(name: str) -> Path:
 
 
 def settle(folder: Path) -> None:
-    """Complete or remove unfinished writes of killed processes in a folder and its nearest parent folders."""
+    """Complete, undo or remove unfinished writes of killed processes in a folder and its nearest parent folders."""
     place = folder.absolute()
     for where in (place, *list(place.parents)[:_ABOVE]):
         try:
@@ -117,7 +118,7 @@ def settle(folder: Path) -> None:
         except (OSError, ValueError):
             continue
         for own in left:
-            with contextlib.suppress(OSError, ValueError, KeyError, TypeError):  # in use, or not our journal
+            with contextlib.suppress(OSError, ValueError, KeyError, TypeError):  # in use, or not a journal of twin
                 _settle(where, own)
 
 
@@ -159,7 +160,7 @@ def _claim(make: Callable[[], str]) -> tuple[Path, int]:
 @contextlib.contextmanager
 def _locked(folder: Path) -> Iterator[None]:
     """Allow only one process at a time to move files in a folder."""
-    if _OWN.fullmatch(folder.name):  # the folder is locked by this process already
+    if _OWN.fullmatch(folder.name):  # this process has already locked the folder
         yield
         return
     lock = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
@@ -191,7 +192,7 @@ def _commit(base: Path, target: Path, own: Path, replacing: Collection[str]) -> 
     try:
         _forward(base, own)
     except BaseException:
-        if (own / _COMMIT).is_file():  # otherwise the last move was done before the interrupt
+        if (own / _COMMIT).is_file():  # otherwise all moves were done before the interrupt
             os.rename(own / _COMMIT, own / _UNDO)  # noqa: PTH104
             _back(base, own)
         raise
@@ -229,7 +230,7 @@ def _back(base: Path, own: Path) -> None:
 
 
 def _inside(base: Path, name: str) -> Path:
-    """Return the path of a file in a journal; the name is not trusted, because another user may have made the folder.
+    """Return the path of a file in a journal, if it is inside `base`; another user may have written the journal.
 
     Raises:
         ValueError: the path is outside the folder.
@@ -266,8 +267,8 @@ def no_room(error: BaseException) -> str:
         return ""
     place = Path(error.filename).parent if error.filename else "the disk"
     return (
-        f"cannot write to {place}: {error.strerror}. Free some space, or choose another folder with --out, or with "
-        f"TMPDIR for temporary files (now {tempfile.gettempdir()})."
+        f"cannot write to {place}: {error.strerror}. Free some space, or choose another folder with --out, or, for "
+        f"temporary files (now {tempfile.gettempdir()}), with TMPDIR."
     )
 
 
@@ -276,5 +277,5 @@ def _unwritable(target: Path, error: OSError) -> str:
     if error.errno not in FULL:
         return text
     if error.filename and not Path(error.filename).absolute().is_relative_to(target.absolute().parent):
-        return no_room(error)  # the error is of another file, written meanwhile
+        return no_room(error)  # the error concerns another file
     return f"{text} Temporary files are in {tempfile.gettempdir()} (TMPDIR)."

@@ -1,6 +1,6 @@
-"""All exceptions that twin raises on purpose.
+"""All exceptions that twin raises deliberately.
 
-They have one base class, so that calling programs need to catch only `TwinError`. The command line prints a
+All have the base class `TwinError`, so that calling programs need to catch only this class. The command line prints a
 `TwinError` as one line and ends with exit code 2 ("could not check").
 """
 
@@ -12,7 +12,7 @@ from typing import Any
 
 
 class TwinError(Exception):
-    """Base of all errors that twin raises on purpose; the message states the cause and a fix."""
+    """Base class of all errors that twin raises deliberately; the message states the cause and a fix."""
 
 
 class DescriptionError(TwinError):
@@ -28,7 +28,7 @@ class MechanismError(TwinError):
 
 
 class SourceError(TwinError):
-    """A foreign description (URDF, MJCF, SDF, closure YAML) is malformed, or cannot be converted to a mechanism."""
+    """A file in another format (URDF, MJCF, SDF, closure YAML) is malformed, or cannot be converted to a mechanism."""
 
 
 class BudgetError(TwinError):
@@ -48,7 +48,7 @@ class KinematicsError(TwinError):
 
     Attributes:
         best: the best iterate, in the form of the expected result; None if there is none.
-        residual: its residual, dimensionless unless the message says otherwise.
+        residual: residual of `best`, dimensionless unless the message states a unit.
     """
 
     def __init__(self, message: str, best: Any = None, residual: float = float("nan")) -> None:
@@ -80,7 +80,7 @@ class TimingError(TwinError):
 
 
 class WorldError(TwinError):
-    """Blocks of a World do not fit together, a signal is not finite, or a recording is from another World."""
+    """The blocks of a World are incompatible, a signal is not finite, or a recording is from another World."""
 
 
 class DeviceError(TwinError):
@@ -112,9 +112,9 @@ def unknown(kind: str, name: str, known: Iterable[str], unread: Iterable[str] = 
 
 
 def no_inverse(rows: int, columns: int) -> str:
-    """Return a message for the inverse of a non-square matrix, with the pseudo-inverse to write instead."""
+    """Return an error message for the inverse of a non-square matrix, which suggests the pseudo-inverse."""
     way = "J.T @ inv(J @ J.T)" if rows < columns else "inv(J.T @ J) @ J.T"
     return (
-        f"a {rows} × {columns} matrix has no inverse, only a square one has; write its least-squares inverse, "
-        f"{way} (pinv), or solve for as many unknowns as there are joints"
+        f"a {rows} × {columns} matrix has no inverse, because it is not square; use the pseudo-inverse {way} (pinv), "
+        "or solve for as many unknowns as there are joints"
     )

@@ -28,8 +28,8 @@ class Finding:
         size: the measured value, in `unit`; None if there is none.
         unit: unit of `size` and `limit`: "mm", "um", "deg", "s", ...
         limit: the limit of `size`; None if there is none.
-        suggestion: how to fix it.
-        cause: the cause that several findings share, the same text in each ("eq1 (printed)"); "" for none.
+        suggestion: how to fix the fault.
+        cause: name of the cause ("eq1 (printed)"), the same text in all findings with this cause; "" if unknown.
     """
 
     code: str
@@ -70,7 +70,7 @@ def finding(
         what: the subject and its fault, without the number.
         size: the measured value.
         limit: the limit of the size; a plain number is in the unit of `size`.
-        suggestion: how to fix it.
+        suggestion: how to fix the fault.
         when: see `Finding`.
         cause: see `Finding`.
         word: the word before the limit in the message ("required", "CAD"); "" if `what` contains all numbers.
@@ -89,12 +89,12 @@ def finding(
 
 @dataclass(frozen=True)
 class Kind:
-    """Fields that all findings with one code share. Calling it with the other fields returns the finding.
+    """Fields that all findings with one code share. A call with the other fields returns the finding.
 
     Attributes:
         code: see `Finding`.
         severity: see `Finding`.
-        suggestion: how to fix it; an argument of the call replaces it.
+        suggestion: how to fix the fault; an argument of the call replaces this text.
         word: the word before the limit in the message.
     """
 

@@ -35,7 +35,7 @@ class Call:
     def __init__(self, function: Callable[..., Any], *arguments: Any, nice: int = 0) -> None:
         self._process = Apart(_answer, function.__module__, function.__qualname__, arguments, nice)
         self._outcome: tuple[Any, str | None] | None = None
-        # A result may be larger than the pipe's buffer, so a thread reads it as it arrives.
+        # A result may be larger than the pipe's buffer, so a thread reads the pipe continuously.
         self._reader = threading.Thread(target=self._read, daemon=True)
         self._reader.start()
 
@@ -88,10 +88,10 @@ def _answer(line: Connection, module: str, name: str, arguments: tuple[Any, ...]
 
 
 class Stream(Generic[Piece]):
-    """Jobs run one at a time in a low-priority process, which starts with the first job and stays alive.
+    """Jobs that run one at a time in a low-priority process, which starts with the first job and stays alive.
 
-    Each job is one call of `function`, which yields pieces. No method waits; all methods may be called from any
-    thread. A job is cancelled only after its current piece, so pieces should take less than half a second.
+    Each job is one call of `function`, which yields pieces of the result. No method waits; all methods may be called
+    from any thread. A job is cancelled only after its current piece, so each piece should take less than 0.5 s.
     """
 
     def __init__(self, function: Callable[[Any], Iterator[Piece]]) -> None:
@@ -148,7 +148,7 @@ class Stream(Generic[Piece]):
         f = self._function
         self._process = Apart(_stream, f.__module__, f.__qualname__)
         self._inbox: queue.SimpleQueue[tuple[int | None, Any, str | None]] = queue.SimpleQueue()
-        # A piece may be larger than the pipe's buffer; without a thread, poll would wait for the low-priority process.
+        # A piece may be larger than the pipe's buffer; without this thread, `poll` would wait for the process.
         threading.Thread(target=_read, args=(self._process.line, self._inbox), daemon=True).start()
 
     def _close(self) -> None:

@@ -1,8 +1,8 @@
 """Start Python processes that import nothing from the working directory.
 
 `python -c` puts the working directory first on its path: a `numpy.py` next to a downloaded robot would be executed.
-`multiprocessing` executes the user's own script again. So child processes are isolated (`-I`), import twin and the
-packages from the same folders as their parent, and receive the call through a pipe.
+`multiprocessing` executes the user's own script again. Child processes of twin are therefore isolated (`-I`). They
+import twin and the packages from the same folders as their parent, and receive the function call through a pipe.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ class Apart:
         arguments: arguments of the function.
 
     Attributes:
-        line: this end of the pipe: `send`, `recv`, `poll`. It closes when the process ends.
+        line: the parent's end of the pipe: `send`, `recv`, `poll`. The pipe closes when the process ends.
     """
 
     def __init__(self, function: Callable[..., None], *arguments: Any) -> None:
@@ -70,7 +70,7 @@ class Apart:
         return self._process.poll() is None
 
     def close(self) -> None:
-        """Kill the process; it must not hold resources that need cleaning up. `line` stays open."""
+        """Kill the process, without any clean-up by the process; `line` stays open."""
         self._end()
 
 

@@ -1,4 +1,4 @@
-"""A number with its origin. Reports list every parameter, and mark assumed ones."""
+"""Numbers with their provenance. Reports list every parameter, and mark assumed parameters."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ EARLIER: dict[str, Provenance] = {"SEED": "PUBLISHED"}
 
 @dataclass(frozen=True)
 class Parameter:
-    """One number: its SI value, its display unit, and its origin.
+    """A number with its SI value, its display unit and its provenance.
 
     Attributes:
         name: identifier.
         value: the number in SI units.
         unit: display unit ("mm", "deg", "kg/m3", "mm/s", ...).
         shown: the number in `unit`.
-        provenance: kind of its origin, see `Provenance`.
+        provenance: see `Provenance`.
         note: source or reason; never empty.
     """
 

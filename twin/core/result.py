@@ -1,4 +1,4 @@
-"""Common base of the results of commands and API functions: verdict, findings, data, tables."""
+"""Base class of the results of commands and API functions: verdict, findings, data, tables."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from twin.core.findings import EXIT_CODES, Finding, Verdict, by_severity, verdic
 
 @dataclass(frozen=True)
 class Table:
-    """Rows of text below a header; `fit`: long lines may be cut on a terminal."""
+    """Rows of text below a header; with `fit`, a terminal may cut long lines."""
 
     header: Sequence[str]
     rows: Sequence[Sequence[str]]
@@ -42,13 +42,13 @@ class Result(ABC):
 
     Attributes:
         judges: whether the result has a verdict; measurements and comparisons have none.
-        kind: name of the command; the data's schema is twin/<kind>/1, its file <kind>.json.
+        kind: name of the command; the schema of the data is twin/<kind>/1, and the file is <kind>.json.
     """
 
     kind: ClassVar[str]
     judges: ClassVar[bool] = True
 
-    if TYPE_CHECKING:  # at run time a dataclass field, which would get a default value from an attribute here
+    if TYPE_CHECKING:  # subclasses may declare a dataclass field, for which this would be a default value at run time
 
         @property
         def findings(self) -> Sequence[Finding]:
@@ -92,7 +92,7 @@ class Result(ABC):
         return as_json(self.as_dict())
 
     def write(self, folder: Path) -> None:  # noqa: B027 - most have nothing
-        """Write further data files (curves as CSV, point clouds); the base class writes none."""
+        """Write further data files (curves as CSV, point clouds); the base class writes no files."""
 
 
 def as_json(data: Any) -> str:

@@ -1,7 +1,7 @@
-"""SE(3) and SO(3) in numpy, and the distance from a point to a line.
+"""SE(3) and SO(3) with NumPy, and the distance from a point to a line.
 
-Poses are float64 (..., 4, 4); `T_a_b` is the pose of b in a. Rotation vectors are axis times angle in rad. Twists have
-linear rows first. All functions accept leading batch axes unless their docstring says otherwise.
+Poses are float64 (..., 4, 4); `T_a_b` is the pose of b in a. Rotation vectors are axis times angle in rad. In twists,
+the linear rows are first. All functions accept leading batch axes unless their docstring states otherwise.
 """
 
 from __future__ import annotations
@@ -66,7 +66,7 @@ def quat_from_matrix_wxyz(R: ArrayLike) -> Array:
     for case in range(4):
         rows = k == case
         if not np.count_nonzero(rows):
-            continue  # with a single matrix, three cases are empty
+            continue  # for a single matrix, three of the four cases are empty
         if case == 0:
             q[rows] = np.column_stack(
                 [
@@ -114,7 +114,7 @@ def pose(R: ArrayLike | None = None, p: ArrayLike | None = None) -> Array:
     """Return poses (..., 4, 4) from rotations (..., 3, 3) and positions (..., 3) in m; default: identity, origin."""
     R = np.eye(3) if R is None else np.asarray(R, float)
     p = np.zeros(3) if p is None else np.asarray(p, float)
-    if R.ndim == 2 and p.ndim == 1:  # one pose: broadcasting shapes would take most of the time
+    if R.ndim == 2 and p.ndim == 1:  # for one pose, broadcasting would take most of the time
         T = np.zeros((4, 4))
         T[:3, :3], T[:3, 3], T[3, 3] = R, p, 1.0
         return T
@@ -186,14 +186,14 @@ def cubic(s: Array | float, a: Array, b: Array, slope_a: Array, slope_b: Array) 
 
 
 def frame_from_axes(z: ArrayLike, x: ArrayLike) -> Array:
-    """Return the rotation (3, 3) whose z column is along z and whose x column is x projected perpendicular to z.
+    """Return the rotation (3, 3) with its z column along z, and its x column along the part of x perpendicular to z.
 
     Raises:
         ValueError: z is zero, or x is parallel to z.
     """
     z, x = np.asarray(z, float), np.asarray(x, float)
     if not np.linalg.norm(z) > 0:
-        raise ValueError("z has no length")
+        raise ValueError("z is a zero vector")
     z = z / np.linalg.norm(z)
     x = x - z * (z @ x)
     n = np.linalg.norm(x)

@@ -1,4 +1,4 @@
-"""Unit factors: multiply by a factor to convert to SI, divide to convert back. All internal values are SI."""
+"""Unit factors: multiplication converts to SI, division converts back. All internal values are in SI units."""
 
 from math import floor, log10, pi
 

@@ -1,4 +1,4 @@
-"""Names that a plain `formula.py` may import besides NumPy: parameters with units, conditions, rotations."""
+"""Functions that a plain `formula.py` may import besides NumPy: parameters with units, conditions, rotations."""
 
 from twin.core.provenance import Parameter
 from twin.formula.functions import if_else, pose, rotation_x, rotation_y, rotation_z

@@ -1,9 +1,10 @@
 """Contract of a formula file: plain functions of symbols, and the names, units and sources of the symbols.
 
-A formula is a flow of named symbols. It starts with the parameters and the pose coordinates (or the joints, for a
-forward formula). Every equation is a Python function: its argument names are its input symbols, and it returns its
-output symbols in order. All other entries of `Formula` only name symbols of the flow. Files in `twin/robots/` and a
-user's `formula.py` follow the same contract: both define a module-level `FORMULA = Formula(...)`.
+A formula is a flow of named symbols: each equation computes symbols from earlier ones. The flow starts with the
+parameters and the pose coordinates (or the joints, for a forward formula). Every equation is a Python function. Its
+argument names are its input symbols, and it returns its output symbols in order. All other entries of `Formula` only
+name symbols of the flow. Files in `twin/robots/` and a user's `formula.py` follow the same contract: both define a
+module-level `FORMULA = Formula(...)`.
 """
 
 from __future__ import annotations
@@ -31,15 +32,15 @@ POSE_SYMBOL = "T_base_tool"
 """Symbol of the pose (4, 4). A forward flow computes this symbol, or all coordinates."""
 
 Rows = Callable[..., Any]
-"""A function whose argument names are symbols; it returns one SX, or a tuple of SX in the order of the outputs."""
+"""A function whose argument names are symbols. It returns one SX, or a tuple of SX in the order of the outputs."""
 
 
 @dataclass(frozen=True)
 class Equation:
     """One published equation, or one helper, in all its variants.
 
-    An output that is also an argument is implicit (q1 = ... q2 - q1 ...). Such rows (one assignment each) are written
-    as printed; the compiler solves them, and raises an error unless they are linear.
+    An output that is also an argument is implicit (q1 = ... q2 - q1 ...). Rows (assignments) with implicit outputs are
+    written as printed; the compiler solves these rows, and raises an error unless they are linear.
 
     Attributes:
         name: identifier, "eq1".
@@ -47,7 +48,7 @@ class Equation:
         source: document and equation number.
         stage: see `Stage`.
         outputs: symbols that the function returns, in order.
-        variants: functions of the readings of the equation, by name ("printed", "corrected", ...).
+        variants: functions of the variants (readings) of the equation, by name ("printed", "corrected", ...).
         reasons: for each variant, its difference from the printed rows, and why.
         default: name of the default variant.
     """
@@ -70,8 +71,8 @@ class Coordinates:
         names: symbols, in the order of the paper.
         units: "m" or "rad" for each symbol.
         to_pose: function from the coordinates (in order) to the pose SX (4, 4).
-        from_pose: function from the pose SX (4, 4) to the tuple of coordinates; if there are fewer than six, only
-            poses that the coordinates describe are reproduced by `to_pose`.
+        from_pose: function from the pose SX (4, 4) to the tuple of coordinates. With fewer than six coordinates,
+            `to_pose` returns the same pose only if the coordinates can describe it.
 
     """
 
@@ -127,15 +128,15 @@ class Formula:
         joints: active joints, in the order of q.
         coordinates: pose coordinates of the published equations.
         equations: in the order of evaluation, helpers last.
-        characteristic_length: function of parameters, in m; a rotation by 1 rad counts as a translation by this length.
+        characteristic_length: function of parameters, in m; a rotation by 1 rad counts as a translation by this value.
         points: named points in base in m: each is one symbol with three rows, or three symbols.
-        passive: symbols of the passive joints, in rad or m, zero and sign as in the CAD description.
-        reach: symbol of each reach margin in m, by name (>= 0: within reach).
+        passive: symbols of the passive joints, in rad or m, with zero and sign as in the CAD description.
+        reach: symbol of each reach margin in m, by name of the margin (>= 0: within reach).
         measures: numbers that are 0 at singularities.
         aspects: signs that distinguish assemblies.
         branches: function that enumerates all assemblies, (q, parameters, variants) -> list of poses (4, 4), or None.
         seeds: starting values for solvers in SI: coordinates, or joints for a formula without inverse equations.
-        numbers: function (pose, parameters) -> the line of the file that has no value at this pose, and why; or "".
+        numbers: function (pose, parameters) -> text on the line of the file that has no value at this pose; "" if none.
     """
 
     name: str
@@ -177,7 +178,7 @@ def check_formula(formula: Any) -> None:
         raise KinematicsError(f"formula '{formula.name}': {text}")
 
     if not formula.joints:
-        fail("it has no active joint; give at least one ActiveJoint.")
+        fail("the formula has no active joint; give at least one ActiveJoint.")
     names = [j.name for j in formula.joints]
     _unique(fail, "joint", names)
     for joint in formula.joints:
@@ -188,14 +189,14 @@ def check_formula(formula: Any) -> None:
     _unique(fail, "parameter", [p.name for p in formula.parameters])
     for p in formula.parameters:
         if not isinstance(p.value, int | float) or not math.isfinite(p.value):
-            fail(f"parameter '{p.name}' is {p.value}; it must be a finite number in SI units.")
+            fail(f"parameter '{p.name}' is {p.value}; the value must be a finite number in SI units.")
         if not p.note:
-            fail(f"parameter '{p.name}' has no note; say where it comes from, or why it is assumed.")
+            fail(f"parameter '{p.name}' has no note; state the source of the value, or why it is assumed.")
     _check_coordinates(formula, fail)
     _check_equations(formula, fail)
     for aspect in formula.aspects:
         if aspect.preferred not in (-1, 1):
-            fail(f"aspect '{aspect.symbol}': preferred is {aspect.preferred}; it must be +1 or -1.")
+            fail(f"aspect '{aspect.symbol}': preferred is {aspect.preferred}, but must be +1 or -1.")
     _unique(fail, "measure", [m.name for m in formula.measures])
     for measure in formula.measures:
         if not measure.alarm >= 0:
@@ -203,7 +204,7 @@ def check_formula(formula: Any) -> None:
     width = len(formula.coordinates.names) if formula.has("inverse") else len(names)
     for i, seed in enumerate(formula.seeds):
         if len(seed) != width or not np.all(np.isfinite(np.asarray(seed, float))):
-            fail(f"seed {i} must hold {width} finite numbers, found {list(seed)}.")
+            fail(f"seed {i} must have {width} finite numbers, found {list(seed)}.")
 
 
 def arguments(function: Rows) -> tuple[list[str], list[str]]:
@@ -230,7 +231,7 @@ def _check_coordinates(formula: Formula, fail: Callable[[str], None]) -> None:
 
 def _check_equations(formula: Formula, fail: Callable[[str], None]) -> None:
     if not (formula.has("inverse") or formula.has("forward")):
-        fail("it has neither an inverse nor a forward equation.")
+        fail("the formula has neither an inverse nor a forward equation.")
     _unique(fail, "equation", [e.name for e in formula.equations])
     for e in formula.equations:
         if e.stage not in ("inverse", "forward", "helper"):
@@ -246,7 +247,7 @@ def _check_equations(formula: Formula, fail: Callable[[str], None]) -> None:
             if not callable(function):
                 fail(f"equation '{e.name}', variant '{variant}' is not a function.")
             if len(e.variants) > 1 and not e.reasons.get(variant):
-                fail(f"equation '{e.name}', variant '{variant}' has no reason; state what it changes and why.")
+                fail(f"equation '{e.name}', variant '{variant}' has no reason; state the change and its reason.")
 
 
 def _unique(fail: Callable[[str], None], kind: str, names: Iterable[str]) -> None:
@@ -257,6 +258,6 @@ def _unique(fail: Callable[[str], None], kind: str, names: Iterable[str]) -> Non
             count = len(set(names))
             fail(
                 f"two {kind} entries are named '{name}', number {seen[name]} and number {i}: {len(names)} entries have "
-                f"{count} names. Each needs its own."
+                f"{count} names. Each entry needs a name of its own."
             )
         seen[name] = i

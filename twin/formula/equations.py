@@ -23,7 +23,7 @@ _CHANGES = "_changes"
 
 
 class Equations:
-    """The equations of one file, each registered by a decorator of its function; pass it to `Formula` as `equations`.
+    """The equations of one file, to be passed to `Formula` as `equations`; a decorator registers each function.
 
     Iteration yields inverse equations, then forward equations, then helpers, each in file order. In a formula file:
 
@@ -42,7 +42,7 @@ class Equations:
 
     Attributes:
         source: default source (document and equation number).
-        variant_name: default name of the first-registered reading; for a helper always "corrected".
+        variant_name: default name of the first variant (reading) of an equation; for a helper always "corrected".
     """
 
     def __init__(self, source: str = "DERIVED", variant: str = "corrected") -> None:
@@ -59,23 +59,23 @@ class Equations:
         name: str = "",
         why: str = "",
     ) -> Callable[[_Function], _Function]:
-        """Return a decorator that registers a function as an equation, in its default reading.
+        """Return a decorator that registers a function as an equation, in its default variant.
 
         Args:
             stage: "inverse", "forward" or "helper"; see `Stage`.
             title: inputs and outputs in words, "ball -> carriages".
-            gives: symbols that the function returns, in order; one text, separated by spaces, or a sequence.
+            gives: symbols that the function returns, in order: a sequence, or a text with spaces between the symbols.
             source: document and equation number.
-            variant: name of this reading.
+            variant: name of this variant.
             name: name of the equation; default: the name of the function.
-            why: why this reading is correct, if there are other readings.
+            why: why this variant is correct, if there are other variants.
         """
         outputs = tuple(gives.split() if isinstance(gives, str) else gives)
 
         def note(function: _Function) -> _Function:
             own = name or function.__name__
             if any(e.name == own for e in self._made):
-                raise KinematicsError(f"two equations are named '{own}': mark the second as a variant of the first")
+                raise KinematicsError(f"two equations are named '{own}': register the second as a variant of the first")
             reading = "corrected" if stage == "helper" else variant or self.variant_name
             reasons = {reading: why} if why else {}
             source_ = source or self.source
@@ -85,21 +85,22 @@ class Equations:
         return note
 
     def variant(self, name: str, of: Callable[..., Any], why: str) -> Callable[[Callable[..., Any]], Variant]:
-        """Return a decorator that registers another reading of an equation: a function with only the rows that differ.
+        """Return a decorator that registers a variant of an equation: a function with only the rows that differ.
 
-        A row is one assignment. Each row replaces the row of `of` that assigns the same symbols; if the symbols are
-        arguments of `of`, the row is put first. Any other assignment is put before the next changed row.
-        Arguments of the function are symbols of the flow, or names that `of` assigns; it returns the changed symbols.
+        A row is one assignment. Each row replaces the row of `of` that assigns the same symbols. If the symbols are
+        arguments of `of`, the row is inserted at the beginning. Any other assignment is inserted before the next
+        changed row. The arguments of the function are symbols of the flow, or names that `of` assigns. The function
+        returns the changed symbols.
 
         Args:
-            name: name of the reading.
+            name: name of the variant.
             of: the function to change, of the equation or of another variant.
-            why: the change in this reading, and its reason.
+            why: the change in this variant, and its reason.
 
         Raises:
-            KinematicsError: `of` is not an equation of this file. A variant whose row does not exist in `of` raises
-                an error, with file and line, only when the variant is first used, so that the file is not parsed for
-                other readings.
+            KinematicsError: `of` is not an equation of this file. If a row of the variant does not exist in `of`, an
+                error with file and line is raised only when the variant is first used, because the file is parsed only
+                then.
         """
         found = [i for i, e in enumerate(self._made) if any(f is of for f in e.variants.values())]
         if not found:
@@ -139,7 +140,7 @@ class Row:
     Attributes:
         node: the statement.
         home: the definition of the function that contains the statement: the variant, or the function it changes.
-        new: whether the row is an additional assignment of a variant, not a changed row.
+        new: whether the row is an additional assignment of a variant, and not a changed row.
     """
 
     node: ast.stmt
@@ -164,7 +165,7 @@ def rows(function: Callable[..., Any]) -> tuple[Row, ...]:
 
 
 def definition(function: Callable[..., Any]) -> ast.FunctionDef:
-    """Return the syntax tree of a function in its file; for a variant, of the function with the changed rows.
+    """Return the syntax tree of a function in its file; for a variant, that of the function with the changed rows.
 
     Raises:
         KinematicsError: the function has no source (a lambda, a built-in, a decorated wrapper).
@@ -173,7 +174,7 @@ def definition(function: Callable[..., Any]) -> ast.FunctionDef:
     f = inspect.unwrap(getattr(f, _CHANGES, (None, f))[1])
     code = getattr(f, "__code__", None)
     if code is None or not Path(code.co_filename).is_file():
-        raise KinematicsError(f"{function!r} has no source file: it cannot be explained")
+        raise KinematicsError(f"{function!r} has no source file, so its rows cannot be read")
     path = Path(code.co_filename)
     node = _definitions(path, text_of(path, f.__globals__)).get((code.co_name, code.co_firstlineno))
     if node is None:
@@ -186,7 +187,7 @@ def _definitions(path: Path, data: bytes) -> dict[tuple[str, int], ast.FunctionD
     """Return the function definitions in a file's text, by name and line of the first decorator or `def`."""
     found = {}
     waiting: list[ast.AST] = [ast.parse(data, path)]
-    while waiting:  # not ast.walk: it would also visit the many expressions, which contain no definitions
+    while waiting:  # ast.walk would also visit all expressions, which contain no definitions
         for node in ast.iter_child_nodes(waiting.pop()):
             if isinstance(node, ast.stmt | ast.excepthandler | ast.match_case):
                 waiting.append(node)
@@ -211,7 +212,7 @@ def _merged(base: Callable[..., Any], change: Callable[..., Any]) -> tuple[Row, 
     for row in own[:-1]:
         names = assigned(row.node)
         if not names:
-            raise fail(row.node, "is a variant: its rows are assignments of symbols, as in `q1 = ...`")
+            raise fail(row.node, "is a variant: its rows must be assignments of symbols, as in `q1 = ...`")
         if not there & set(names) and given & set(names):
             out[:0], waiting = [*waiting, row], []
             changes += names
@@ -221,7 +222,7 @@ def _merged(base: Callable[..., Any], change: Callable[..., Any]) -> tuple[Row, 
             continue
         at = [i for i, r in enumerate(out) if set(assigned(r.node)) == set(names)]
         if len(at) != 1:
-            raise fail(row.node, f"changes {', '.join(names)}: the equation assigns that in {len(at)} rows, not in one")
+            raise fail(row.node, f"changes {', '.join(names)}: {len(at)} rows of the equation assign this, not one row")
         out[at[0] : at[0] + 1] = [*waiting, row]
         waiting = []
         changes += names

@@ -1,4 +1,4 @@
-"""Evaluate the equations of a formula on symbols, and the resulting expressions fast in numpy."""
+"""Evaluate the equations of a formula on symbols, and the resulting expressions fast with NumPy."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _REGULAR, _ROUNDING = 1e8, 1e-15
 """(condition number below which numeric matrices are inverted, size below which entries are rounded to zero)."""
 
 _BLOCK = 32
-"""Samples in one mapped call; larger blocks are no faster, and waste time on small batches."""
+"""Number of samples in one mapped call; larger blocks are no faster, and cost time for small batches."""
 
 
 def choose(formula: Formula, variants: Mapping[str, str] | str | None) -> dict[str, str]:
@@ -64,7 +64,7 @@ def choose(formula: Formula, variants: Mapping[str, str] | str | None) -> dict[s
 
 
 def call(function: Rows, symbols: Mapping[str, Any], what: str, unread: Sequence[str] = ()) -> Any:
-    """Call a function of symbols with arguments by name; `unread`: names to suggest if a symbol is missing.
+    """Call a function with the symbols that it names as arguments; `unread`: names to suggest for a missing symbol.
 
     Raises:
         KinematicsError: a symbol is missing, or the function fails; the message gives file and line.
@@ -90,8 +90,8 @@ def _message(error: Exception) -> str:
 def run(formula: Formula, chosen: Mapping[str, str], symbols: Mapping[str, Any], stage: Stage) -> dict[str, Any]:
     """Return the symbols together with the outputs of the equations of one stage.
 
-    Equations whose outputs all exist are skipped, so a flow can start in the middle, for example from the named points
-    instead of the pose.
+    Equations whose outputs all exist are skipped. A flow can therefore start in the middle, for example from the named
+    points instead of the pose.
 
     Raises:
         KinematicsError: a symbol is missing, or an equation returns the wrong number of values or a wrong shape.
@@ -145,7 +145,7 @@ def gather(formula: Formula, symbols: Mapping[str, Any], names: tuple[str, ...],
     for name in names:
         if name not in symbols:
             raise KinematicsError(
-                f"formula '{formula.name}': no equation gives {what} '{name}'. Given: {', '.join(sorted(symbols))}."
+                f"formula '{formula.name}': no equation gives {what} '{name}'. Symbols: {', '.join(sorted(symbols))}."
             )
         value = ca.SX(symbols[name])
         if value.shape != (1, 1):
@@ -204,10 +204,11 @@ def _where(error: BaseException, function: Rows) -> str:
 
 
 class Evaluator:
-    """A compiled function of one vector: fast for a single vector, for batches in blocks or by a compiled kernel.
+    """A compiled function of one vector, fast for single vectors and for batches.
 
-    `Function.buffer()` avoids CasADi's argument handling, which costs about 30 times as much as a small function.
-    A lock protects the buffers, because a viewer calls from several threads.
+    Batches are evaluated in blocks, or by a compiled kernel. `Function.buffer()` avoids CasADi's argument handling,
+    which takes about 30 times as long as a small function. A lock protects the buffers, because a viewer calls from
+    several threads.
 
     Attributes:
         one: function that returns the value, in the declared shape, at one vector z.
@@ -221,7 +222,7 @@ class Evaluator:
         self.one = self._caller()
 
     def _caller(self) -> Callable[[Array], Array]:
-        # Local names, no `with`, no `[:]`: these would cost as much as the function itself.
+        # Local names are used instead of attributes, `with` and `[:]`, which would take as long as the function itself.
         (given, call), lock = self.bind(), threading.Lock()
         acquire, release = lock.acquire, lock.release
 
@@ -236,9 +237,9 @@ class Evaluator:
         return one
 
     def bind(self) -> tuple[Array, Callable[[], Array]]:
-        """Return a vector z to fill, and the function that returns the value at z; only one thread may use the two.
+        """Return a vector z to fill, and a function that returns the value at z; for use in a single thread.
 
-        For control loops: `one` needs a lock, and its argument in one array.
+        This is faster in control loops than `one`, which needs a lock and copies its argument.
         """
         z, out = np.zeros(self.function.size1_in(0)), np.zeros(int(np.prod(self.shape)))
         buffer, trigger = self.function.buffer()
@@ -251,7 +252,7 @@ class Evaluator:
             trigger()
             return copy()
 
-        call.__dict__["buffer"] = buffer  # must live as long as this function
+        call.__dict__["buffer"] = buffer  # keeps the buffer alive as long as this function
         return z, call
 
     @cached_property
@@ -261,7 +262,7 @@ class Evaluator:
         stage = codegen.Stage(self.function, ("z",), ("out",))
         try:
             return codegen.Kernel([stage], {"z": self.function.size1_in(0)}, ["out"])
-        except ValueError:  # a rootfinder, or an operation that kernels do not support: CasADi evaluates it
+        except ValueError:  # kernels do not support rootfinders and some operations: use CasADi
             return None
 
     @cached_property

@@ -1,4 +1,4 @@
-"""Functions for plain formulas that NumPy lacks or that depend on a condition, for numbers and symbols."""
+"""Functions for plain formulas, on numbers and symbols: rotations, poses, and a conditional expression."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from twin.formula.scalar import Scalar
 
 
 def if_else(condition: Any, yes: Any, no: Any) -> Any:
-    """Return `yes` where the condition is true, else `no`; both are computed. Arrays are handled entry by entry."""
+    """Return `yes` where the condition is true, else `no`, entry by entry; both values are always computed."""
     if any(isinstance(x, np.ndarray | list | tuple) for x in (condition, yes, no)):
         parts = np.broadcast_arrays(*(np.asarray(x, dtype=object) for x in (condition, yes, no)))
         out = np.array([if_else(*p) for p in zip(*(p.ravel() for p in parts), strict=True)], dtype=object)

@@ -1,7 +1,7 @@
-"""NumPy and math for symbols: run a plain function with globals that accept `Scalar`.
+"""Versions of NumPy and math for symbols: run a plain function with globals that accept `Scalar`.
 
-The user imports NumPy. Most of its functions accept arrays of objects; this module adds the rest: numbers and symbols
-in one array, arrays of zeros to fill with symbols, conditions, `math.sin`, inverses of small matrices.
+The user's file imports NumPy. Most NumPy functions accept arrays of objects. This module adds the other cases: numbers
+and symbols in one array, arrays of zeros to fill with symbols, conditions, `math.sin`, inverses of small matrices.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ _MATH = {
     "fabs": np.absolute,
     "pow": np.power,
 }
-"""NumPy's names of functions of `math`, by their names in `math`."""
+"""NumPy function by the name of the equivalent function in `math`."""
 
 _COMPARE = (np.less, np.less_equal, np.greater, np.greater_equal, np.equal, np.not_equal)
 
@@ -123,7 +123,7 @@ def _whole(f: Callable[..., Any]) -> Callable[..., Any]:
         kind = _kind(*args)
         if kind is None:
             return f(*map(_numbers, args), **kwargs)
-        if kwargs.get("dtype") is float:  # dtype float is dropped: the array may hold symbols
+        if kwargs.get("dtype") is float:  # dtype float is dropped, because the array may contain symbols
             del kwargs["dtype"]
         if f in (np.array, np.asarray) and len(args) == 2 and args[1] is float:
             args = args[:1]
@@ -135,7 +135,7 @@ def _whole(f: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def _filled_later(f: Callable[..., np.ndarray]) -> Callable[..., np.ndarray]:
-    """Return a version of `zeros`, `ones` etc. whose arrays accept symbols as entries."""
+    """Return a version of `zeros`, `ones` or a similar function, whose arrays accept symbols as entries."""
 
     def call(*args: Any, **kwargs: Any) -> np.ndarray:
         made = f(*map(_numbers, args), **kwargs)

@@ -1,4 +1,4 @@
-"""The source of formula files: the bytes that were read once are executed, hashed and explained."""
+"""Load formula files: the bytes that are read once are used for execution, hash and explanation."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from typing import Any
 
 
 class Loader(SourceFileLoader):
-    """Loader of a module from bytes read earlier; it writes no byte code next to a user's file."""
+    """Loader of a module from bytes that were already read; no byte code is written next to a user's file."""
 
     def __init__(self, name: str, path: Path, data: bytes) -> None:
         super().__init__(name, str(path))
         self.data = data
 
     def get_data(self, path: str) -> bytes:
-        """Return the bytes read earlier, even if the file has changed since."""
+        """Return the bytes that were already read, even if the file has changed since then."""
         return self.data
 
     def get_code(self, fullname: str) -> CodeType:
@@ -27,7 +27,7 @@ class Loader(SourceFileLoader):
 
 
 def text_of(path: Path, names: Mapping[str, Any]) -> bytes:
-    """Return the bytes of a file with these globals: the executed bytes if a `Loader` loaded it, else from disk."""
+    """Return the bytes of the module file with the globals `names`: from its `Loader` if it has one, else from disk."""
     loader = names.get("__loader__")
     if isinstance(loader, Loader) and Path(loader.path) == path:
         return loader.data

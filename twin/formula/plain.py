@@ -1,6 +1,6 @@
-"""Convert a plain formula file, `inverse(pose)`, `forward(q)` or both in NumPy or CasADi, to a `Formula`.
+"""Convert a plain formula file (`inverse(pose)`, `forward(q)` or both, in NumPy or CasADi) to a `Formula`.
 
-The functions are run once on symbols when the file is loaded, so that errors with file and line are reported early.
+The functions are run once on symbols when the file is loaded, so that errors are reported early, with file and line.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ def plain_formula(
         path: file of the module.
         name: name of the robot.
         joints: (name, whether an angle) of each active joint, in the order of the robot's TOML file.
-        home: a tool pose (4, 4) that the robot can reach, and its q (n,) or None: where solvers start.
+        home: start of the solvers: a tool pose (4, 4) that the robot can reach, and its q (n,) or None.
 
     Raises:
         KinematicsError: at the first fault, with file and line.
@@ -84,7 +84,7 @@ def plain_formula(
     inverse, forward = rows("inverse", points.outputs if points else ()), rows("forward")
     first = points is not None and inverse is not None and bool(set(points.outputs) & set(inverse.argument_names))
     if first and points is not None and set(names) & set(inspect.signature(points).parameters):
-        raise points.error("inverse() needs points that in turn need joints", points.line)
+        raise points.error("inverse() uses the named points, but points() uses the joints", points.line)
     equations = []
     order: tuple[tuple[_Rows | None, Stage, tuple[str, ...], str], ...] = (
         (points, "inverse" if first else "helper", points.outputs if points else (), "named points"),
@@ -173,7 +173,7 @@ def _arguments(function: FunctionType) -> tuple[str, ...]:
 
 
 def _coordinates(taken: set[str], asked: set[str]) -> Coordinates:
-    """Return the coordinates: position, and Rz Ry Rx angles if a function has these arguments, else a rotation vector.
+    """Return the coordinates: position, and Rz Ry Rx angles (if a function uses these) or else a rotation vector.
 
     A rotation vector describes every orientation; the angles are singular at theta = ±90 deg.
     """
@@ -220,7 +220,7 @@ def _parameters(module: ModuleType, path: Path) -> tuple[Parameter, ...]:
         if not isinstance(value, Parameter):
             raise KinematicsError(f"{place} is {type(value).__name__}, not a number with a unit, as in mm(135).")
         if not np.isfinite(value.value):
-            raise KinematicsError(f"{place} is {value.value}; it must be a finite number.")
+            raise KinematicsError(f"{place} is {value.value}; the value must be a finite number.")
         out.append(replace(value, name=name))
     return tuple(out)
 
@@ -239,7 +239,7 @@ def _line_of(module: ModuleType, path: Path, name: str, key: str | None = None) 
 
 
 def _length_scale(parameters: Sequence[Parameter]) -> Any:
-    """Return a function that returns the median length of the parameters; it only scales rotations to translations."""
+    """Return the characteristic length as a function of the parameters: their median length."""
     lengths = sorted(abs(p.value) for p in parameters if p.unit in ("mm", "m") and p.value)
     scale = lengths[len(lengths) // 2] if lengths else _LENGTH
     return lambda: scale
@@ -281,7 +281,7 @@ def _point_names(
 
 
 def _on_numbers(rows: Sequence[_Rows], coordinates: Coordinates) -> Any:
-    """Return a function (pose (4, 4), parameters) -> first line without a value, and why, or ""; None without rows."""
+    """Return a function (pose (4, 4), parameters) -> text on the first line without a value, or ""; None if no rows."""
 
     def first(T: Array, parameters: Mapping[str, float]) -> str:
         symbols: dict[str, Any] = {**parameters, POSE_SYMBOL: T}
@@ -311,7 +311,7 @@ def _try(formula: Formula, rows: Sequence[_Rows]) -> None:
         wanted = inspect.signature(row).parameters
         for name, value in zip(row.outputs, row(**{n: symbols[n] for n in wanted}), strict=True):
             if _has_nan(value):
-                raise row.error(f"{row.name}(): '{name}' is nan at every pose: one of the numbers in it is nan")
+                raise row.error(f"{row.name}(): '{name}' is nan at every pose, because one of its constants is nan")
 
 
 def _has_nan(value: ca.SX) -> bool:

@@ -1,4 +1,4 @@
-"""The compiled functions of one formula and their input symbols; each function is compiled when first used."""
+"""The compiled functions of one formula, and their input symbols; each function is compiled when first used."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ POSE_TOL = 1e-6
 
 
 class Program:
-    """Compiled functions of the state: the pose (16 numbers, row by row) if there is a closed inverse, else q (n).
+    """Compiled functions of the state, which is the pose (16,) row by row if there is a closed inverse, else q (n,).
 
     Attributes:
         order: symbols of all joints, in the order of q.
@@ -61,7 +61,7 @@ class Program:
             "measure": tuple(m.symbol for m in formula.measures),
             "aspect": tuple(a.symbol for a in formula.aspects),
         }
-        # All are compiled here, so that a formula without a required point or measure fails when it is compiled.
+        # Compiled here, not at first use, so that a missing point or measure causes an error at once.
         self.group = {
             kind: Evaluator(kind, self._z, flow.gather(formula, self._symbols, names, kind))
             for kind, names in groups.items()
@@ -89,7 +89,7 @@ class Program:
         """Pose -> dq/dtwist (n, 6)."""
         xi = ca.SX.sym("xi", 6)
         J = ca.jacobian(self.joints_at(symbolic.retract(symbolic.unflat(self._z, 4, 4), xi)), xi)
-        J = ca.cse(ca.substitute(J, xi, ca.SX.zeros(6)))  # a third faster or more: derivatives repeat terms
+        J = ca.cse(ca.substitute(J, xi, ca.SX.zeros(6)))  # at least a third faster, because derivatives repeat terms
         return Evaluator("inverse_jacobian", self._z, J, (len(self.order), 6))
 
     @cached_property
@@ -126,11 +126,11 @@ class Program:
 
     @cached_property
     def newton(self) -> Evaluator:
-        """(q, start pose) -> pose (16), joint error, travel, aspects: Newton's method from the start pose.
+        """(q, start pose) -> pose (16,), joint error, travel, aspects: Newton's method from the start pose.
 
         The joint error is a norm in m or rad. The travel is the norm of the translation (divided by the characteristic
-        length) and the rotation in rad. All results come from one call, because Python calls would cost ten times as
-        much as the solution.
+        length) and the rotation in rad. One call returns all results, because separate Python calls would take ten
+        times as long as the solution.
         """
         n = len(self.order)
         xi, p = ca.SX.sym("xi", 6), ca.SX.sym("p", n + 16)
@@ -165,8 +165,8 @@ class Program:
     def margins_at(self, passive: tuple[str, ...], points: tuple[str, ...]) -> Evaluator:
         """State of a mechanism -> reach margins, measures, aspects, each computed from the mechanism's values.
 
-        Inputs: parameters in the order of `parameters`, pose (16), joints (n), then passive joints and named points
-        (3 numbers each), in the given order. Equations compute only the remaining symbols.
+        Inputs: parameters in the order of `parameters`, pose (16,), joints (n,), then passive joints and named points
+        (3 numbers each), in the given order. The equations compute all symbols that are not inputs.
         """
         key = ("margins", *passive, "", *points)
         if key not in self._partial:
@@ -195,8 +195,8 @@ class Program:
     def around(self, state: ca.SX, step: ca.SX) -> tuple[ca.SX, ca.SX]:
         """Return pose (4, 4) and joints (n) as expressions of a state and a step from the state.
 
-        With a forward equation, the state is q (n) and the step is added to q; otherwise the state is a pose (16
-        numbers) and the step a twist (6).
+        With a forward equation, the state is q (n,), and the step is added to q. Otherwise the state is a pose (16,),
+        and the step is a twist (6,).
         """
         if self.forward_flow:
             return ca.SX(self._after_joints(state + step)[POSE_SYMBOL]), state + step
@@ -240,11 +240,11 @@ class Program:
             else:
                 p = flow.gather(self.formula, self._symbols, tuple(symbol), f"point '{name}':")
             if p.numel() != 3:
-                raise KinematicsError(f"{what} has shape {p.shape}; it must hold 3 numbers.")
+                raise KinematicsError(f"{what} has shape {p.shape}, but must have 3 numbers.")
             rows.append(ca.reshape(p, 1, 3))
         return ca.vertcat(*rows) if rows else ca.SX(0, 3)
 
 
 def _length(v: ca.SX) -> ca.SX:
-    """Return the Euclidean norm of v; NaN if an entry is NaN (a maximum norm with fmax would hide it)."""
+    """Return the Euclidean norm of v; NaN if an entry is NaN (a maximum norm with fmax would ignore NaN)."""
     return ca.sqrt(ca.sumsqr(v))

@@ -29,13 +29,13 @@ def rad(value: float, provenance: Provenance = "ASSUMED", note: str = "") -> Par
 
 
 def number(value: float, provenance: Provenance = "ASSUMED", note: str = "") -> Parameter:
-    """Return a dimensionless number: a ratio, a count."""
+    """Return a dimensionless number, such as a ratio or a count."""
     return _parameter(value, 1.0, "1", provenance, note)
 
 
 def _parameter(value: float, scale: float, unit: str, provenance: Provenance, note: str) -> Parameter:
     if isinstance(value, bool) or not isinstance(value, int | float):
-        raise TypeError(f"{value!r} is not a number: write it as in 135.0")
+        raise TypeError(f"{value!r} is not a number; write a number such as 135.0")
     if not math.isfinite(value):
         raise ValueError(f"{value} is not a finite number")
     if provenance not in ("PUBLISHED", "CITED", "DERIVED", "ASSUMED", *EARLIER):

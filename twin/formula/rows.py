@@ -64,9 +64,9 @@ class PlainRows(ABC):
         self.argument_names: list[str] = []
         for p in inspect.signature(function).parameters.values():
             if p.kind in (p.VAR_POSITIONAL, p.VAR_KEYWORD, p.POSITIONAL_ONLY):
-                raise self.error(f"{name}() takes its arguments by name: replace '{p}' by names", self.line)
+                raise self.error(f"{name}() must have named arguments: replace '{p}' by names", self.line)
             if p.name not in known:
-                raise self.error(f"{name}() asks for '{p.name}'; {unknown('symbol', p.name, known, unread)}", self.line)
+                raise self.error(f"{name}() uses '{p.name}'; {unknown('symbol', p.name, known, unread)}", self.line)
             self.argument_names.append(p.name)
         wanted: list[str] = []
         for n in self.argument_names:
@@ -82,7 +82,7 @@ class PlainRows(ABC):
         """Return the outputs for the values of the symbols."""
 
     def arguments(self, symbols: Mapping[str, Any], convert: Callable[[Any], Any], join: Callable[..., Any]) -> dict:
-        """Return the arguments from the symbols; `convert` converts one symbol, `join` makes an array of several."""
+        """Return the arguments from the symbols; `convert` converts one symbol, `join` makes an array of symbols."""
         out = {}
         for n in self.argument_names:
             if n == POSE:
@@ -97,7 +97,7 @@ class PlainRows(ABC):
         """Return the function's result as a list with one value for each output.
 
         Args:
-            value: the function's result: values in order, one column, or a dictionary by name.
+            value: the function's result: values in order, a column, or a dictionary by name.
             split: a function that returns the entries of a one-dimensional array or column, else None.
 
         Raises:
@@ -142,10 +142,10 @@ def reason(error: BaseException) -> str:
     if isinstance(error, FloatingPointError):
         return f"{text}: a root or arc function is out of range, or a number is divided by zero"
     if isinstance(error, FutureWarning) and "casadi" in text:
-        return "a NumPy function is called on a CasADi value: use CasADi's, or use NumPy only"
+        return "a NumPy function is called on a CasADi value: use the CasADi function, or use NumPy only"
     if "loop of ufunc" in text or "unsupported operand" in text:
         text = text.replace("Symbol", "symbol")
-        return f"{text}: twin cannot differentiate this; write it with NumPy's elementary functions"
+        return f"{text}: twin cannot differentiate this operation; use NumPy's elementary functions"
     return f"{type(error).__name__}: {text}"
 
 

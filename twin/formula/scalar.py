@@ -1,4 +1,4 @@
-"""A scalar in NumPy arrays that is not a plain number: a symbol, or many samples at once.
+"""A scalar in NumPy arrays that is not a plain number: a symbol, or the values at many samples.
 
 NumPy functions work on arrays of such objects: arithmetic calls the operators below, `np.sin` calls the method `sin`,
 and so on. A subclass defines the operations. Operations that require a plain number (`if`, `math.sin`) raise an error.

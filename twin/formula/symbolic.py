@@ -22,10 +22,10 @@ _SERIES = 1e-6
 def sqrt(x: SX) -> SX:
     """Return the square root of x; 0 with derivative 0 for x <= 0 (instead of NaN or an infinite derivative).
 
-    For lengths that may be zero. Do not use it for a reach condition, in which NaN means "out of reach".
+    Use this function for lengths that may be zero, but not for a reach condition, in which NaN means "out of reach".
     """
     positive = x > 0
-    # Both branches of a conditional are evaluated and differentiated, so the argument is made positive first.
+    # Both branches of a condition are evaluated and differentiated, so the argument is made positive first.
     return ca.if_else(positive, ca.sqrt(ca.if_else(positive, x, 1)), 0)
 
 
@@ -151,8 +151,8 @@ def retract(T: SX, xi: SX) -> SX:
 def pose_residual(T: SX, T_target: SX) -> SX:
     """Return the 6 errors of T relative to T_target, in the axes of the target: position in m, rotation vector in rad.
 
-    They are all 0 only if the poses are equal. A task may omit single rows: the rotation rows x and y are both
-    0 exactly if the z axes agree.
+    All errors are 0 only if the poses are equal. A task may omit single rows: the rotation rows x and y are both 0 if,
+    and only if, the z axes agree.
     """
     R = T_target[0:3, 0:3].T
     return ca.vertcat(R @ (T[0:3, 3] - T_target[0:3, 3]), log_so3(R @ T[0:3, 0:3]))

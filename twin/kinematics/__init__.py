@@ -1,6 +1,6 @@
-"""Solvers for compiled formulas, and the names that authors of CasADi equations import.
+"""Solvers for compiled formulas, and the functions that authors of CasADi equations import.
 
-Importing this package imports CasADi; import it only where equations are needed.
+Importing this package also imports CasADi. Import it only where equations are needed.
 """
 
 from twin.formula import symbolic

@@ -1,8 +1,9 @@
 """Solve forward kinematics without a forward equation, and inverse kinematics without an inverse equation.
 
-The forward kinematics of a parallel robot is the root of q(T) - q. It is found by Newton's method from a seed pose,
-then by Levenberg-Marquardt, then among all assemblies that the formula can enumerate. The branch label of the solution
-is checked, because a Newton step can jump to another assembly with the same joint values.
+The forward kinematics of a parallel robot is the root of q(T) - q, where q(T) is the inverse equation. The root is
+searched by Newton's method from a seed pose, then by Levenberg-Marquardt, then among all assemblies that the formula
+can enumerate. The branch label of the solution is checked, because a Newton step can jump to another assembly with the
+same joint values.
 """
 
 from __future__ import annotations
@@ -22,9 +23,9 @@ _SAME_POSE = 1e-6
 """Difference in m and rad below which two poses count as one assembly."""
 
 _TRAVEL = 0.5
-"""Maximum distance of Newton's solution from its seed: rad, or translation divided by the characteristic length.
+"""Maximum distance of Newton's solution from the seed: rad, or translation divided by the characteristic length.
 
-A farther solution might be on another branch; the solver then approaches q in small steps.
+A solution at a larger distance might be on another branch. In this case the solver approaches q in small steps.
 """
 
 
@@ -71,9 +72,9 @@ def branches(kin: Compiled, q: Array) -> list[Array]:
     if kin.closed_forward and kin.formula.branches is None:
         return [forward(kin, q, None)]
     if kin.formula.branches is None:
-        raise KinematicsError(f"{kin.formula.name}: the formula has no enumeration of its assemblies.")
+        raise KinematicsError(f"{kin.formula.name}: the formula has no function that enumerates its assemblies.")
     ordered = q[~kin.auxiliary]
-    if kin.closed_forward:  # closed-form solutions need no refinement; the formula lists its preferred one first
+    if kin.closed_forward:  # closed-form solutions need no refinement; the preferred assembly is already first
         return kin.formula.branches(ordered, kin.parameters, kin.variants)
     found: list[Array] = []
     for T in kin.formula.branches(ordered, kin.parameters, kin.variants):
@@ -121,14 +122,14 @@ def _from_seed(kin: Compiled, q: Array, seed: Array) -> Array:
     best, error, _, signs = _newton(kin, q, result.T)
     if error <= FORWARD_TOL and (signs == label).all():
         return best
-    if kin.formula.branches is not None:  # no path was found: the path of q may leave the workspace
+    if kin.formula.branches is not None:  # no path was found: q may leave the workspace
         others = [T for T in branches(kin, q) if _signs(kin, T, label)]
         if others:
             return min(others, key=lambda T: _distance(T, seed, kin.characteristic_length))
-    why = "Newton ends on another branch" if error <= FORWARD_TOL else "Newton does not converge"
+    why = "Newton's method ends on another branch" if error <= FORWARD_TOL else "Newton's method does not converge"
     raise KinematicsError(
-        f"{kin.formula.name}: no assembly at q = {_text(kin, q)} reached from the seed: {why}. "
-        "Give a closer seed, or omit it.",
+        f"{kin.formula.name}: no assembly at q = {_text(kin, q)} was reached from the seed: {why}. "
+        "Give a closer seed, or omit the seed.",
         best=result.T,
         residual=result.residual,
     )
@@ -149,14 +150,14 @@ def _cold(kin: Compiled, q: Array) -> Array:
         if result.residual < residual:
             best, residual = result.T, result.residual
     raise KinematicsError(
-        f"{kin.formula.name}: no assembly on the branch {kin.preferred_branch} at q = {_text(kin, q)}.",
+        f"{kin.formula.name}: found no assembly on the branch {kin.preferred_branch} at q = {_text(kin, q)}.",
         best=best,
         residual=residual,
     )
 
 
 def _newton(kin: Compiled, q: Array, T: Array) -> tuple[Array, float, float, Array]:
-    """Return (pose (4, 4), joint error, travel, aspect signs) after Newton's method from T; error NaN if it fails."""
+    """Return (pose (4, 4), joint error, travel, aspect signs) of Newton's method from T; error NaN if it fails."""
     out = kin.program.newton.one(np.concatenate([q, T.ravel()]))
     return out[:16].reshape(4, 4), out[16], out[17], np.sign(out[18:])
 

@@ -55,7 +55,7 @@ class Kinematics(Compiled):
 
         Args:
             T_base_tool: the pose.
-            seed: q (n,) to start from, used only without a closed inverse; auxiliary joints keep its values.
+            seed: q (n,) to start from, used only without a closed inverse; auxiliary joints keep the seed's values.
 
         Raises:
             KinematicsError: the pose is not rigid, or out of reach; the message names the chain and the distance.
@@ -70,7 +70,7 @@ class Kinematics(Compiled):
         if not misfit <= POSE_TOL:
             raise KinematicsError(
                 f"{self.formula.name}: no values of {', '.join(self.formula.coordinates.names)} "
-                f"describe this pose (off by {misfit:.3g}). Is it a rigid pose in metres?",
+                f"describe this pose (error {misfit:.3g}). Check that it is a rigid pose in metres.",
                 best=q,
             )
         if not math.isfinite(q.sum()):  # faster than a test of each joint
@@ -89,8 +89,8 @@ class Kinematics(Compiled):
 
         Args:
             Ts_base_tool: the poses.
-            seed: q (n,) to start from at the first pose, without a closed inverse; each other pose starts from the
-                previous solution.
+            seed: q (n,) to start from at the first pose, used only without a closed inverse. Each later pose starts
+                from the previous solution.
 
         Raises:
             KinematicsError: as `inverse`, for the first pose without a solution, with its index and the number of such
@@ -100,16 +100,16 @@ class Kinematics(Compiled):
         q = self.inverse_many(Ts) if self.closed_inverse else assembly.inverse_by_solver_many(self, Ts, seed)
         if self.closed_inverse and seed is not None and np.shape(seed) == q.shape[1:]:
             q[:, self.auxiliary] = np.asarray(seed)[self.auxiliary]
-        if np.isnan(q.sum()):  # a row without an answer is NaN
+        if np.isnan(q.sum()):  # a row without a solution is NaN
             lost = np.flatnonzero(np.isnan(q).any(axis=1))
             k = int(lost[0])
             before = q[k - 1] if k else seed
             try:
                 self.inverse(Ts[k], before)
             except KinematicsError as error:
-                others = f"; poses without an answer: {len(lost)} of {len(Ts)}" if len(lost) > 1 else ""
+                others = f"; poses without a solution: {len(lost)} of {len(Ts)}" if len(lost) > 1 else ""
                 raise KinematicsError(f"pose {k} (of 0 .. {len(Ts) - 1}): {error}{others}", best=error.best) from None
-            raise KinematicsError(f"{self.formula.name}: pose {k} (of 0 .. {len(Ts) - 1}) has no answer")
+            raise KinematicsError(f"{self.formula.name}: pose {k} (of 0 .. {len(Ts) - 1}) has no solution")
         return q
 
     def forward(self, q: ArrayLike, seed: ArrayLike | None = None) -> Array:
@@ -117,7 +117,7 @@ class Kinematics(Compiled):
 
         Args:
             q: active joints in m or rad.
-            seed: pose (4, 4) to start from; the solution has its branch label. Without a seed: the preferred branch.
+            seed: pose (4, 4) to start from; the solution has the seed's branch label. Default: the preferred branch.
 
         Raises:
             KinematicsError: no assembly is found; `best` is the best pose.
@@ -129,7 +129,7 @@ class Kinematics(Compiled):
 
         Args:
             qs: active joints (k, n), usually along a path.
-            seed: pose (4, 4) to start from; or poses (k, 4, 4), one for each row; then all rows are solved at once.
+            seed: pose (4, 4) to start from. With poses (k, 4, 4), one for each row, all rows are solved at once.
         """
         qs = self._joints(qs)
         if seed is not None and np.ndim(seed) == 3:

@@ -1,8 +1,8 @@
 """The compiled functions of a formula: points, Jacobians, measures, branch labels, for one pose or many.
 
-All values are SI. Poses are T_base_tool (4, 4); the first axis of a batch is time. Twists and Jacobian rows are linear
-first, in base axes, at the tool origin. The solvers (`solve`, `assembly`) use these functions; `compile.Kinematics`
-adds inverse and forward kinematics.
+All values are in SI units. Poses are T_base_tool (4, 4); the first axis of a batch is time. In twists and Jacobian
+rows, the linear part is first, in base axes, at the tool origin. The solvers (`solve`, `assembly`) use these functions;
+`compile.Kinematics` adds inverse and forward kinematics.
 """
 
 from __future__ import annotations
@@ -27,18 +27,18 @@ ExtraJoint = tuple[int, str, bool, float]
 class Compiled(ABC):
     """The compiled functions of a formula; `Kinematics` adds the solvers.
 
-    Methods with arguments `Ts` and `qs` require poses (k, 4, 4) if the formula has a closed inverse, else joints
-    (k, n). If only the other argument is given, the required one is solved for.
+    Methods with arguments `Ts` and `qs` compute from poses (k, 4, 4) if the formula has a closed inverse, otherwise
+    from joints (k, n). If only the other argument is given, the required argument is computed from it.
 
     Attributes:
         formula: the formula from which the functions are compiled.
         joints: active joints, in the order of q.
-        auxiliary: (n,) bool, whether a joint is not in the equations and cannot move the tool. The inverse returns the
-            value given when compiling; the forward equations ignore the joint.
+        auxiliary: (n,) bool, whether a joint is not in the equations and cannot move the tool. For such a joint, the
+            inverse returns the value given at compilation; the forward equations ignore the joint.
         variants: the variant in use, by equation.
         choices: names of the existing variants, by equation.
         parameters: the values in use, in SI, by name.
-        closed_inverse, closed_forward: whether the formula has equations for q from the pose, for the pose from q.
+        closed_inverse, closed_forward: whether the formula has equations for q from the pose, or for the pose from q.
         characteristic_length: length in m; a rotation by 1 rad counts as much as a translation by this length.
         revolute: (n,) bool, whether a joint is an angle.
         program: the compiled functions.
@@ -72,7 +72,7 @@ class Compiled(ABC):
             {name: value for _, name, _, value in extra_joints},
         )
         if self.closed_inverse:
-            self.program.inverse  # noqa: B018 - compiled now, so that a faulty to_pose fails here
+            self.program.inverse  # noqa: B018 - compile now, so that a faulty to_pose fails here
 
     @abstractmethod
     def inverse(self, T_base_tool: ArrayLike, seed: ArrayLike | None = None) -> Array:
@@ -91,7 +91,7 @@ class Compiled(ABC):
         """Return poses (k, 4, 4) at qs (k, n); NaN where no solution exists."""
 
     def joints_from_points(self, points: Mapping[str, ArrayLike]) -> Array:
-        """Return q (k, n) from named points {name: (k, 3)} in m, by the equations after the points alone.
+        """Return q (k, n) from named points {name: (k, 3)} in m, with only the equations that use the points.
 
         Raises:
             KinematicsError: a point is unknown or missing, or the equations also require the pose.
@@ -138,7 +138,7 @@ class Compiled(ABC):
         """
         J = self.jacobian_many(_one(T), _one(q))[0]
         if not np.isfinite(J).all():
-            raise KinematicsError(f"{self.formula.name}: no Jacobian at this pose: it is singular, or out of reach.")
+            raise KinematicsError(f"{self.formula.name}: no Jacobian at this pose: singular or out of reach.")
         return J
 
     def jacobian_many(self, Ts: ArrayLike | None = None, qs: ArrayLike | None = None) -> Array:
@@ -154,7 +154,7 @@ class Compiled(ABC):
         return self._named("measure", Ts, qs)
 
     def singularity_alarm(self, Ts: ArrayLike | None = None, qs: ArrayLike | None = None) -> dict[str, np.ndarray]:
-        """Return {name: (k,) bool}: whether the absolute measure is below its alarm value, or NaN."""
+        """Return {name: (k,) bool}: whether the absolute value of the measure is below its alarm value, or NaN."""
         values = self.singularity(Ts, qs)
         return {m.name: ~(np.abs(values[m.name]) >= m.alarm) for m in self.formula.measures}
 
@@ -200,8 +200,8 @@ class Compiled(ABC):
     def takes(self, Ts: ArrayLike) -> bool:
         """Return whether the equations prove that poses (k, 4, 4) are within the robot's degrees of freedom.
 
-        This is proved if the robot has six degrees of freedom, if the formula has fewer than six coordinates (other
-        poses then have no joint values), or if the forward equations return the pose. False: not within, or unknown.
+        There are three proofs: the robot has six degrees of freedom; the formula has fewer than six coordinates, so
+        that other poses have no joint values; or the forward equations return the pose. False: not proved.
         """
         Ts = poses(Ts)
         if len(self.formula.joints) >= 6:
@@ -218,10 +218,10 @@ class Compiled(ABC):
         return bool(np.abs(back - Ts).max() <= POSE_TOL)
 
     def need_six_joints(self) -> None:
-        """Raise `KinematicsError` if a pose cannot be solved for: not six joints, and no forward equation."""
+        """Raise `KinematicsError` if no pose can be computed from q: not six joints, and no forward equation."""
         if not self.closed_forward and len(self.formula.joints) != 6:
             raise KinematicsError(
-                f"{self.formula.name}: {len(self.formula.joints)} joints do not fix the 6 freedoms of a pose; "
+                f"{self.formula.name}: {len(self.formula.joints)} joints do not determine the 6 numbers of a pose; "
                 "add a forward equation to the formula."
             )
 
@@ -264,7 +264,7 @@ def _one(value: ArrayLike | None) -> Array | None:
 
 
 def poses(Ts: ArrayLike, batch: bool = True) -> Array:
-    """Return poses (k, 4, 4), or one (4, 4), as contiguous floats; raise `KinematicsError` for any other shape."""
+    """Return poses (k, 4, 4), or a pose (4, 4), as contiguous floats; raise `KinematicsError` for any other shape."""
     Ts = np.ascontiguousarray(Ts, float)
     if Ts.ndim != 2 + batch or Ts.shape[-2:] != (4, 4):
         raise KinematicsError(f"poses must have shape {'(k, 4, 4)' if batch else '(4, 4)'}, not {Ts.shape}.")

@@ -1,8 +1,8 @@
-"""One compiled Levenberg-Marquardt iteration for a robot and a kind of task, and the loop that runs it.
+"""One compiled Levenberg-Marquardt iteration for a robot and a kind of task, and the loop that runs the iteration.
 
-Nielsen's damping: the step minimises |J dx + r|^2 + mu |dx|^2. mu decreases when the linear model predicts the decrease
-well, and doubles at an increasing rate when it does not. Residual, Jacobian, step and damping are one CasADi function,
-because separate numpy calls would take five times as long.
+The damping is by Nielsen: a step dx minimises |J dx + r|^2 + mu |dx|^2. The damping mu decreases if the linear model
+predicts the decrease of the cost well; successive failed steps multiply mu by 2, 4, 8, ... Residual, Jacobian, step and
+damping are one CasADi function, because separate NumPy calls would take five times as long.
 """
 
 from __future__ import annotations
@@ -28,10 +28,10 @@ Kinds = tuple[tuple[str, tuple[int, ...]], ...]
 
 
 class Iteration:
-    """Compiled iteration for a robot and kinds of terms; the state is q (n) or, without a forward equation, T (16).
+    """Compiled iteration for a robot and kinds of terms; the state is q (n,) or, without a forward equation, T (16,).
 
-    Joint unknowns are kept within their limits by projection; pose unknowns by a residual that is zero within the
-    limits and grows with the excess.
+    If the unknowns are joints, projection keeps them within their limits. If the unknown is the pose, an additional
+    residual is used, which is zero within the limits and grows with the excess.
     """
 
     def __init__(self, program: Program, kinds: Kinds) -> None:
@@ -69,9 +69,9 @@ class Iteration:
         predicted = ca.dot(step, mu * step - g * free)
         ratio = (cost - cost_new) / ca.fmax(predicted, 1e-300)
         first = size == 0
-        better = (cost_new < cost) * (ca.sumsqr(J) + length < np.inf)  # false if one of them is NaN
+        better = (cost_new < cost) * (ca.sumsqr(J) + length < np.inf)  # false if any value is NaN
         size_new = ca.if_else(first, ca.fmax(ca.mmax(ca.sum1(J * J)), 1e-12), size)
-        # Not below the floor: otherwise rounding errors divided by mu would move directions that the task leaves free.
+        # With mu below the floor, rounding errors divided by mu would move directions that the task leaves free.
         shrunk = ca.fmax(mu * ca.fmax(1 / 30, 1 - (2 * ratio - 1) ** 3), _MU_FLOOR * size)
         accepted = [
             new,
@@ -101,7 +101,7 @@ class Iteration:
         """
         k, z = self.state, np.zeros(self.memory + len(inputs))
         z[:k], z[self.memory :] = start, inputs
-        z[k], z[k + 2] = np.inf, 1.0  # no cost yet, and a system with a zero step: the first call only evaluates
+        z[k], z[k + 2] = np.inf, 1.0  # infinite cost and a zero step, so that the first call only evaluates
         out = self._evaluator.one(z)
         if not np.isfinite(out[k]):
             return start, np.inf, 0

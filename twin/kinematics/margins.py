@@ -12,7 +12,7 @@ from twin.core.spatial import Array
 from twin.kinematics.compile import Kinematics, compile_formula
 
 _CLOSE = 1e-6
-"""Maximum difference (m, rad) at which the equations count as reproducing a given state."""
+"""Maximum difference (m, rad) at which the result of the equations counts as equal to a given state."""
 
 _LENGTHS = ("mm", "m", "cm", "um")
 
@@ -80,9 +80,9 @@ class Margins:
             return kin.program.margins_at(tuple(self._passive), self._points).many(np.ascontiguousarray(np.hstack(z)))
 
     def valid(self, s: States, passive: bool) -> NDArray[np.bool_]:
-        """Return (k,) bool: whether the equations reproduce each state; `passive`: also the passive joints.
+        """Return (k,) bool: whether the equations give the joints of each state; with `passive`, also passive joints.
 
-        Where they do not, the equations are on another branch.
+        Where the values differ, the equations are on another branch.
         """
         kin = self._kin
         with np.errstate(all="ignore"):
@@ -107,7 +107,7 @@ class Margins:
         return np.stack([found[n] for n in self._kin.formula.reach], axis=1)
 
     def fails(self, s: States) -> Array:
-        """Return the largest entry (k,) of the formula's dq/dtwist; infinite without a solution, 0 without inverse."""
+        """Return the largest entry (k,) of dq/dtwist; infinite without a solution, 0 without inverse equations."""
         kin = self._kin
         if not kin.closed_inverse:
             return np.zeros(len(s.q))

@@ -1,4 +1,4 @@
-"""Condition numbers and inverses of Jacobians, safe for singular matrices, in numpy."""
+"""Condition numbers and inverses of Jacobians with NumPy, also for singular matrices."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import numpy as np
 from twin.core.spatial import Array
 
 _WELL = 1e-8
-"""Squared inverse condition number above which the eigenvalues of J J^T give it to eight digits."""
+"""Squared inverse condition number above which the eigenvalues of J J^T are accurate to eight digits."""
 
 
 def condition(J: Array, length: float) -> float:
@@ -23,8 +23,8 @@ def condition_inverse(J: Array, length: float) -> float:
 def condition_many(Js: Array) -> Array:
     """Return the condition numbers (k,) of Js (k, m, n); infinite for matrices that are singular or not finite.
 
-    Eigenvalues of J J^T take half the time of a singular value decomposition but lose twice the digits. The few
-    matrices that lose too many digits are decomposed.
+    Eigenvalues of J J^T take half the time of a singular value decomposition, but lose twice as many digits. Singular
+    values are computed for the few matrices for which this loss is too large.
     """
     out = np.full(len(Js), np.inf)
     good = np.flatnonzero(np.isfinite(Js).all(axis=(1, 2)))
@@ -50,7 +50,7 @@ def invert_many(Js: Array) -> Array:
         return out
     try:
         out[good] = np.linalg.inv(Js[good])
-    except np.linalg.LinAlgError:  # an exactly singular matrix raises for the whole batch
+    except np.linalg.LinAlgError:  # one exactly singular matrix causes this error for the whole batch
         for i in np.flatnonzero(good):
             if np.linalg.matrix_rank(Js[i]) == Js.shape[1]:
                 out[i] = np.linalg.inv(Js[i])

@@ -1,6 +1,6 @@
-"""Levenberg-Marquardt for every robot: the unknowns are the joints if there is a forward equation, else the pose.
+"""Levenberg-Marquardt solver for every robot; unknowns: the joints if there is a forward equation, else the pose.
 
-Residuals are made dimensionless by `length_scale`: 1 rad counts as much as an error of `length_scale`.
+Residuals are made dimensionless: an error of `length_scale` counts as much as an error of 1 rad.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ TOLERANCE = 1e-10
 """Norm of the dimensionless residual below which a task counts as solved; 8e-12 m for SILS."""
 
 _LIMIT_TOL = 1e-9
-"""Excess over a joint limit in m or rad that is ignored as rounding error."""
+"""Excess over a joint limit in m or rad that is ignored as a rounding error."""
 
 
 @dataclass(frozen=True)
@@ -78,15 +78,15 @@ def solve(
         limits: (n, 2) lower and upper limit of each joint, in m or rad; infinite where a joint has no limit.
         starts: number of starting states: the seed, the formula's seeds, then random states.
         rng: seed of the random states; the same number gives the same solution.
-        any_branch: accept any branch, not only the branch of the seed or the preferred branch.
-        length_scale: length in m that counts as 1 rad; default: the robot's characteristic length.
+        any_branch: whether to accept any branch, not only the branch of the seed or the preferred branch.
+        length_scale: length in m that counts as much as 1 rad; default: the robot's characteristic length.
         tolerance: norm of the dimensionless residual below which the task counts as solved.
 
     Returns:
         The first solution within the limits on the seed's branch (without a seed: the preferred branch).
 
     Raises:
-        KinematicsError: no start leads to a solution; `best` is the best `Solution`.
+        KinematicsError: no solution is found from any start; `best` is the best `Solution`.
     """
     kin.need_six_joints()
     bounds = _bounds(kin, limits)
@@ -109,11 +109,11 @@ def solve(
         if fine:
             return Solution(result.q, result.T, result.residual, label, iterations)
     if best is None:
-        raise KinematicsError(f"{kin.formula.name}: no starting point: give a seed, or seeds in the formula.")
+        raise KinematicsError(f"{kin.formula.name}: no starting state: give a seed, or define seeds in the formula.")
     if best.residual > tolerance:
         why = f"residual {best.residual:.3g} (dimensionless) stays above {tolerance:g}" + (f"; {why}" if why else "")
     elif not why:
-        why = f"found only on branch {best.branch}, not on {wanted}"
+        why = f"a solution was found only on branch {best.branch}, not on {wanted}"
     best = replace(best, iterations=iterations)
     raise KinematicsError(
         f"{kin.formula.name}: no solution of the task in {tried} starts: {why}.",
@@ -136,7 +136,7 @@ def seeds(kin: Compiled, rng: int, starts: int, bounds: Array | None = None) -> 
     if not kin.closed_forward:
         for i in range(len(homes), starts if homes else 0):
             T, xi = homes[generator.integers(len(homes))], generator.uniform(-1, 1, 6)
-            spread = 0.2 + 0.8 * i / starts  # increasing, so that near starts come first
+            spread = 0.2 + 0.8 * i / starts  # increasing, so that starts near the seeds come first
             R = spatial.exp_so3(spread * xi[3:]) @ T[:3, :3]
             yield spatial.pose(R, T[:3, 3] + 2 * spread * kin.characteristic_length * xi[:3])
         return

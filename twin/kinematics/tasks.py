@@ -1,7 +1,7 @@
 """Solver tasks: residuals of the tool pose that can be weighted and added.
 
-The residual of a task is zero exactly where the task is fulfilled. Its rows are in m or rad; the solver divides lengths
-by a length scale, so that residuals and weights are dimensionless.
+The residual of a task is zero if, and only if, the task is fulfilled. Its rows are in m or rad. The solver divides
+lengths by a length scale, so that residuals and weights are dimensionless.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from twin.formula import symbolic
 
 @dataclass(frozen=True)
 class Term:
-    """One weighted residual: `kind` names its function, `numbers` are the arguments, `rows` the rows that count."""
+    """One weighted residual: `kind` names its function, `numbers` are its arguments, `rows` are the rows in use."""
 
     kind: str
     numbers: Array
@@ -51,7 +51,7 @@ def Pose(T_base_tool: ArrayLike, mask: Sequence[bool] = (True,) * 6) -> Task:  #
 
     Args:
         T_base_tool: target pose.
-        mask: flags of the six errors that count, in the axes of the target: x, y, z, and x, y, z of the rotation
+        mask: six flags, whether each error counts, in the axes of the target: x, y, z, and x, y, z of the rotation
             vector. (1, 1, 1, 1, 1, 0) leaves the roll about the target's z axis free.
 
     """
@@ -59,7 +59,7 @@ def Pose(T_base_tool: ArrayLike, mask: Sequence[bool] = (True,) * 6) -> Task:  #
     if not spatial.is_pose(T, 1e-6) or T.shape != (4, 4):
         raise KinematicsError("task Pose: the target is not a rigid pose (4, 4).")
     if len(mask) != 6 or not any(mask):
-        raise KinematicsError(f"task Pose: the mask must hold 6 flags, not all false; found {tuple(mask)}.")
+        raise KinematicsError(f"task Pose: the mask must have 6 flags, at least one of them true; found {tuple(mask)}.")
     return _task("pose", T.ravel(), tuple(i for i in range(6) if mask[i]))
 
 
@@ -76,19 +76,19 @@ def Trocar(  # noqa: N802
 ) -> Task:
     """Return the task of guiding a shaft through a trocar, with the tip beyond the trocar.
 
-    With w = p - tip and the shaft direction a (towards the tip), the residual is w + |w| a. For a small error it is the
-    distance from trocar to shaft axis in m. With the tip on the wrong side of the trocar it is 2 |w|, so that this side
-    is not a solution (the usual residual a x w is zero on both sides).
+    With w = p - tip (p: the trocar) and the shaft direction a (towards the tip), the residual is w + |w| a. For a small
+    error, its length is the distance from trocar to shaft axis in m. With the tip on the wrong side of the trocar, its
+    length is 2 |w|, so that this side is not a solution (the usual residual a x w is zero on both sides).
 
     Args:
         p_base: trocar (3,) in m.
-        axis: shaft direction (3,) in the tool frame, towards the tip; need not be of unit length.
+        axis: shaft direction (3,) in the tool frame, towards the tip; of any length except 0.
         p_tool_tip: tip (3,) in the tool frame, in m; the shaft passes through it.
-        depth: distance of the tip beyond the trocar, in m; None leaves it free.
+        depth: distance of the tip beyond the trocar, in m; None: free.
     """
     a = _vector("Trocar", axis)
     if not np.linalg.norm(a) > 0:
-        raise KinematicsError("task Trocar: the axis vanishes.")
+        raise KinematicsError("task Trocar: the axis has length 0.")
     if depth is not None and not depth > 0:
         raise KinematicsError(f"task Trocar: depth {depth} m is not beyond the trocar.")
     numbers = [_vector("Trocar", p_base), a / np.linalg.norm(a), _vector("Trocar", p_tool_tip)]
@@ -98,7 +98,7 @@ def Trocar(  # noqa: N802
 
 
 def Joints(q: ArrayLike) -> Task:  # noqa: N802
-    """Return the task of bringing the active joints to q (n,); with a small weight, of staying near q."""
+    """Return the task of bringing the active joints to q (n,); with a small weight, the task of staying near q."""
     q = np.asarray(q, float)
     if q.ndim != 1 or not np.isfinite(q).all():
         raise KinematicsError(f"task Joints: q must be a finite vector (n,), found shape {q.shape}.")
@@ -106,12 +106,12 @@ def Joints(q: ArrayLike) -> Task:  # noqa: N802
 
 
 def is_length(term: Term) -> np.ndarray:
-    """Return whether each row of a term is a length; not for "joints", whose rows depend on the joints."""
+    """Return whether each row of a term is a length; not for the kind "joints", whose units depend on the robot."""
     return np.array(_KINDS[term.kind][2])[list(term.rows)]
 
 
 def count(kind: str, joints: int) -> int:
-    """Return how many numbers a term of a kind has, for a robot with `joints` joints."""
+    """Return the number of arguments of a term of a kind, for a robot with `joints` joints."""
     return joints if kind == "joints" else _KINDS[kind][1]
 
 
@@ -146,7 +146,7 @@ _KINDS: dict[str, tuple[Callable[[ca.SX, ca.SX], ca.SX], int, tuple[bool, ...]]]
     "trocar": (_trocar, 9, (True, True, True)),
     "trocar_depth": (_trocar_depth, 10, (True, True, True)),
 }
-"""Kind -> (residual function of pose and numbers, count of numbers, whether each row is a length)."""
+"""Kind -> (residual function of pose and arguments, number of arguments, whether each row is a length)."""
 
 
 def _task(kind: str, numbers: Array, rows: tuple[int, ...]) -> Task:

@@ -1,6 +1,6 @@
 """The independent model of a mechanism: Pinocchio on the spanning tree, loops closed by damped Gauss-Newton.
 
-It is built from a `Mechanism` alone and shares no code with the equations that it checks.
+The model is built from a `Mechanism` alone, and shares no code with the equations that it checks.
 """
 
 from twin.reference.mobility import Mobility

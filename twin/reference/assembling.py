@@ -1,4 +1,4 @@
-"""Close loops that are open in the rest poses (of the CAD), from many start configurations."""
+"""Close loops that are open in the CAD's rest poses, from many start configurations."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ _TRIES = 3
 def assemble(model: ReferenceModel) -> Assembly:
     """Return the assembly near the rest poses with the smallest loop gaps.
 
-    The driven joints keep their values if the loops can be closed by the passive joints alone; otherwise they move too.
-    The random starts are the same in every call.
+    If the passive joints alone can close the loops, the driven joints keep their values; otherwise they also move. The
+    random starts are the same in every call.
     """
     best = model.home()
     drawn = model.tree.start(model.mechanism.rest)
@@ -41,7 +41,7 @@ def assemble(model: ReferenceModel) -> Assembly:
 
 
 def closes_alone(mechanism: Mechanism, loop: str) -> tuple[float, float]:
-    """Return the smallest gap (m, rad) of one loop, with all other loops opened and all joints free."""
+    """Return the smallest possible gap (m, rad) of one loop, without all other loops and with all joints free."""
     others = {j.name for j in mechanism.loops} - {loop}
     alone = replace(mechanism, joints=tuple(j for j in mechanism.joints if j.name not in others), couplings=())
     model = ReferenceModel(alone)
@@ -79,7 +79,7 @@ def _misfit(state: Assembly) -> float:
 
 
 def _nearest(model: ReferenceModel, starts: Array, columns: Index, drawn: Array) -> Assembly:
-    """Return the best assembly reached from the starts: smallest gaps, then nearest to the configuration `drawn`."""
+    """Return the best assembly found from `starts`: the smallest gaps; among equals, the nearest to `drawn`."""
 
     def residual(X: Array, _: Index) -> tuple[Array, Array]:
         return model.tree.loops.evaluate(X, *model.tree.update(X, closing_only=True))

@@ -1,8 +1,9 @@
 """Check reach margins and singularity measures at their zeros, where the mechanism must be degenerate.
 
-A reach margin is zero at the limit of the workspace and positive inside; a singularity measure is zero where the
-mechanism is singular. Their values cannot be compared with the mechanism, but their zeros can: a search moves the
-mechanism to a zero of each one (a row), and the Jacobians there show whether the mechanism is degenerate.
+A reach margin is zero at the limit of the workspace and positive inside. A singularity measure is zero where the
+mechanism is singular. The mechanism has no values to compare with such a row (margin or measure), but its zeros can be
+checked. A search moves the mechanism to a zero of each row. There, the Jacobians show whether the mechanism is
+degenerate.
 """
 
 from __future__ import annotations
@@ -31,19 +32,20 @@ _STARTS = 12
 _LARGER = 1.25
 
 _FLAT = 1e-2
-"""Relative slope of a margin per radian below which the margin has a minimum."""
+"""Relative slope of a margin per radian, below which the margin is taken to have a minimum."""
 
 _ENDS = 0.05
-"""Relative size below which another row is near its own zero and explains why the walk ended."""
+"""Relative size of another row below which it is near its own zero, which explains why the walk ended."""
 
 _MOSTLY = 0.3
-"""Minimum ratio between the sums of an aspect's values with the preferred and the other sign, to confirm the sign.
+"""Minimum ratio of the sum of an aspect's values with the preferred sign to the sum of those with the other sign.
 
-Some of the states may be in another assembly mode, or near a singularity.
+At this ratio, the preferred sign is confirmed. Some of the states may be in another assembly mode, or near a
+singularity.
 """
 
 _NEGATIVE = 1e-9
-"""Negative margin in m beyond which a state counts as out of reach; smaller ones are rounding errors."""
+"""Size in m of a negative margin above which a state counts as out of reach; smaller margins are rounding errors."""
 
 Status = Literal["agrees", "disagrees", "not judged"]
 
@@ -62,7 +64,7 @@ class Stated(Protocol):
         ...
 
     def valid(self, s: Run, passive: bool) -> Mask:
-        """Return whether (k,) the equations reproduce the active joint values, with `passive` also the passive ones."""
+        """Return whether (k,) the equations give the active joint values and, with `passive`, the passive ones."""
         ...
 
     def refuses(self, Ts_base_tool: Array) -> Array:
@@ -74,7 +76,7 @@ class Stated(Protocol):
         ...
 
     def homogeneous(self, s: Run, by: float) -> bool:
-        """Return whether all lengths in the equations are parameters: a robot scaled by `by` then has equal angles."""
+        """Return whether the equations of a robot scaled by `by` give equal angles: all lengths are parameters."""
         ...
 
 
@@ -83,7 +85,7 @@ class Judged:
     """Result of checking one margin, measure or aspect with the mechanism.
 
     Attributes:
-        name, symbol, equation: name of the row, its symbol, and its equation.
+        name, symbol, equation: name of the margin, measure or aspect (the row), its symbol, and its equation.
         kind: "reach", "type1", "type2" or "aspect".
         status: see `Status`.
         why: the result in one sentence ("it vanishes where ..."), or the reason why there is none.
@@ -118,10 +120,10 @@ class Boundary:
         run = model.collect(some)
         self._given = run
         self.motions = Degeneracy(model, some)
-        self._whole = bool(stated.valid(run, True).any())  # False: wrong passive joints, reported by another check
+        self._whole = bool(stated.valid(run, True).any())  # False: passive joints are wrong (reported elsewhere)
         good = stated.valid(run, self._whole)
         self._drawn = some[good]
-        self._why = "" if good.any() else "the equations never give the mechanism's joints"
+        self._why = "" if good.any() else "the equations agree with the mechanism's joint values at no state"
         if not self._why:
             far = wander(self.motions, self._valid, self._drawn)
             self._pool = np.concatenate([self._drawn, far])
@@ -158,11 +160,11 @@ class Boundary:
             if np.sum(np.maximum(signed, 0)) >= _MOSTLY * np.sum(np.maximum(-signed, 0)):
                 return self._row(i, "agrees", "it has the preferred sign in the working range")
             k = int(np.argmin(signed))
-            text = f"it is {drawn[k]:.4g} in the working range; the preferred sign is {s.preferred[i]:+d}"
+            text = f"its value is {drawn[k]:.4g} in the working range; the preferred sign is {s.preferred[i]:+d}"
             return self._row(i, "disagrees", text, self._pool[k], float(abs(drawn[k])))
         if s.kinds[i] == "reach" and v.min() < -_NEGATIVE:
             k = int(np.argmin(v))
-            text = f"it is {v[k] / MM:.4g} mm, out of reach, at a state that the mechanism can reach"
+            text = f"it is {v[k] / MM:.4g} mm (out of reach) at a state that the mechanism can reach"
             return self._row(i, "disagrees", text, self._pool[k], float(-v[k] / MM), "mm")
         if np.ptp(v) <= 1e-6 * np.abs(v).max():
             return self._constant(i, float(v[0]))
@@ -187,14 +189,14 @@ class Boundary:
             return self._row(i, "disagrees", text, size=value / MM, unit="mm")
         accepted = s.refuses(poses)[:, i] >= 0
         if accepted.any():
-            text = f"it accepts {int(accepted.sum())} of {len(poses)} poses outside the mechanism's freedoms"
+            text = f"it accepts {int(accepted.sum())} of {len(poses)} poses that the mechanism cannot reach"
             return self._row(i, "disagrees", text, size=float(accepted.sum()))
         return self._row(
-            i, "agrees", f"it refuses all {len(poses)} poses that need a degree of freedom the mechanism does not have"
+            i, "agrees", f"it rejects all {len(poses)} poses that need a degree of freedom the mechanism does not have"
         )
 
     def _beyond(self) -> Array:
-        """Return unreachable tool poses (k, 4, 4) near reachable ones, if the tool has fewer than six freedoms."""
+        """Return unreachable tool poses (k, 4, 4) near reachable poses; empty with six degrees of freedom."""
         X = self._drawn
         if self.motions.freedom >= 6:
             return np.zeros((0, 4, 4))
@@ -242,23 +244,23 @@ class Boundary:
         if not len(zeros) and beyond:
             zeros = self._zeros(i, beyond)
             if len(zeros) and (self.motions.of(zeros).min(axis=1) <= _DEGENERATE).any():
-                return self._row(i, "agrees", "it vanishes where the mechanism degenerates, in another assembly")
+                return self._row(i, "agrees", "it vanishes where the mechanism is degenerate, in another assembly mode")
             zeros = zeros[:0]
         if not len(zeros):
             return self._unfound(i, walks)
         left = self.motions.of(zeros).min(axis=1)
         regular = left > _DEGENERATE
         if not regular.any():
-            return self._row(i, "agrees", f"it vanishes where the mechanism degenerates, at {len(zeros)} states")
+            return self._row(i, "agrees", f"it vanishes where the mechanism is degenerate, at {len(zeros)} states")
         k = int(np.argmax(left))
         if s.kinds[i] != "reach" and self._own(zeros[regular]):
             text = (
-                "it vanishes where the mechanism is regular and the formula's own inverse has no single answer: so "
-                "it is not a property of the mechanism"
+                "it vanishes where the mechanism is regular, but the formula's own inverse is singular: it does not "
+                "describe the mechanism"
             )
             return self._row(i, "not judged", text, zeros[k])
         what = "the mechanism can move on" if s.kinds[i] == "reach" else "the mechanism is regular"
-        kept = f"its Jacobians have {100 * min(left[k], 1):.2g} % of their usual smallest singular value"
+        kept = f"the smallest singular value is {100 * min(left[k], 1):.2g} % of its usual value"
         text = f"it vanishes at a state where {what}: {kept}"
         return self._row(i, "disagrees", text, zeros[k], float(left[k]))
 

@@ -16,7 +16,7 @@ from twin.core.units import MM
 from twin.model.mechanism import Mechanism, Mesh
 
 TOUCHING = 0.05 * MM
-"""Distance in m up to which two parts of jointed bodies mate in the CAD (pin and bore, washer and eye)."""
+"""Largest distance in m at which two parts of jointed bodies mate in the CAD (pin and bore, washer and eye)."""
 
 
 @dataclass(frozen=True)
@@ -76,8 +76,8 @@ def clearance(
 ) -> Clearance:
     """Return the minimum clearances between the meshes of a mechanism.
 
-    A measured distance minus the later motion of both bodies is a lower bound of their later distance. A pair is
-    measured again only if it may be the nearest pair.
+    A measured distance minus the subsequent motion of both bodies is a lower bound of their distance. A pair is
+    measured again only if this bound allows that the pair is the nearest.
 
     Args:
         mechanism: the mechanism, with the meshes of its bodies.
@@ -89,7 +89,7 @@ def clearance(
 
 
 def apart(mechanism: Mechanism) -> list[tuple[Shape, Shape]]:
-    """Return the shapes of each two bodies that no joint connects."""
+    """Return all pairs of shapes whose bodies no joint connects."""
     whole = [Shape(b.name, b.name, b.meshes) for b in mechanism.bodies if b.meshes]
     jointed = _jointed(mechanism)
     return [(a, b) for a, b in combinations(whole, 2) if frozenset((a.body, b.body)) not in jointed]
@@ -104,7 +104,7 @@ def between(
     link_poses: Mapping[str, Mapping[str, Array]],
     touching: frozenset[frozenset[str]] = frozenset(),
 ) -> dict[tuple[str, str], Clearance]:
-    """Return the minimum clearances between each two owners (robots, objects); bodies are named "owner/body".
+    """Return the minimum clearances of each pair of owners (robots, objects); bodies are named "owner/body".
 
     Args:
         mechanisms: mechanism of each owner.
@@ -126,7 +126,7 @@ def between(
 def _contacts(
     mechanism: Mechanism, jointed: set[frozenset[str]], link_poses: Mapping[str, Array]
 ) -> tuple[tuple[int, str, str], ...]:
-    """Return (sample, part, part) of collisions of jointed bodies, for parts that neither mate nor touch in the CAD."""
+    """Return (sample, part, part) of the collisions of jointed bodies, without parts that mate or touch in the CAD."""
     mating = {frozenset(p) for j in mechanism.joints for p in combinations(j.mating, 2)}
     found = []
     for a, b in (tuple(sorted(p)) for p in sorted(jointed, key=sorted)):
@@ -148,7 +148,7 @@ def _contacts(
                     continue
                 k = 0
                 while way[k:].max() >= apart > 0:
-                    k += int(np.argmax(way[k:] >= apart))  # before this sample, b has not moved far enough to touch
+                    k += int(np.argmax(way[k:] >= apart))  # before this sample, b has moved too little to touch
                     apart = distance_between(p, q, np.eye(4), T_a_b[k])
                     way = np.linalg.norm(corners - corners[k], axis=-1).max(axis=-1)
                 if apart <= 0:
@@ -180,7 +180,7 @@ def _track(
     if not pairs:
         return np.full(count, np.inf), (("", ""),) * count
     first = np.array([_first_bound(a, b, link_poses) for a, b in pairs])
-    # Lower bound of each pair's distance at all samples: the last measured distance minus the relative motion since.
+    # Lower bound of each pair's distance at all samples: the last measured distance minus the relative motion after it.
     bounds = np.array([d - _way(a, b, link_poses) for d, (a, b) in zip(first, pairs, strict=True)])
     distance, nearest = np.zeros(count), []
     for k in range(count):

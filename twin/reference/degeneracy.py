@@ -1,8 +1,8 @@
 """Degenerate states of a mechanism, at which it can move with its driven joints or its tool at rest.
 
-A state moves along the null space of the loop Jacobian, with driven and passive joints treated alike, so that it passes
-singularities as smoothly as other states. At a degenerate state, some motion leaves the driven joints (type II) or the
-tool (type I) at rest, or the null space has additional dimensions.
+A state moves along the null space of the loop Jacobian. Driven and passive joints are treated alike, so that the motion
+passes singularities as smoothly as other states. At a degenerate state, some motion leaves the driven joints (type II)
+or the tool (type I) at rest, or the null space has additional dimensions.
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ from twin.reference.model import ReferenceModel
 from twin.reference.newton import minimise
 
 _RANK = 1e-6
-"""Relative singular value above which a singular value counts for the rank at regular states."""
+"""Relative size above which a singular value counts for the rank at regular states."""
 
 _PATIENCE = 8
-"""Maximum iterations that close the loops after a step; if more are needed, the step is too long."""
+"""Maximum number of iterations to close the loops after a step; a step that needs more is too long."""
 
 KINDS = ("loops", "drives", "tool")
 """Kinds of degeneracy, in the order of the columns of `Degeneracy.of`."""
@@ -29,16 +29,16 @@ KINDS = ("loops", "drives", "tool")
 class Degeneracy:
     """Possible motions of a mechanism, and the distance of its states from degeneracy.
 
-    A redundant mechanism can always move with its tool at rest. For it, a motion counts as degenerate only if the named
-    points of its bodies rest as well.
+    A redundant mechanism can always move with its tool at rest. Its motion therefore counts as degenerate only if the
+    named points of its bodies are also at rest.
 
-    If the tool's position alone has as many degrees of freedom as the mechanism (a planar arm with two links, three
-    joints that carry a point), a motion counts as degenerate if the tool's position rests, even if the tool rotates. A
-    stretched planar arm, for example, can still rotate its tool at the limit of its reach.
+    The position of the tool alone may have as many degrees of freedom as the mechanism (a planar arm with two links,
+    three joints that carry a point). A motion then counts as degenerate if the tool's position is at rest, even if the
+    tool rotates. For example, a stretched planar arm can still rotate its tool at the limit of its reach.
 
     Attributes:
         freedom: degrees of freedom of the mechanism at regular states.
-        positional: whether the tool's position has as many degrees of freedom.
+        positional: whether the tool's position has as many degrees of freedom as the mechanism.
         length: length in m that is equivalent to a rotation by 1 rad.
         scale: (nv,) step of each velocity coordinate that is equivalent to 1 rad: 1 rad, or `LENGTH_SCALE` in m.
     """
@@ -80,7 +80,7 @@ class Degeneracy:
         return self._jacobians(states)[1][:, :6] @ (self.motions(states) / self.scale[:, None])
 
     def moved(self, states: Array, steps: Array) -> tuple[Array, NDArray[np.bool_]]:
-        """Return (states (k, nq) after tangent steps (k, nv) with the loops closed again, whether (k,) they closed)."""
+        """Return (states (k, nq) after tangent steps (k, nv), loops closed again; whether (k,) the loops closed)."""
         tree = self.model.tree
 
         def residual(X: Array, _: Index) -> tuple[Array, Array]:

@@ -13,18 +13,18 @@ from twin.core.spatial import Array, Index
 from twin.reference.tree import Tree
 
 _KICKS = (0.003, 0.01, 0.03, 0.1, 0.3)
-"""Standard deviations of the random steps: in rad for rotations, a tenth of the number in m for slides."""
+"""Standard deviations of the random steps: in rad for rotations; for slides, a tenth of these numbers in m."""
 
 _TRIES = 4
 """Number of random steps per standard deviation."""
 
 
 def depart(tree: Tree, x: Array, move: Callable[[Array], Array], way: Callable[[Array], float]) -> Array | None:
-    """Return a state that `move` reaches from a random step away from x; None if there is none. Deterministic.
+    """Return the best state that `move` reaches after a random step from x; None if there is none. Deterministic.
 
     Args:
         tree: tree of the mechanism.
-        x: (nq,) configuration at which a walk is stuck.
+        x: (nq,) configuration at which a continuation is stuck.
         move: function that moves starts (k, nq) to the target and returns the states (k, nq).
         way: function that returns the distance of a state from x; infinity if the state is invalid.
     """
@@ -43,7 +43,7 @@ def scattered(tree: Tree, x: Array, columns: Index, spreads: Sequence[float], tr
         tree: tree of the mechanism.
         x: (nq,) configuration.
         columns: velocity indices of the joints that are moved.
-        spreads: standard deviations: in rad for rotations, a tenth of the number in m for slides.
+        spreads: standard deviations: in rad for rotations; for slides, a tenth of these numbers in m.
         tries: number of configurations per standard deviation.
     """
     rng = np.random.default_rng(0)
@@ -55,7 +55,7 @@ def scattered(tree: Tree, x: Array, columns: Index, spreads: Sequence[float], tr
 
 
 def breach(tree: Tree, x: Array) -> float:
-    """Return the sum (rad, m) by which a configuration exceeds the limits of the tree's joints; 0 within all limits."""
+    """Return by how much (sum over joints, rad and m) a configuration exceeds joint limits; 0 within all limits."""
     total = 0.0
     for joint in tree.mechanism.tree:
         if joint.limits is not None and joint.name in tree.configuration:

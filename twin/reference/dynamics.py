@@ -31,20 +31,20 @@ from twin.reference.model import ReferenceModel
 from twin.reference.states import Assembly
 
 _IDLE = 1e-12
-"""Inertia in kg m2 or kg below which a joint moves no mass: far below any part, far above rounding errors."""
+"""Inertia in kg m2 or kg below which a joint counts as moving no mass; far below any part, far above rounding."""
 
 _FLAT = 1e-9
 """Relative singular value that counts as zero."""
 
 State = ArrayLike | Assembly
-"""A state: active joint values q (n,) in m or rad, or, to choose a branch of the loops, a solved assembly."""
+"""A state: active joint values q (n,) in m or rad, or a solved assembly (to choose an assembly mode)."""
 
 
 class Dynamics:
     """Equations of motion in the n active joints, in the order of `mechanism.active`.
 
-    Efforts are in N m for angles and in N for lengths; inertias in kg m2, kg m or kg accordingly. A state is q (n,),
-    for which the loops are closed starting from home, or an `Assembly` of `model`, which is used as it is.
+    Efforts are in N m for angles and in N for lengths; inertias are in kg m2, kg m or kg accordingly. A state is q
+    (n,), for which the loops are closed starting from home, or an `Assembly` of `model`, which is used unchanged.
 
     Attributes:
         mechanism: the mechanism with masses; a body without inertia is massless.
@@ -64,7 +64,7 @@ class Dynamics:
         """Set up the equations from the masses of a mechanism and the rotors of its actuators.
 
         Args:
-            mechanism: the mechanism, or its model, which is then used.
+            mechanism: the mechanism, or its independent model.
             gravity: (3,) gravitational acceleration in base, m/s2.
             rotor: (n,) rotor inertia at the joints in kg m2 or kg, added to that of the actuators.
             friction: (n,) viscous friction at the joints, N m s/rad or N s/m.
@@ -138,12 +138,12 @@ class Dynamics:
 
         Raises:
             MechanismError: a passive joint that no loop determines moves a body with mass. `bias`, `inverse` and
-                `forward` raise it too.
+                `forward` also raise this error.
         """
         return self._mass(self._determined(at))
 
     def gravity(self, at: State) -> Array:
-        """Return g (n,): the efforts that hold a state at rest; joints without drive and loop are treated as fixed."""
+        """Return g (n,): the efforts that hold a state at rest; a joint with neither drive nor loop counts as fixed."""
         x = self.configuration(at)
         return self._gain(x).T @ np.array(pin.computeGeneralizedGravity(self._pin, self._data, x))
 
@@ -171,7 +171,7 @@ class Dynamics:
         return np.asarray(np.linalg.solve(self._mass(x), free), float)
 
     def energy(self, at: State, qd: ArrayLike) -> tuple[float, float]:
-        """Return (kinetic, potential) energy in J, rotors included; the potential is 0 for mass at the base origin."""
+        """Return (kinetic, potential) energy in J, including rotors; the potential of mass at the base origin is 0."""
         x, qd = self.configuration(at), np.asarray(qd, float)
         V = qd @ self._gain(x).T
         kinetic = float(pin.computeKineticEnergy(self._pin, self._data, x, V)) + 0.5 * float(qd @ self.rotor @ qd)
@@ -203,11 +203,11 @@ class Dynamics:
         return G.T @ np.array(pin.rnea(self._pin, self._data, x, V, change))
 
     def _determined(self, at: State) -> Array:
-        """Return the configuration of a state; raise an error if a passive joint without loop moves a mass."""
+        """Return the configuration of a state; raise an error if a passive joint outside the loops moves a mass."""
         if self._idle:
             raise MechanismError(
                 f"{self.mechanism.name}: no drive and no loop determines the motion of {self._idle}, which moves a "
-                "mass: drive the joint, fix it, or add the missing loop"
+                "mass: drive the joint, make it fixed, or add the missing loop"
             )
         return self.configuration(at)
 
@@ -222,7 +222,7 @@ class Dynamics:
 
     @cached_property
     def _idle(self) -> str:
-        """A passive joint that moves a mass while all active joints are held, tested at home; "" if there is none."""
+        """A passive joint that can move a mass while all active joints are at rest (at home); "" if there is none."""
         passive = self._tree.passive
         if not len(passive):
             return ""

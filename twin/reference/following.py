@@ -1,6 +1,7 @@
-"""Move the mechanism along a path of driven joint values, or of tool poses followed in some directions.
+"""Move the mechanism along a path of driven joint values, or of tool poses.
 
-If the mechanism has fewer than six freedoms, the other directions of the tool follow from the mechanism.
+Tool poses may be followed in some directions only. If the mechanism has fewer than six degrees of freedom, its motion
+determines the other directions.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ _HALVINGS = 8
 """Maximum number of halvings of a step between two samples; after these, the path counts as blocked."""
 
 _NEARBY = {True: 0.05, False: 0.005}
-"""Displacement of a driven joint (rad if an angle, else m) for Jacobians beside a state that may be singular."""
+"""Displacement of a driven joint (rad if an angle, else m) for Jacobians near a state that may be singular."""
 
 
 class Follower:
@@ -43,7 +44,7 @@ class Follower:
         return self._make()
 
     def drawn(self) -> tuple[Array, Array]:
-        """Return (state (nq,), q (n,)): the rest state as drawn in the CAD, and its driven joint values."""
+        """Return (state (nq,), q (n,)): the rest state of the CAD, and its driven joint values."""
         home = self.model.home()
         return home.x, home.q
 
@@ -81,7 +82,7 @@ class Follower:
                 step /= 2
                 if step < 0.5**_HALVINGS:
                     best = self.model.state(x)
-                    text = "the mechanism cannot follow: its loops open, it is stretched, or another branch begins"
+                    text = "the mechanism cannot follow: its loops open, it is stretched, or the assembly mode changes"
                     raise AssemblyError(f"at sample {k}: {text}", best, best.worst_gap)
             states.append(x)
             before = T
@@ -91,8 +92,8 @@ class Follower:
     def jacobians(self, state: Array, p_tool: Array) -> Array:
         """Return Jacobians (k, 6, n) of a point of the tool with respect to the driven joints, linear part first.
 
-        The k states are the given state and, because it may be singular, states with one driven joint displaced to
-        either side.
+        The first of the k states is the given state. As this state may be singular, the others are nearby states, each
+        with one driven joint displaced.
         """
         model = self.model
         states, q = [state], model.collect(state[None]).q[0]
@@ -124,6 +125,6 @@ class Follower:
 
 
 def missed(T: Array, goal: Array, p_tool: Array) -> Array:
-    """Return the difference (6,) in base of two tool poses: of the point p_tool in m, and rotation vector in rad."""
+    """Return the difference (6,) in base of two tool poses: shift of the point p_tool in m, rotation vector in rad."""
     way = (T[:3, 3] + T[:3, :3] @ p_tool) - (goal[:3, 3] + goal[:3, :3] @ p_tool)
     return np.concatenate([way, spatial.log_so3(T[:3, :3] @ goal[:3, :3].T)])

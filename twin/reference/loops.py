@@ -104,8 +104,8 @@ class Loops:
     def drift(self, poses: Array, twists: Array, biases: Array) -> Array:
         """Return the second time derivative (k, m) of the residual at constant velocities, with the loops closed.
 
-        It is that of the offset o = R0' (p1 - p0) and of the rotation R = R0' R1, in the axes of the joint frame on the
-        parent, which rotate with w0; R'' = (hat(w') + hat(w)^2) R with the relative angular velocity w in these axes.
+        The rows contain the offset o = R0' (p1 - p0) and the rotation R = R0' R1 in the axes of the joint frame on the
+        parent, which rotate with w0. R'' = (hat(w') + hat(w)^2) R, with the relative angular velocity w in these axes.
 
         Args:
             poses: (k, joints, 4, 4) joint poses from `Tree.update`.
@@ -142,7 +142,7 @@ class Loops:
         For a joint that only keeps its two z axes parallel, the rotation residual is the tilt between these axes,
         independent of the rotation about z. For a fixed or prismatic joint, which locks all three rotations, it is half
         the antisymmetric part of R: rotation axis times sine of the angle. Beyond 90°, where the sine decreases, the
-        residual is continued so that it increases, and no joint converges inverted.
+        residual is continued as an increasing function, so that no joint converges to an inverted state.
         """
         R = T[..., :3, :3]
         residual = np.zeros((*T.shape[:2], 6))
@@ -160,7 +160,7 @@ class Loops:
         return residual, turn
 
     def _cosine(self, T: Array) -> Array:
-        """Return the cosine (k, loops) of the angle of T (k, loops, 3 or 4, ...) in the locked directions."""
+        """Return the cosine (k, loops) of the locked rotation angle of T (k, loops, 3 or 4, 3 or 4)."""
         trace = T[..., 0, 0] + T[..., 1, 1] + T[..., 2, 2]
         return np.where(self._full, 0.5 * (trace - 1), T[..., 2, 2])
 

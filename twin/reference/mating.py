@@ -1,4 +1,4 @@
-"""Check that the mating parts of each joint touch in the rest poses; otherwise, scale or placement is wrong."""
+"""Check that the mating parts of each joint touch in the rest poses; a gap shows a wrong scale or placement."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from twin.model.mechanism import Joint, Mechanism, Mesh
 from twin.reference.clearance import Shape, distance_between
 
 LOOSE = 0.5 * MM
-"""Distance in m that no real joint has as play."""
+"""Distance in m that exceeds the play of any real joint."""
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ def mates(mechanism: Mechanism) -> list[Mate]:
             continue
         T = spatial.inverse(mechanism.rest[joint.parent]) @ mechanism.rest[joint.child]
         mate = _nearest(joint.name, here, there, T)
-        if mate.apart > LOOSE:  # the joint's zero may be at an end stop: also try all other parts of the parent body
+        if mate.apart > LOOSE:  # the zero position may be at an end stop: try all parts of the parent body
             mate = _nearest(joint.name, list(mechanism.body(joint.parent).meshes), there, T)
         out.append(mate)
     return out

@@ -13,7 +13,7 @@ _FLAT = 1e-9
 """Singular value that counts as zero, relative to the largest one of all constraints: those of one loop may be zero."""
 
 _SHARE = 1e-6
-"""Coefficient of a row in a linear dependency of constraints, above which the row counts as repeated."""
+"""Coefficient in a linear dependency of constraint rows, above which a row counts as repeated."""
 
 
 @dataclass(frozen=True)
@@ -24,9 +24,9 @@ class Mobility:
         freedom: degrees of freedom of the whole mechanism.
         redundancy: number of redundant constraint rows.
         redundant: number of redundant rows of each loop, counted in file order.
-        repeated: directions of each loop that other constraints also lock, so that one of them could be omitted.
-            "offset z" is along, "turn x" about an axis of the joint's frame on its parent body.
-        internal: degrees of freedom that remain if all active joints are held (a rod that spins between two ball
+        repeated: directions of each loop that other constraints also lock, so that one of these constraints could be
+            omitted. "offset z" is along, "turn x" is about an axis of the joint's frame on its parent body.
+        internal: degrees of freedom that remain if all active joints are locked (a rod that spins between two ball
             joints).
     """
 
@@ -59,7 +59,7 @@ def count(A: Array, loops: Loops, passive: Index) -> Mobility:
         new = _rank(A[loops.row_loop <= i], size)
         redundant[name] = int(np.sum(loops.row_loop == i)) - (new - rank)
         rank = new
-    # A row with a coefficient in the left null space is also locked by other rows.
+    # A row with a coefficient in the left null space locks a direction that other rows also lock.
     repeats = np.linalg.norm(np.linalg.svd(A)[0][:, rank:], axis=1) > _SHARE if len(A) else np.zeros(0, bool)
     repeated = {
         name: tuple(AXES[a] for a in loops.row_axis[repeats & (loops.row_loop == i)])

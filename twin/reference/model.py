@@ -1,8 +1,8 @@
 """Solve the mechanism: poses for joint values, or joint values for a tool pose.
 
-Loops are closed by Gauss-Newton in the least-squares sense: redundant constraints do no harm, and inconsistent ones
-leave a gap that is reported per joint. Distant targets are reached by continuation in small steps, so that the assembly
-remains in the assembly mode of the rest poses (the state drawn in the CAD).
+Loops are closed by Gauss-Newton in the least-squares sense. Redundant constraints cause no problem; inconsistent
+constraints leave a gap, which is reported per joint. Distant targets are reached by continuation in small steps, so
+that the mechanism remains in the assembly mode of the rest poses (the state drawn in the CAD).
 """
 
 from __future__ import annotations
@@ -91,7 +91,7 @@ class ReferenceModel:
         return self.state(self._reach(self._start(seed), q, self._move_driven))
 
     def solve_pose(self, T_base_tool: Array, seed: Assembly | None = None) -> Assembly:
-        """Return the assembly with the tool at T_base_tool (4, 4); the active joints are solved too.
+        """Return the assembly with the tool at T_base_tool (4, 4); the active joints are also solved for.
 
         Raises:
             AssemblyError: no assembly has its tool at this pose; the error contains the best assembly.
@@ -102,7 +102,7 @@ class ReferenceModel:
         return self.state(self._reach(self._start(seed), np.asarray(T_base_tool, float), self._move_posed))
 
     def home(self) -> Assembly:
-        """Return the assembly at the rest poses, with its loops closed."""
+        """Return the assembly at the rest poses, with the loops closed."""
         return self.state(self._start(None))
 
     def state(self, x: Array) -> Assembly:
@@ -126,7 +126,7 @@ class ReferenceModel:
         """Solve for active joint values q (k, n) along a motion.
 
         Raises:
-            AssemblyError: the loops cannot be closed at a sample, which the message names.
+            AssemblyError: the loops cannot be closed at a sample; the message names the sample.
         """
         q = given.along(self.mechanism, q)
         return self._closed(self.collect(self._along(q, self._move_driven, seed, progress)))
@@ -137,7 +137,7 @@ class ReferenceModel:
         Every row starts from `seed`, by default from the rest poses.
 
         Raises:
-            AssemblyError: the loops cannot be closed at a row, which the message names.
+            AssemblyError: the loops cannot be closed at a row; the message names the row.
         """
         q = np.asarray(q, float)
         start = self._start(seed)
@@ -170,8 +170,8 @@ class ReferenceModel:
     ) -> Run:
         """Solve for tool poses (k, 4, 4) along a motion; see `run`.
 
-        If the mechanism is `redundant` or has auxiliary joints, a pose has many solutions: the solution is reached by
-        the smallest motion from the active joint values `near` (k, n), if given.
+        If the mechanism is `redundant` or has auxiliary joints, a pose has many solutions. If `near` (k, n) is given,
+        the solution with the smallest motion from these active joint values is returned.
         """
         Ts = np.asarray(Ts_base_tool, float)
         if Ts.ndim != 3 or not len(Ts) or not spatial.is_pose(Ts, 1e-6):
@@ -187,7 +187,7 @@ class ReferenceModel:
     def freedoms(self) -> int:
         """Number of independent directions in which the active joints move the tool.
 
-        It is the largest rank of the tool Jacobian at home and at states near it, because home may be singular.
+        The number is the largest rank of the tool Jacobian at home and at nearby states, because home may be singular.
         """
         active = self.mechanism.active
         if not active:
@@ -261,7 +261,7 @@ class ReferenceModel:
     # -- internals ---------------------------------------------------------------------------------------
 
     def _closed(self, run: Run, Ts: Array | None = None) -> Run:
-        """Return the run; raise `AssemblyError` at the first sample with an open loop or off its tool pose."""
+        """Return the run; raise `AssemblyError` at the first sample with an open loop or a missed tool pose."""
         misfit = run.gaps[..., 0].max(axis=1, initial=0.0)
         if Ts is not None:
             misfit = np.maximum(misfit, np.linalg.norm(run.Ts_base_tool[:, :3, 3] - Ts[:, :3, 3], axis=1))
@@ -319,18 +319,18 @@ class ReferenceModel:
                     continue
                 best = self.state(X[0] if converged[0] else x)
                 raise AssemblyError(
-                    f"{self.mechanism.name}: the mechanism cannot be assembled at the target: from the start it "
-                    f"follows for {100 * s:.0f} % of the way, then loops open (best gap {best.worst_gap / MM:.3g} mm) "
-                    f"or another branch begins",
+                    f"{self.mechanism.name}: the mechanism cannot be assembled at the target: it follows for "
+                    f"{100 * s:.0f} % of the way, then loops open (best gap {best.worst_gap / MM:.3g} mm) or the "
+                    f"assembly mode changes",
                     best,
                     best.worst_gap,
                 )
-        stuck = self._misfits(x[None], target[None])[0] > 2 * open_there + _THERE  # for example, links in line
+        stuck = self._misfits(x[None], target[None])[0] > 2 * open_there + _THERE  # for example, with collinear links
         away = self._depart(x, target, move) if stuck else None
         return x if away is None else away
 
     def _depart(self, x: Array, target: Array, move: Move) -> Array | None:
-        """Return a state at the target, found from random steps around x, where Newton steps fail; None if none."""
+        """Return a state at the target, found by random steps from x, where Newton steps fail; None if not found."""
 
         def way(new: Array) -> float:
             far = self.jumps(x[None], new[None])[0]
@@ -339,7 +339,7 @@ class ReferenceModel:
         return departing.depart(self.tree, x, lambda X: move(X, np.array([target] * len(X)))[0], way)
 
     def _misfits(self, X: Array, targets: Array) -> Array:
-        """Return the largest loop gap (k,) in m; for tool poses, at least the distance (m, rad) of tool and pose."""
+        """Return the misfit (k,): the largest loop gap in m or, for tool poses, the larger of gap and pose error."""
         poses, _ = self.tree.update(X, closing_only=True)
         gap = self.tree.loops.gaps(X, poses)[..., 0].max(axis=1, initial=0.0)
         if targets.ndim == 3:
@@ -352,10 +352,10 @@ class ReferenceModel:
         return np.abs(np.array(moved).reshape(len(X0), -1)).max(axis=1, initial=0.0)
 
     def _along(self, targets: Array, move: Move, seed: Assembly | None, progress: Progress | None) -> Array:
-        """Return the states of all samples: first the knots in order, then all from interpolated guesses.
+        """Return the states of all samples: first the knots are solved in order, then all samples from guesses.
 
-        The knots determine the assembly mode. The guesses are so accurate that one or two iterations suffice, for all
-        samples at once.
+        The knots determine the assembly mode. The guesses are interpolated between knots, and are so accurate that one
+        or two iterations suffice, for all samples at once.
         """
         coarse = walk.knots(targets)
         knots = self._knots(coarse, targets, move, seed, progress or (lambda fraction: None))
@@ -372,7 +372,7 @@ class ReferenceModel:
         return states
 
     def _knots(self, coarse: Index, targets: Array, move: Move, seed: Assembly | None, progress: Progress) -> Array:
-        """Return the states of samples `coarse`, solved in order: several together if predictable, else one by one."""
+        """Return the states of the samples `coarse`, solved in order; predictable samples are solved together."""
         knots = np.zeros((len(coarse), self.tree.model.nq))
         x, i, many = self._start(seed), 0, 1
         while i < len(coarse):
@@ -411,8 +411,8 @@ class ReferenceModel:
         """Return first guesses (k, nq) for all samples from the solved states (j, nq) at samples `at`.
 
         For driven motions, the slopes of all joints follow from those of the active joints by the constraint Jacobian.
-        The interpolation error of the active joints (where a bang-bang acceleration switches) is converted to passive
-        joints in the same way. One iteration then suffices for nearly all samples.
+        The active joints have an interpolation error where a bang-bang acceleration switches. The Jacobian also
+        converts this error to the passive joints. One iteration then suffices for nearly all samples.
         """
         if targets.ndim == 3 or len(at) < 2:
             slopes = np.gradient(knots, at.astype(float), axis=0) if len(at) > 1 else np.zeros_like(knots)

@@ -20,12 +20,12 @@ _MAX_ITERATIONS = 40
 _FLOOR = 1e-13
 """Minimum damping, relative to the mean diagonal.
 
-It selects the shortest step if a freedom is internal (a rod that spins between two ball joints). Otherwise it has no
-effect.
+It selects the shortest step if the mechanism has an internal freedom (a rod that spins between two ball joints), and
+has no effect otherwise.
 """
 
 _FLOOR_REACHED = 1e-9
-"""Damping, relative to the mean diagonal, below which it shortens a step only negligibly."""
+"""Damping, relative to the mean diagonal, below which damping shortens a step only negligibly."""
 
 Residual = Callable[[Array, Index], tuple[Array, Array]]
 """Residual function: (X (k, nq), sample indices (k,)) -> (residuals (k, m), Jacobians (k, m, nv))."""

@@ -20,7 +20,7 @@ def posed(tree: Tree, Ts: Array, directions: np.ndarray = ALL, p_tool: Array | N
     Args:
         tree: tree of the mechanism.
         Ts: (k, 4, 4) T_base_tool, target pose of each sample.
-        directions: (6,) bool, the directions that must agree: along, then about the axes of base.
+        directions: (6,) bool, the directions that must agree: first along, then about the axes of base.
         p_tool: (3,) in m, the point in the tool frame whose position is compared; None: the tool's origin.
     """
     Rt = np.swapaxes(Ts[:, :3, :3], 1, 2)

@@ -1,7 +1,7 @@
 """Regularity of a closed state: rank of the loop Jacobian in the passive joints, compared with nearby states.
 
-If the rank is lower, assembly modes meet (stretched links, cranks in line). The passive joints can then follow either
-mode, Newton's method has no unique direction, and small motions of the driven joints fail.
+If the rank is lower than nearby, assembly modes meet (stretched links, cranks in line). The passive joints can then
+follow either mode, Newton's method has no unique direction, and small motions of the driven joints fail.
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ from twin.reference.model import ReferenceModel
 from twin.reference.newton import minimise
 
 SINGULAR = 1e-4
-"""Ratio of smallest to largest singular value of this Jacobian below which a state is singular."""
+"""Ratio of smallest to largest singular value of the loop Jacobian below which a state is singular."""
 
 _RANK = 1e-6
-"""Relative singular value below which a singular value is zero in all states: a redundant constraint."""
+"""Relative size below which a singular value counts as zero: its constraint is redundant in all states."""
 
 _BESIDE = (0.03, 0.1, 0.3)
-"""Standard deviations of the nearby states: in rad for rotations, a tenth of the number in m for slides."""
+"""Standard deviations of the nearby states: in rad for rotations; for slides, a tenth of these numbers in m."""
 
 _TRIES = 6
 """Number of nearby states per standard deviation."""
@@ -51,7 +51,7 @@ class Regularity:
 
 
 def regularity(model: ReferenceModel, states: Sequence[Array]) -> list[Regularity]:
-    """Return the regularity of closed states (nq,), compared with these states and with states near the first."""
+    """Return the regularity of closed states (nq,); `usual` is from these states and states near the first one."""
     beside = closed_beside(model, states[0])
     every = [_values(model, x) for x in (*states, *beside)]
     ranks = [int((s > _RANK * max(s[0], 1e-12)).sum()) if len(s) else 0 for s in every]
@@ -67,14 +67,14 @@ def singular_home(model: ReferenceModel, home: Array) -> list[Finding]:
     r = regularity(model, [home])[0]
     if not r.singular:
         return []
-    text = f"the mechanism is singular in its rest poses: its loops have rank {r.rank} there and {r.usual} nearby"
-    hint = "small moves may fail or take either branch: draw it in another pose, away from stretched links"
+    text = f"the mechanism is singular in its rest poses (loop rank {r.rank}, in nearby poses {r.usual}): conditioning"
+    hint = "small moves may fail or change the assembly mode: draw the CAD in a pose without stretched links"
     name = model.mechanism.name
     return [warning("home.singular", name, text, Quantity(r.margin), SINGULAR, hint)]
 
 
 def closed_beside(model: ReferenceModel, x: Array) -> list[Array]:
-    """Return closed states near configuration x (nq,), with driven joints moved too; the same states in every call."""
+    """Return closed states near configuration x (nq,); driven joints also differ. Every call gives the same states."""
     if not model.mechanism.loops and not model.mechanism.couplings:
         return []
     columns = np.arange(model.tree.model.nv)

@@ -1,4 +1,4 @@
-"""Find states of a mechanism at which a function vanishes, by many walks with Newton's method along its motions."""
+"""Find states of a mechanism at which a function vanishes, by many walks: sequences of Newton steps."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _STRIDE, _STRIDE_LONGEST = 0.1, 0.5
 """Initial and largest tangent step (rad, or units of `LENGTH_SCALE`)."""
 
 _NEAR = 0.2
-"""Distance from degeneracy (1 at usual states) below which a walk turns away from the singularity."""
+"""Distance from degeneracy (1 at usual states) below which the steps of a walk are turned away from a singularity."""
 
 _SHORTEST = 1e-5
 """Step below which a walk ends."""
@@ -36,7 +36,7 @@ _ZERO = 1e-10
 """Fraction of the usual size below which a value counts as zero."""
 
 NEARLY = 1e-4
-"""Fraction of the usual size below which a minimum counts as a zero (a root of squares only touches zero)."""
+"""Fraction of the usual size below which a minimum counts as a zero (a square root of squares only touches zero)."""
 
 
 @dataclass(frozen=True)
@@ -46,9 +46,9 @@ class Walks:
     Attributes:
         row: (w,) index of the function that each walk follows.
         states: (w, nq) last states.
-        value: (w,) values of the function there.
+        value: (w,) values of the function at the last states.
         slope: (w,) length of the function's gradient at the last accepted state where it was computed.
-        ended: (w,) "zero", "least" (at a minimum) or "far" (stopped elsewhere).
+        ended: (w,) "zero" (at a zero), "least" (at a minimum) or "far" (stopped elsewhere).
     """
 
     row: Index
@@ -70,16 +70,16 @@ def seek(
 ) -> Walks:
     """Walk from states (w, nq) to zeros of the functions `row` (w,).
 
-    Each walk except the first of a row has its own random metric, so that the walks take different ways and are not all
-    stopped at the same place.
+    Each walk except the first of a row has its own random metric, so that the walks take different paths and do not all
+    stop at the same state.
 
     Args:
         motions: motions of the mechanism.
         values: the functions.
-        valid: where the functions are valid; walks stay in this region, except near a zero.
+        valid: test whether the functions are valid; walks stay in valid states, except near a zero.
         starts: (w, nq) start states.
         row: (w,) index of the function that each walk follows.
-        aside: (w,) bool, whether the walk avoids singularities at which its function does not vanish.
+        aside: (w,) bool, whether the walk avoids singularities where its function does not vanish.
         size: (rows,) usual size of each function.
         seed: seed of the random metrics.
     """
@@ -174,7 +174,7 @@ def gradient(motions: Degeneracy, values: Values, X: Array, N: Array, row: Index
 
 
 def wander(motions: Degeneracy, valid: Valid, starts: Array, steps: int = 10, seed: int = 0) -> Array:
-    """Return states far around the starts, by walks in random directions; a blocked walk changes its direction."""
+    """Return states at some distance from the starts, by random walks that change direction when blocked."""
     rng = np.random.default_rng(seed)
     X = starts.copy()
     nv = motions.model.tree.model.nv

@@ -40,7 +40,7 @@ def of_rounding(model: ReferenceModel, x: Array, epsilon: float = 2.0**-24) -> S
     J_tool = tree.tool_jacobian(poses, J)[0]
     T_tool = tree.tool(poses)[0]
     links = {b.name: poses[0, i] @ T for b in model.mechanism.bodies for i, T in [tree.body(b.name)]}
-    # The passive joints follow: d(passive) = -pinv(A_passive) d(residual).
+    # Change of the passive joints: d(passive) = -pinv(A_passive) d(residual).
     give = J_tool[:, tree.passive] @ np.linalg.pinv(A[:, tree.passive], rcond=1e-9)
 
     effects: dict[str, list[Array]] = {}
@@ -58,7 +58,7 @@ def of_rounding(model: ReferenceModel, x: Array, epsilon: float = 2.0**-24) -> S
 
 
 def _roundings(T: Array, epsilon: float) -> Array:
-    """Return twists (7, 6) in the frame itself, for half a unit in the last place of each number of a stored pose."""
+    """Return twists (7, 6) in the frame's own axes, for half a unit in the last place of each number of its pose."""
 
     def half_ulp(values: Array) -> Array:
         return np.where(values == 0, 0.0, epsilon * 2.0 ** np.floor(np.log2(np.maximum(np.abs(values), 1e-300))))

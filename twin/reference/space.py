@@ -1,10 +1,12 @@
-"""The joint space of a mechanism: joint limits, and joint values at which its bodies collide with nothing.
+"""The joint space of a mechanism: joint limits, and joint values at which its bodies do not collide.
 
-A path is checked as a whole, not at sampled points. In the middle of an interval of s, the distance of a pair of bodies
-is computed. If it exceeds the distance by which the two can approach each other in half of the interval (`travel`),
-they cannot collide in the interval; otherwise the interval is halved. The distance of the convex hulls, a lower bound,
-is sufficient for most intervals. If it is not, and the remaining motion is small, coal tests whether the meshes are
-nearer than the motion, which is much faster than computing their distance.
+A path q(s) is checked as a whole, not at sampled points. In the middle of an interval of s, the distance of a pair of
+bodies is computed. Two bodies cannot collide in the interval if this distance exceeds the possible approach of the two
+bodies in half of the interval (`travel`); otherwise the interval is halved.
+
+For most intervals, the distance of the convex hulls, a lower bound, is sufficient. Where it is not, and the remaining
+motion is small, coal tests whether the meshes are nearer than the motion. This is much faster than computing their
+distance.
 """
 
 from __future__ import annotations
@@ -33,31 +35,31 @@ _STATION = {True: 0.1, False: 0.02}
 """Motion of a driven joint (rad if an angle, else m) between two stations (states with closed, tested loops)."""
 
 _ITERATIONS = 8
-"""Maximum Newton steps from one station to the next, after which loops count as open; 3 steps are usual."""
+"""Maximum number of Newton steps between two stations, after which loops count as open; 3 steps are usual."""
 
 _JUMP = 0.5
 """Largest change (m, rad) of a coordinate between stations; a larger change means another assembly mode."""
 
 _FINE = 512
-"""Number of intervals in which the speed along a path is taken as the larger speed of both ends, times `_BETWEEN`."""
+"""Number of intervals of a path; in each, the speed is taken as the larger speed of both ends, times `_BETWEEN`."""
 
 _BETWEEN = 1.05
-"""Safety factor: where corners are rounded over 1/80 of the path (six intervals), the speed is up to 0.3 % larger."""
+"""Safety factor: at corners rounded over 1/80 of a path (six intervals), the speed is up to 0.3 % above both ends."""
 
 _BETWEEN_LOOPS = 1.5
-"""Safety factor for passive joints, whose speeds are known only at stations; chosen, not derived."""
+"""Safety factor for passive joints, whose speeds are known only at stations; the value is chosen, not derived."""
 
 _SAME = 1 * MM
 """Distance in m between bodies of two assemblies below which both are in the same assembly mode."""
 
 _FIRST = 5
-"""Number of halvings up to which collisions in the middle are tested first: most blocked paths are rejected there."""
+"""Number of first halvings in which mesh collisions are tested, because they reject most blocked paths early."""
 
 _NARROW = 3.0
-"""Largest margin, in units of the required distance, for which meshes are tested; larger ones take coal seconds."""
+"""Largest margin, in units of the required distance, for which meshes are tested; for larger margins coal is slow."""
 
 _GJK = 1e-5
-"""Accepted error in m of a hull distance that is too large."""
+"""Accepted error in m by which a computed hull distance may be too large."""
 
 Keep = Callable[[Array, Array], np.ndarray]
 """Additional test of states: T_base_tool (k, 4, 4), q (k, n) -> whether (k,) they are allowed."""
@@ -134,7 +136,7 @@ class JointSpace:
         Args:
             make: function that returns the mechanism's model, called at first use.
             clearance: required distance in m between bodies; see the class.
-            keep: additional test of states; None: all are allowed.
+            keep: additional test of states; None: all states are allowed.
             around: function that returns the obstacles, called at first use; None: there are none.
         """
         self._make, self.clearance, self._keep, self._around = make, clearance, keep, around
@@ -146,7 +148,7 @@ class JointSpace:
 
     @cached_property
     def _shapes(self) -> tuple[list[Shape], np.ndarray, Array]:
-        """Return the shapes, the number of the Pinocchio joint that carries each, and its pose (4, 4) in that frame."""
+        """Return (shapes, Pinocchio joint that carries each shape, pose (4, 4) of each shape in this joint's frame)."""
         own: dict[str, Shape] = {}
         for pair in apart(self._model.mechanism):
             own |= {s.name: s for s in pair}
@@ -189,7 +191,7 @@ class JointSpace:
         shapes, numbers, Ts = self._shapes
         at = [
             (int(n), s.corners @ T[:3, :3].T + T[:3, 3]) for s, n, T in zip(shapes, numbers, Ts, strict=True)
-        ]  # the corners of its box enclose the body, so their distance from an axis is an upper bound
+        ]  # a body is inside its bounding box, so the corners' distance from an axis is an upper bound
         return Reach(self._model.tree, [(at[p.a], at[p.b]) for p in self._pairs])
 
     @cached_property
@@ -224,13 +226,13 @@ class JointSpace:
         for joint, (low, high) in zip(active, limits, strict=True):
             if not np.isfinite(high - low):
                 raise MechanismError(
-                    f"joint '{joint.name}' has no limits, so a way around obstacles cannot be searched: give it limits "
-                    "in the robot's description"
+                    f"joint '{joint.name}' has no limits, so a path around obstacles cannot be searched: add limits "
+                    "to the robot's description"
                 )
         return limits, np.array([_ANGLE if j.is_angle else 1.0 for j in active])
 
     def free(self, q: Array) -> np.ndarray:
-        """Return whether (k,) the loops close and the clearance is kept at joint values q (k, n) within the limits."""
+        """Return whether (k,) joint values q (k, n) are within the limits, with closed loops and the clearance."""
         q = np.asarray(q, float).reshape(-1, len(self.weights))
         ok = self._within(q)
         for k in np.flatnonzero(ok):
@@ -258,7 +260,7 @@ class JointSpace:
         return seen is not None and self._clear(seen)
 
     def why(self, q: Array) -> str:
-        """Return why joint values q (n,) are not free, with numbers; "" if limits, loops and clearances are kept."""
+        """Return why joint values q (n,) are not free, with numbers; "" if they are free."""
         q = np.asarray(q, float)
         for joint, x, (low, high) in zip(self._model.mechanism.active, q, self.limits, strict=True):
             unit, factor = ("deg", DEG) if joint.is_angle else ("mm", MM)
@@ -367,7 +369,7 @@ class JointSpace:
         return _Stations(path, s, X, speeds_at, moved)
 
     def _same(self, x: Array, q: Array) -> bool:
-        """Return whether configuration x is in the assembly mode known for joint values q; store x if none is known."""
+        """Return whether x is in the assembly mode already stored for joint values q; store x if none is stored."""
         known = next((X for at, X in self._known if np.array_equal(at, q)), None)
         if known is None:
             self._known.append((q, x))
@@ -419,7 +421,7 @@ class JointSpace:
         return bool(coal.collide(shapes[pair.a].model, a, shapes[pair.b].model, b, request, result))
 
     def _near(self, X: Array) -> bool:
-        """Return whether two bodies are nearer than required at any of the configurations (k, nq)."""
+        """Return whether any two bodies are nearer than required at any of the configurations (k, nq)."""
         if not self._pairs:
             return False
         poses = self._poses(X)
@@ -431,7 +433,7 @@ class JointSpace:
         return False
 
     def _clear(self, seen: _Stations) -> bool:
-        """Return whether all pairs keep their distance where tested, and at least half of it along the whole path."""
+        """Return whether all pairs have the required distance where tested, and half of it along the whole path."""
         if not self._pairs or self._near(seen.X[[0, -1]]):
             return not self._pairs
         required = np.array([p.required for p in self._pairs])

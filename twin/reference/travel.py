@@ -1,10 +1,10 @@
 """Upper bound of the relative motion of two bodies while the joints of the mechanism move.
 
 Only coordinates that move exactly one of the two bodies count. A slide by dx moves a body by dx. A rotation by dx moves
-any point of the body by at most rho dx. Here rho is the largest possible distance of the body's points from the axis,
-at any joint values: the radial part of the first offset behind the axis, plus the lengths of the other offsets, the
-extent of the body, and the extension of sliding joints between axis and body. Along q(s), if L(s0, s1) is the path
-length of a coordinate, no two points of the pair approach each other by more than the sum of rho L(s0, s1).
+any point of the body by at most rho dx, where rho is the largest possible distance of the body's points from the axis.
+At any joint values, rho is at most the sum of the radial part of the first offset behind the axis, the lengths of the
+other offsets, the extent of the body, and the extension of sliding joints between axis and body. Let L(s0, s1) be the
+path length of a coordinate along q(s): two points of the pair approach each other by at most the sum of rho L(s0, s1).
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from twin.core.spatial import Array
 from twin.reference.tree import Tree
 
 Placed = tuple[int, Array]
-"""(number of the Pinocchio joint that carries a body, 0 if it is at rest; vertices (m, 3) in that joint's frame)."""
+"""(number of the Pinocchio joint that carries a body, 0 if at rest; vertices (m, 3) in the frame of this joint)."""
 
 
 class Reach:
@@ -28,7 +28,7 @@ class Reach:
         self._tree = tree
         model = tree.model
         self._fixed = np.zeros((len(pairs), model.nv))
-        self._slides: list[tuple[int, Array]] = []  # (configuration index of a slide, mask (pairs, nv) of longer rho)
+        self._slides: list[tuple[int, Array]] = []  # (configuration index of a slide, mask (pairs, nv) of affected rho)
         sliding = [n for n in range(1, model.njoints) if model.joints[n].nq == 1 and _slides(model, n)]
         adds = {n: np.zeros_like(self._fixed) for n in sliding}
         for row, (a, b) in enumerate(pairs):
@@ -76,7 +76,7 @@ class Reach:
 
         Args:
             X: (k, nq) configurations along the motion.
-            ahead: (nv,) amount in m or rad by which a coordinate may exceed the range of X.
+            ahead: (nv,) in m or rad, how far each coordinate may move beyond its range in X.
         """
         out = self._fixed.copy()
         for place, where in self._slides:

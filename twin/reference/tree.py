@@ -88,7 +88,7 @@ class Tree:
         elif joint.type in _JOINT_MODELS:
             kind = _JOINT_MODELS[joint.type]
         else:
-            raise MechanismError(f"joint '{joint.name}': the reference model has no {joint.type} joint")
+            raise MechanismError(f"joint '{joint.name}': the reference model does not support {joint.type} joints")
         number = self.model.addJoint(parent_id, kind(), pin.SE3(placement), joint.name)
         self.joint_id[joint.name] = number
         self._body[joint.child] = (number, T_joint_child)
@@ -141,7 +141,7 @@ class Tree:
         model, data = self.model, self.data
         moved = self._closing if closing_only else self._all
         for k, x in enumerate(X):
-            J[k] = pin.computeJointJacobians(model, data, x).reshape(J.shape[1:])  # one joint: it returns (6,)
+            J[k] = pin.computeJointJacobians(model, data, x).reshape(J.shape[1:])  # for one joint: (6,)
             placements = data.oMi
             for i in moved:
                 poses[k, i] = placements[i].homogeneous

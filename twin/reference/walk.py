@@ -1,4 +1,4 @@
-"""Continuation along targets (joint values or tool poses): selection of knots, and guesses between them."""
+"""Continuation along targets (joint values or tool poses): select the knots, and compute guesses between them."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _TRAVEL = 0.1
 
 
 def knots(targets: Array) -> Index:
-    """Return the indices of the knots, samples that are solved in order: the first, the last, and some between."""
+    """Return the indices of the knots (samples that are solved in order): the first, the last, and some between."""
     if len(targets) < 2:
         return np.zeros(len(targets), np.intp)
     moved = np.abs(np.diff(targets, axis=0)).reshape(len(targets) - 1, -1).max(axis=1, initial=0.0)

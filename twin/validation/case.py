@@ -26,8 +26,8 @@ class Case:
         protocol, trajectory: protocol, and the trajectory planned for it.
         stage: root layer of the robot's USD stage.
         tolerances: largest deviations that count as agreement.
-        paths: the robot's planning data; None: the limits are not checked again, the trajectory's findings are used.
-        baked_for_it: whether the stage's motion was baked from this trajectory; a difference is then a disagreement.
+        paths: the robot's planning data, to check the limits again; if None, the trajectory's findings are used.
+        baked_for_it: whether the stage's motion was baked from this trajectory. If so, a difference is a disagreement.
     """
 
     kinematics: Kinematics | None
@@ -41,7 +41,7 @@ class Case:
 
     @property
     def written(self) -> Path | None:
-        """USD layer with the baked motion of the protocol, beside the robot's stage; None if it does not exist."""
+        """USD file with the baked motion of the protocol, in the folder of the stage; None if it does not exist."""
         path = self.stage.with_name(f"{self.stage.stem}_{self.trajectory.protocol}{self.stage.suffix}")
         return path if path.is_file() else None
 

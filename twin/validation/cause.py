@@ -1,4 +1,4 @@
-"""Group findings by cause: the CAD (B), equations (A), USD stage (C), baked motion (D) or protocol at fault."""
+"""Group findings by cause, and assign each cause to a side: equations (A), CAD (B), stage (C), motion (D), protocol."""
 
 from __future__ import annotations
 
@@ -18,7 +18,8 @@ SIDES: dict[Side, str] = {
     "motion": "baked motion (D) and CAD (B) differ",
     "protocol": "the motion breaks a limit of the protocol or of the robot",
 }
-"""Message by side, in the order in which causes are listed: a later cause may follow from an earlier one."""
+"""Message for each side (the faulty part). Causes are listed in this order, because a later cause may follow from an
+earlier one."""
 
 _FAMILIES: dict[str, Side] = {
     **dict.fromkeys(("cad", "loop"), "CAD"),
@@ -27,10 +28,10 @@ _FAMILIES: dict[str, Side] = {
     **dict.fromkeys(("stage", "usd"), "stage"),
     "baked": "motion",
 }
-"""Side by first word of a finding's code; all other codes have the side "protocol"."""
+"""Side for the first word of a finding's code; all other codes belong to the side "protocol"."""
 
 _SAME = 0.999
-"""Ratio above which two sizes count as equal; the first finding is then the head of the cause."""
+"""Ratio above which two sizes count as equal; the head of the cause is then the first of the two findings."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +40,7 @@ class Cause:
 
     Attributes:
         name: the faulty equation with its variant, joint, CAD part or file, or the violated rule.
-        side: the side at fault, a key of `SIDES`.
+        side: the faulty side, a key of `SIDES`.
         head: the finding that represents the cause: the largest one.
         also: further findings with the same code, in other rows or places.
         follows: other findings that this cause explains.
@@ -59,10 +60,10 @@ class Cause:
         return (self.head, *self.also, *self.follows, *self.perhaps)
 
     def lines(self) -> Iterator[str]:
-        """Yield one line of text for each of `also`, `follows` and `perhaps` that is not empty: places and sizes."""
+        """Yield a line with places and sizes for each of `also`, `follows` and `perhaps` that is not empty."""
         for words, found in (("also", self.also), ("follows", self.follows), ("may follow", self.perhaps)):
             if found:
-                yield f"{words}: {_sizes(found)}" if words == "also" else f"{words} from it: {_sizes(found)}"
+                yield f"{words}: {_sizes(found)}" if words == "also" else f"{words} from this: {_sizes(found)}"
 
     def as_dict(self) -> dict[str, Any]:
         """Return plain data for JSON; further findings are given by code, place and size."""
@@ -137,7 +138,7 @@ def _after_cad(found: list[Cause]) -> tuple[Cause, ...]:
 
 
 def _sizes(found: Sequence[Finding], most: int = 6) -> str:
-    """Return places and sizes of the first `most` findings as text, and the number of the rest."""
+    """Return, as text, places and sizes of the first `most` findings, and the number of further findings."""
     words = [
         f.code.partition(".")[2].replace("_", " ") if f.size is None else f"{f.where} {shown(f.size, f.unit)}".strip()
         for f in found

@@ -19,7 +19,7 @@ SECONDS = 60
 def commands(
     files: assets.RobotFiles, kin: Kinematics | None, protocol: str | Path, tolerances: Tolerances | None
 ) -> dict[str, str]:
-    """Return the commands {"validate": ..., "explain": ...} for the current folder; "explain" only with equations.
+    """Return the commands {"validate": ..., "explain": ...} to run in the current folder; "explain" needs equations.
 
     Args:
         files: files of the robot.

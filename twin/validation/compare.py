@@ -63,8 +63,8 @@ def compare(
 ) -> Comparison:
     """Compare the equations `kin` with the independent mechanism along a trajectory; return rows and findings.
 
-    If `kin` is None, or has only forward equations and the mechanism determined the path, there are no joint values of
-    equations: those of the trajectory drive the mechanism, and its loops and rates are judged.
+    If `kin` is None, the joint values of the trajectory drive the mechanism, and only its loops and rates are judged.
+    The same applies if `kin` has only forward equations and the path was computed with the mechanism.
     """
     out = Comparison()
     rows = _coarse_rows(trajectory)
@@ -123,7 +123,13 @@ def compare(
 
 @dataclass(frozen=True)
 class _Blame:
-    """A wrong row that explains other rows: its name, its equation, and the wrong equation by point; "" if none."""
+    """A wrong row that explains other rows; its attributes are empty if there is no such row.
+
+    Attributes:
+        row: name of the row.
+        cause: name of the equation that computes the row.
+        points: name of the wrong equation, by point.
+    """
 
     row: str = ""
     cause: str = ""
@@ -171,7 +177,7 @@ def _points(
     first = headline(wrong).name if wrong else ""
     blame = _Blame(first, off.get(first, first), off)
     for name, r in rows.items():
-        # A point that no equation computes (an apex) is a consequence of the points that equations compute.
+        # The error of a point that no equation computes is a consequence of wrong points that equations compute.
         if not equations[name] and off:
             r = replace(r, consequence_of=first)
         out.residuals.append(r)
@@ -241,7 +247,7 @@ def _driven(
     clock: Clock,
     tolerances: Tolerances,
 ) -> _Blame:
-    """Compare joint values with the mechanism: from the chain of equations, and computed from the CAD's points."""
+    """Compare the equations' joint values with the mechanism's, both from computed points and from the CAD's points."""
     alone = None
     if kin.closed_inverse and kin.formula.points:
         names = [n for n, s in kin.formula.points.items() if _equation_of(kin, (s,) if isinstance(s, str) else s)]
@@ -263,11 +269,11 @@ def _driven(
         if not r.agrees:
             cause = blamed.cause if because else equation or _equation_of(kin, tuple(kin.joints)) or joint
             wrong[joint] = r, cause
-            by = f", because {because} is off," if because else f" by {equation}" if equation else ""
+            by = f", because {because} is wrong," if because else f" by {equation}" if equation else ""
             _add(out, r, f"joint {joint}{by} differs from the mechanism's", cause)
     if alone is not None and blamed:
         out.facts.setdefault("equations by themselves", {})[_equation_of(kin, kin.joints)] = (
-            f"with the points of the CAD it gives the joints within {text(float(np.abs(alone - posed.q).max()), 'm')}"
+            f"with the CAD's points, its joint values are correct to {text(float(np.abs(alone - posed.q).max()), 'm')}"
         )
     if not wrong:
         return _Blame()
@@ -281,7 +287,7 @@ def _passive(
     for name, value in kin.passive_many(Ts=Ts, qs=posed.q).items():
         if name not in posed.q_passive:
             continue
-        difference = np.angle(np.exp(1j * (value - posed.q_passive[name])))  # to within a turn
+        difference = np.angle(np.exp(1j * (value - posed.q_passive[name])))  # modulo full turns
         r = row("A-B", "passive", name, "rad", difference, tolerances.rotation, clock, consequence_of=blamed.row)
         out.residuals.append(r)
         if not r.agrees:
@@ -356,7 +362,7 @@ def _closed(
                 _add(
                     out,
                     gap,
-                    f"the parts of one limb do not fit: loop {loop} does not close (least squares)",
+                    f"loop {loop} does not close: its parts do not fit together (least-squares solution)",
                     cause,
                 )
 
@@ -370,7 +376,7 @@ def _rates(
     clock: Clock,
     tolerances: Tolerances,
 ) -> None:
-    """Compare the tool's speed and acceleration: the protocol's, and those from the mechanism's constraint Jacobian."""
+    """Compare the planned speed and acceleration of the tool with those from the mechanism's constraint Jacobian."""
     twist, acceleration = model.rates(states, trajectory.qd[rows], trajectory.qdd[rows])
     lever = trajectory.Ts_base_tool[rows, :3, 3] - trajectory.Ts_base_frame[rows, :3, 3]
     w, dw = trajectory.angular_velocity[rows], trajectory.angular_acceleration[rows]
@@ -387,7 +393,7 @@ def _rates(
         r = row("A-B", kind, "tool", unit, difference, tolerance, clock)
         out.residuals.append(r)
         if not r.agrees:
-            _add(out, r, f"the tool's {quantity} differs")
+            _add(out, r, f"the tool's planned {quantity} differs from the mechanism's")
 
 
 def _add(out: Comparison, r: Residual, what: str, cause: str = "") -> None:

@@ -1,8 +1,8 @@
-"""Find the nearest poses with the shaft through the RCM for a waypoint that misses it, and test their reachability.
+"""Find fixes for a waypoint whose shaft misses the RCM: the nearest poses through the RCM, and their reachability.
 
-Each fix changes one thing in the protocol. The changed protocol is planned with an enforced pivot about the RCM, so the
-shaft passes through the RCM everywhere; the planner reports unreachable parts. For comparison, the RCM error of the
-straight path to the same pose is computed.
+Each fix changes one value or one pose of the protocol. The changed protocol is planned with an enforced pivot about the
+RCM, so the shaft passes through the RCM everywhere; the planner reports unreachable parts. For comparison, the RCM
+error of the straight path to the same pose is computed.
 """
 
 from __future__ import annotations
@@ -96,13 +96,13 @@ def fixes(
                     info(
                         "rcm.fix",
                         f"waypoint '{span.waypoint}'",
-                        f"'{span.waypoint}' would keep the RCM: {fix.text}",
+                        f"'{span.waypoint}' would respect the RCM with this change: {fix.text}",
                         mm(fix.moved) if fix.moved > 0 else deg(fix.turned),
                         when=f"phase '{span.name}'",
                         word="",
                     )
                 )
-        facts[f"{span.name}: other readings of the angles"] = _readings(protocol, trajectory, span)
+        facts[f"{span.name}: other interpretations of the angles"] = _readings(protocol, trajectory, span)
     return facts, findings
 
 
@@ -197,7 +197,7 @@ def _missed(trajectory: Trajectory, phase: str) -> float:
 
 
 def _rcm(trajectory: Trajectory, span: PhaseSpan) -> list[Fix]:
-    """Return the fix that moves the RCM to the point nearest to the shafts at registration and at the pivot's end."""
+    """Return the fix that moves the RCM to the point nearest to two shafts: at the RCM's first use and at phase end."""
     assert span.rcm is not None
     first = min(s.start for s in trajectory.phases if s.rcm is not None and np.array_equal(s.rcm, span.rcm))
     Ts, axis = (
@@ -214,17 +214,17 @@ def _rcm(trajectory: Trajectory, span: PhaseSpan) -> list[Fix]:
     at = ", ".join(f"{x / MM:.2f}" for x in best)
     moved = float(np.linalg.norm(best - span.rcm))
     enough = left <= 1e-4
-    why = "both shafts pass it" if enough else f"even there the shafts miss it by {left / MM:.2f} mm: they are skew"
+    why = "both shafts pass it" if enough else f"even there the shafts, which are skew, miss it by {left / MM:.2f} mm"
     return [Fix("move the RCM", "", moved, 0.0, f"({at}) mm", enough, why)]
 
 
 def _readings(protocol: Protocol, trajectory: Trajectory, span: PhaseSpan) -> str:
-    """Return text: whether the shaft passes through the RCM with another order or sign of the waypoint's angles."""
+    """Return, as text, whether another order or sign of the waypoint's angles makes the shaft pass through the RCM."""
     assert span.rcm is not None
     assert span.waypoint is not None
     w = protocol.waypoints[span.waypoint]
     if w.position is None:
-        return "none: the waypoint already keeps the RCM"
+        return "none: the waypoint already respects the RCM"
     found: list[tuple[float, str]] = []
     for order in ("zyx", "xyz"):
         for signs in product((1, -1), repeat=3):
@@ -235,5 +235,5 @@ def _readings(protocol: Protocol, trajectory: Trajectory, span: PhaseSpan) -> st
             found.append((missed, f"order {order}, signs {', '.join('+' if s > 0 else '-' for s in signs)}"))
     missed, words = min(found)
     if missed <= protocol.tolerances.rcm:
-        return f"{words} keep the RCM ({missed / MM:.3g} mm): these may be the intended angles"
-    return f"none keeps the RCM; the best, {words}, misses it by {missed / MM:.2f} mm"
+        return f"{words} respect the RCM ({missed / MM:.3g} mm): these may be the intended angles"
+    return f"none respects the RCM; the best, {words}, misses the RCM by {missed / MM:.2f} mm"

@@ -1,8 +1,8 @@
 """Judge the equations of a console by clauses: requirements on the motion of tool and camera and on the force.
 
 Each clause applies a motion of the hands and compares the result with the geometrically required one. Rotations are
-computed by SciPy, independently of the equations. Poses: T of {H} in {RB}, W of the handle in {H}, P of the tool in
-{RB}.
+computed by SciPy, independently of the equations. Frames: {H} of the hand, {RB} of the robot base. Poses: T of {H} in
+{RB}, W of the handle in {H}, P of the tool in {RB}.
 """
 
 from __future__ import annotations
@@ -128,8 +128,8 @@ def _turn(c: Laws) -> Iterator[Clause]:
         "eq1",
         "a pure rotation of the hand does not move the tool's wrist",
         moved,
-        f"the hand turns 90 deg on the spot, and the tool moves {moved / _MM:.3f} mm: it turns about the hand's point, "
-        "50 mm away, and not about its own point",
+        f"the hand turns 90 deg in place, and the tool moves {moved / _MM:.3f} mm: the tool turns about the hand's "
+        "point, 50 mm away, and not about its own point",
         "turn the tool about its own point: R1 = dR R0, p1 = p0 + dp",
     )
     T = _pose((0, 0, 0), (0.4, -0.7, 0.5))
@@ -158,11 +158,11 @@ def _way(c: Laws) -> Iterator[Clause]:
     yield _point(
         "scale",
         "eq2",
-        f"at scale {_SCALE:g} a hand that moves 10 mm along x of {{H}} moves the tool 5 mm along its image",
+        f"at scale {_SCALE:g} a hand that moves 10 mm along x of {{H}} moves the tool 5 mm along y of {{RB}}",
         off,
         f"at scale {_SCALE:g} the hand moves 10 mm along x of {{H}} and the tool moves ({_triple(got)}) mm: "
         f"{off / _MM:.3f} mm off (0, 5, 0) mm",
-        "p1 = p0 + s R_T (h1 - h0): the equation needs a place for the scale",
+        "use p1 = p0 + s R_T (h1 - h0), which contains the scale s",
     )
 
 
@@ -173,7 +173,7 @@ def _clutch(c: Laws) -> Iterator[Clause]:
     yield _point(
         "regrip",
         "eq2",
-        "after a clutch elsewhere (re-grip), the tool is at rest",
+        "the tool stays at rest when the hand releases the clutch, moves and engages it again (re-grip)",
         at_once,
         f"after a re-grip 37 mm away the tool jumps {at_once / _MM:.3f} mm",
         "measure increments from the hand pose at re-grip, and transform them by R_T alone",
@@ -187,7 +187,7 @@ def _clutch(c: Laws) -> Iterator[Clause]:
         "after a re-grip, the hand moves the tool as before",
         off,
         f"after a re-grip the hand moves 10 mm, and the tool is {off / _MM:.3f} mm off",
-        "p1 = p0 + s R_T (h1 - h0), with h0 where the hand gripped",
+        "p1 = p0 + s R_T (h1 - h0), with h0 the hand position at the re-grip",
     )
 
 
@@ -203,17 +203,17 @@ def _camera(c: Laws) -> Iterator[Clause]:
         "moving the camera does not move the tool while the hand is still",
         stood,
         f"the camera turns 30 deg with the hand still, and the tool moves {stood / _MM:.3f} mm",
-        "take increments of the hand in the present frame of the camera: T must cancel when W1 = W0",
+        "express increments of the hand in the current frame of the camera: T must cancel when W1 = W0",
     )
     went = c.tool(Q, W, _shifted(W, step), after, 1.0)[:3, 3] - Q[:3, 3]
     off = float(np.linalg.norm(went - after[:3, :3] @ step))
     yield _point(
         "camera.way",
         "eq2",
-        "after the camera has turned, the tool moves in the picture as the hand does",
+        "after the camera has turned, the tool moves in the camera image in the direction of the hand",
         off,
         f"the camera has turned 30 deg, the hand moves 10 mm, and the tool is {off / _MM:.3f} mm off",
-        "use T of this tick, not that of the start",
+        "use T of the current time step, not T of the start",
     )
 
 
@@ -228,7 +228,7 @@ def _origin(c: Laws) -> Iterator[Clause]:
         "eq2",
         "the position of the origin of {H} has no effect",
         off,
-        f"with the origin of {{H}} shifted 200 mm, the same motion puts the tool {off / _MM:.3f} mm away",
+        f"with the origin of {{H}} shifted 200 mm, the tool ends {off / _MM:.3f} mm from the correct position",
         "use differences of positions and the rotation of T alone",
     )
 
@@ -244,7 +244,7 @@ def _mirror(c: Laws) -> Iterator[Clause]:
         "eq2",
         "in a left-handed scene (p' = S p, R' = S R S) the motion is the mirrored one",
         moved + np.radians(turned) * 1e-4,
-        f"the same motion in a left-handed scene puts the tool {moved / _MM:.3f} mm and {turned:.3f} deg away",
+        f"in a left-handed scene the tool ends {moved / _MM:.3f} mm and {turned:.3f} deg from the mirrored pose",
         "mirror positions and rotations alike: p' = S p, R' = S R S",
     )
 
@@ -272,20 +272,20 @@ def _loop(c: Laws) -> tuple[list[Clause], Array]:
         _point(
             "loop",
             "eq2",
-            f"a closed loop of the hand closes the loop of the tool, {where}",
+            f"a closed path of the hand returns the tool to its position, {where}",
             moved,
-            f"the hand comes back after {_INCREMENTS} increments, and the tool is {number(moved / _MM)} mm away",
+            f"the hand returns after {_INCREMENTS} increments, and the tool is {number(moved / _MM)} mm from its start",
             way,
         ),
         Clause(
             "loop.angle",
             "eq2",
-            f"... and its attitude, {where}",
+            f"a closed path of the hand returns the tool to its orientation, {where}",
             turned,
             "deg",
             _ANGLE,
             turned <= _ANGLE,
-            f"the hand comes back after {_INCREMENTS} increments, and the tool has turned {turned:.3g} deg",
+            f"the hand returns after {_INCREMENTS} increments, and the tool has turned {turned:.3g} deg",
             way,
         ),
     ], np.array(path)
@@ -310,8 +310,8 @@ def _roll(c: Laws) -> Iterator[Clause]:
         unit,
         0.0,
         worst > 0,
-        f"(50, 20, 0) mm turned +3 deg, counter-clockwise, gives {said[0]:.0f} {unit}: negative, which is labelled "
-        "clockwise: p1 x p0 is minus the axis from p0 to p1",
+        f"a hand at (50, 20, 0) mm that turns +3 deg (counter-clockwise) gives {said[0]:.0f} {unit}. The paper labels "
+        "negative values clockwise: p1 x p0 points opposite to the axis of the turn from p0 to p1",
         "swap the factors: c = p0 x p1",
     )
     off = max(abs(x - 3) for x in said) if in_angle else worst
@@ -326,7 +326,7 @@ def _roll(c: Laws) -> Iterator[Clause]:
         (
             f"hands that turn 3 deg give {said[0]:.3f} and {said[1]:.3f} deg"
             if in_angle
-            else "a cross product is an area, and a displacement a length: no printed number makes an angle of them"
+            else "a cross product is an area and a displacement is a length: the paper prints no conversion to an angle"
         ),
         "roll = atan2((v0 x v1).n, v0.v1) with v = p_R - p_L",
     )
@@ -402,8 +402,8 @@ def _force(c: Laws) -> Iterator[Clause]:
         "terms missing",
         0.0,
         "mass" not in c.force_model,
-        f"it is called a {c.force_model} model: no term has a mass or an acceleration",
-        "call it a spring-damper, or add m d2x/dt2",
+        f"the paper calls it a {c.force_model} model, but no term contains a mass or an acceleration",
+        "call the model a spring-damper, or add the term m d2x/dt2",
     )
     pulls = c.force(0.1 * _MM, -100 * _MM)
     yield Clause(
@@ -414,7 +414,7 @@ def _force(c: Laws) -> Iterator[Clause]:
         "N",
         0.0,
         pulls <= 0,
-        f"0.1 mm deep and on its way out at 100 mm/s, the tool is pulled inwards by {pulls:.2f} N",
+        f"at a depth of 0.1 mm, while it moves outwards at 100 mm/s, the tool is pulled inwards by {pulls:.2f} N",
         "limit the force along the surface normal to the outward direction",
     )
     most = max(abs(c.force(depth * _MM, rate)) for depth in (1, 5, 10, 20) for rate in (-0.1, 0.0, 0.1))
@@ -426,7 +426,7 @@ def _force(c: Laws) -> Iterator[Clause]:
         "N",
         _PEN,
         most <= _PEN,
-        f"down to 20 mm depth the force reaches {most:.1f} N; a pen gives {_PEN:g} N (ASSUMED)",
+        f"down to 20 mm depth the force reaches {most:.1f} N; a pen can apply {_PEN:g} N (ASSUMED)",
         f"clip the force at {_PEN:g} N, the saturation of the device",
     )
     off = max(abs(rest - 0.6), abs(moving - 0.1))
@@ -467,10 +467,10 @@ def _measure(c: Laws) -> Iterator[Clause]:
     yield _point(
         "error.blind",
         "eq7",
-        "a motion of the tool while the hand is still counts as the error",
+        "if the tool moves while the hand is still, the error is this motion",
         off,
-        f"the hand is still and the tool moves {gone / _MM:.3f} mm, as by the printed eqs (1), (2): eq. (7) gives "
-        f"{shown / _MM:.3f} mm. It is circular: it compares eq. (2) with itself",
+        f"the hand is still and the tool moves {gone / _MM:.3f} mm, as in the printed eqs (1), (2): eq. (7) gives "
+        f"{shown / _MM:.3f} mm. Eq. (7) is circular: it compares eq. (2) with itself",
         "compare displacements of the tool with those of the hand, without eq. (2)",
     )
 

@@ -1,7 +1,7 @@
 """Compare the mechanism read back from a USD stage with the CAD's mechanism item by item, beyond the tool pose.
 
-Masses that the build did not compute are estimated from the CAD's meshes and densities by a sum over tetrahedra, which
-is independent of the build's method. For a coarse mesh the estimate is a few per cent too low.
+If the build did not compute a mass, it is estimated from the CAD's meshes and densities by a sum over tetrahedra. This
+method is independent of the build's. For a coarse mesh the estimate is a few per cent too low.
 """
 
 from __future__ import annotations
@@ -24,7 +24,8 @@ SINGLE = 1e-5
 """Relative difference explained by single precision."""
 
 COARSE_MASS, COARSE_SIZE = 0.15, 0.04
-"""Tolerances of an estimate from a coarse mesh: relative for the mass; for its centre, relative to the body's size."""
+"""(relative tolerance of a mass, tolerance of a mass centre relative to the body's size), for estimates from coarse
+meshes."""
 
 COARSE_MOMENT = 0.4
 """Relative tolerance of an estimated principal moment, which grows with the fourth power of a diameter."""
@@ -133,7 +134,7 @@ def _motors(mechanism: Mechanism, stage: Mechanism) -> Iterator[Finding]:
     for t in mechanism.transmissions:
         u = by_name.get(t.name, t)
         if (t.joints, t.actuators) != (u.joints, u.actuators) or not np.array_equal(t.matrix, u.matrix):
-            yield _lost("transmission", t.name, "has another matrix on the stage")
+            yield _lost("transmission", t.name, "has a different matrix on the stage")
 
 
 def _place(what: str, where: str, ours: Array, theirs: Array) -> Iterator[Finding]:
@@ -196,7 +197,7 @@ def _meshes(a: Body, b: Body) -> Iterator[Finding]:
         off = float(np.abs(mesh.vertices - other.vertices).max(initial=0.0)) if same else np.inf
         limit = 1e-6 + SINGLE * float(np.abs(mesh.vertices).max(initial=0.0))
         if off > limit or not np.array_equal(mesh.triangles, other.triangles):
-            much = f"up to {off / MM:.4g} mm off" if same and off > limit else "another mesh"
+            much = f"up to {off / MM:.4g} mm off" if same and off > limit else "a different mesh"
             yield _lost("mesh", mesh.name, f"is {much} on the stage")
     for name in theirs:
         yield _lost("mesh", name, "is on the stage only")

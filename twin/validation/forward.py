@@ -18,8 +18,8 @@ def forward(
 ) -> tuple[list[Residual], list[Finding]]:
     """Return rows and findings on the tool pose of the forward equations at the mechanism's joint values.
 
-    A formula with forward equations only is skipped, because driving the mechanism already checks them, unless `alone`
-    is True.
+    Unless `alone` is True, a formula with forward equations only is skipped, because driving the mechanism already
+    checks these equations.
     """
     if not kin.closed_forward or not (kin.closed_inverse or alone):
         return [], []

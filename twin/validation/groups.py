@@ -1,9 +1,13 @@
-"""Check a published user study with independent groups, as far as its printed numbers allow.
+"""Check the printed numbers of a user study with independent groups.
 
-Such studies print means and standard deviations, but no values of single users, so p-values of rank tests cannot be
-recomputed. The checks are: can a printed mean be a mean of integers; is a standard deviation possible for the printed
-range; which definition of the RMSE agrees with its components; do the printed p-values remain significant after a
-correction for the number of tests; and do sentences of the text agree with the tables.
+Such studies print means and standard deviations, but no values of single users. Therefore p-values of rank tests cannot
+be recomputed. The checks answer these questions:
+
+- Can a printed mean be a mean of integers?
+- Is a standard deviation possible for the printed range?
+- Which definition of the RMSE agrees with its components?
+- Do the printed p-values remain significant after a correction for the number of tests?
+- Do sentences of the text agree with the tables?
 """
 
 from __future__ import annotations
@@ -25,21 +29,24 @@ _ByGroup = dict[str, float]
 
 
 class Group(Table):
-    """A group of users: its name and number of users."""
+    """A group of users, with its name and the number of users."""
 
     name: str
     users: int = Field(ge=2)
 
 
 class Pair(Table):
-    """Two compared groups with their printed p-value; None if the paper only states that it is not significant."""
+    """Two compared groups and their printed p-value; None if the paper only states "not significant"."""
 
     between: tuple[str, str]
     printed_p: Annotated[float, Field(ge=0, le=1)] | None = None
 
 
 class Outcome(Table):
-    """Mean and standard deviation per group; each user's value is the sum of `items` integers (0: not integers)."""
+    """Mean and standard deviation of one measure, per group.
+
+    `items` is the number of integers whose sum is a user's value; 0 if values are not integers.
+    """
 
     name: str
     unit: str
@@ -73,7 +80,7 @@ class Accuracy(Table):
 
 
 class Chain(Table):
-    """Accuracy test of the paper: number of displacements per axis, and resolution of the measuring pen."""
+    """Accuracy test of the paper's console: displacements per axis, and resolution of the haptic pen."""
 
     displacements: int = Field(ge=2)
     resolution_mm: float = Field(gt=0)
@@ -82,7 +89,7 @@ class Chain(Table):
 
 
 class Above(Table):
-    """A sentence that claims that the means of the listed outcomes are above a number."""
+    """A sentence of the paper that claims that the means of the listed outcomes are above a number."""
 
     text: str
     outcomes: list[str]
@@ -124,7 +131,7 @@ class GroupTables(Table):
         for i, row in enumerate(self.outcome):
             for j, pair in enumerate(row.compared):
                 if not set(pair.between) <= names:
-                    raise at(("outcome", i, "compared", j, "between"), f"groups are {', '.join(sorted(names))}")
+                    raise at(("outcome", i, "compared", j, "between"), f"the groups are {', '.join(sorted(names))}")
         known = {o.name for o in self.outcome}
         for i, claim in enumerate(self.claim):
             if unknown := set(claim.outcomes) - known:
@@ -195,7 +202,7 @@ def recompute(tables: GroupTables, run: Measured) -> Recomputed:
     if tables.chain is not None:
         measured, stds = run(tables.chain)
         data["chain"] = dict(measured)
-        shown.append(Shown(("accuracy chain, run here", ""), [(k, f"{v:.3g}") for k, v in _flat(measured)]))
+        shown.append(Shown(("simulated accuracy test", ""), [(k, f"{v:.3g}") for k, v in _flat(measured)]))
         printed = next(a for a in tables.accuracy if a.name == tables.chain.of)
         findings += _chain(tables.chain, printed, measured, stds)
     return Recomputed(shown, data, findings)
@@ -230,8 +237,8 @@ def _integers(o: Outcome, users: Mapping[str, int]) -> Iterator[Finding]:
         yield disagreement(
             "study.integers",
             o.name,
-            f"{o.name}, {group}: mean {mean:.{o.decimals}f} {o.unit} is printed; {n} integers of {users[group]} users "
-            f"have no such mean, the nearest is {near / n:.{o.decimals + 1}f}",
+            f"{o.name}, {group}: the printed mean {mean:.{o.decimals}f} {o.unit} is impossible for {n} integers of "
+            f"{users[group]} users; the nearest possible mean is {near / n:.{o.decimals + 1}f}",
             Quantity(abs(near / n - mean), o.unit),
             half,
             "check how many users were counted",
@@ -245,8 +252,8 @@ def _unpublished(tables: GroupTables) -> Iterator[Finding]:
         yield info(
             "study.raw",
             "p",
-            f"{len(printed)} printed p-values are those of {tables.printed_test}, which needs the rank of every user; "
-            "it cannot be recomputed from means and standard deviations",
+            f"{len(printed)} printed p-values are from {tables.printed_test}, which needs the rank of every user; "
+            "they cannot be recomputed from means and standard deviations",
             suggestion="ask the authors for the raw data and run: twin study FILE.csv",
         )
 
@@ -288,11 +295,11 @@ def _spans(s: Span, users: Mapping[str, int]) -> Iterator[Finding]:
                 "study.range",
                 s.name,
                 f"{s.name}, {group}: {mean:g} +- {s.std[group]:g} {s.unit} is printed with the range {low:g} to "
-                f"{high:g}; {n} users with that mean and both ends have a standard deviation of at least "
+                f"{high:g}; {n} users with this mean and this range have a standard deviation of at least "
                 f"{smallest:.1f} {s.unit}",
                 Quantity(smallest, s.unit),
                 s.std[group],
-                "check whether the range is that of another group or of all users",
+                "check whether the range belongs to another group or to all users",
                 word="",
             )
     ranges = {(s.lower[g], s.upper[g]) for g in users}
@@ -369,7 +376,7 @@ def _shown_errors(rows: Sequence[Accuracy]) -> Shown:
                 ", ".join(_fits(a)),
             )
         )
-    return Shown(("", "printed RMSE", *names, "fits"), lines)
+    return Shown(("", "printed RMSE", *names, "agrees with"), lines)
 
 
 def _claim(claim: Above, outcomes: Sequence[Outcome]) -> Iterator[Finding]:
@@ -379,7 +386,7 @@ def _claim(claim: Above, outcomes: Sequence[Outcome]) -> Iterator[Finding]:
         yield warning(
             "study.claim",
             "prose",
-            f"'{claim.text}': not so for {against}",
+            f"the statement '{claim.text}' is false for {against}",
             Quantity(min(m for _, _, m in cells), cells[0][0].unit),
             claim.above,
             "name the exceptions",
@@ -391,7 +398,7 @@ def _twice(t: Twice) -> Iterator[Finding]:
     if len({tuple(v) for v in t.values}) > 1:
         said = "; ".join(f"{w}: {' to '.join(f'{x:+g}' for x in v)}" for w, v in zip(t.where, t.values, strict=True))
         yield disagreement(
-            "study.twice", t.name, f"{t.name} is printed in two ways ({said})", suggestion="correct one of them"
+            "study.twice", t.name, f"{t.name} is printed with several values ({said})", suggestion="correct one of them"
         )
 
 
@@ -403,7 +410,7 @@ def _chain(c: Chain, printed: Accuracy, measured: Mapping[str, Any], stds: Seque
         yield disagreement(
             "study.chain",
             "chain",
-            "the chain itself is wrong, without quantisation",
+            "even with an exact pen (no quantisation) the equations have an error: largest error",
             Quantity(exact, "mm"),
             1e-6,
             "judge its equations: twin console davinci",
@@ -413,7 +420,7 @@ def _chain(c: Chain, printed: Accuracy, measured: Mapping[str, Any], stds: Seque
         yield disagreement(
             "study.required",
             "chain",
-            "largest error",
+            "largest error in the simulated accuracy test",
             Quantity(largest, "mm"),
             c.required_mm,
             f"measure with a pen of finer resolution than {c.resolution_mm:g} mm",
@@ -426,8 +433,8 @@ def _chain(c: Chain, printed: Accuracy, measured: Mapping[str, Any], stds: Seque
         yield warning(
             "study.quantised",
             printed.name,
-            f"a pen of {c.resolution_mm:g} mm explains std up to {high * max(stds):.3f} mm in {c.displacements} "
-            f"displacements (99 %), {max(stds):.4f} mm in the long run; printed: {', '.join(beyond)} mm",
+            f"a pen with a resolution of {c.resolution_mm:g} mm explains a std up to {high * max(stds):.3f} mm in "
+            f"{c.displacements} displacements (99 %), {max(stds):.4f} mm on average; printed: {', '.join(beyond)} mm",
             Quantity(max(printed.std), "mm"),
             float(high * max(stds)),
             "look for other sources of error than the resolution of the pen",

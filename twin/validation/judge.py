@@ -66,7 +66,7 @@ def judge(
     known = known or Known()
     out = known.comparison or Comparison()
     looked = samples(trajectory)
-    # The baked motion and the clearances do not depend on the equations: they are computed on another core meanwhile.
+    # The baked motion and the clearances do not depend on the equations: another process computes them in parallel.
     apart_from_it = "motion" in parts and known.measured is None
     aside = Call(measure, mechanism, looked, case.written) if apart_from_it else contextlib.nullcontext()
     with aside as beside:
@@ -141,7 +141,7 @@ def _cannot_take(mechanism: Mechanism, error: AssemblyError) -> Finding:
         "mechanism.no_assembly",
         mechanism.name,
         f"the mechanism cannot reach the tool poses of the protocol: {error}",
-        suggestion="the CAD's workspace is smaller than that of the equations; compare the lengths in `info`",
+        suggestion="the workspace of the CAD is smaller than that of the equations; compare the lengths in `twin info`",
     )
 
 
@@ -179,7 +179,7 @@ def _mechanism_facts(model: ReferenceModel) -> dict[str, str]:
 
 
 def _stage(case: Case, model: ReferenceModel, out: Comparison, clock: Clock, progress: Progress) -> None:
-    """Compare the stage read back (C) with the CAD's mechanism (B) by one solver; estimate the rounding errors."""
+    """Compare the stage read back (C) with the CAD's mechanism (B), with the same solver; estimate rounding errors."""
     from twin.reference.sensitivity import of_rounding
     from twin.usd.check import check_stage, run_usd_validators
     from twin.usd.read import read_stage

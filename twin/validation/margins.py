@@ -20,13 +20,13 @@ SINGULAR = 1e-6
 
 
 _SINGULAR = Kind(
-    "singularity.mechanism", "disagreement", "plan the path farther from this pose: a branch may change there"
+    "singularity.mechanism", "disagreement", "plan the path farther from this pose: the assembly mode may change there"
 )
 _JUMP = Kind("branch.jump", "disagreement", "plan the path farther from this pose", word="expected at most")
 
 
 def margins(trajectory: Trajectory, mechanism: Mechanism, paths: PathKinematics, clock: Clock) -> dict[str, str]:
-    """Return the minimum margin, with its time, of each joint, gap, limb and singularity measure, as text.
+    """Return the minimum margin and its time, as text, for each joint, gap, reach and singularity measure.
 
     Args:
         trajectory: the trajectory.
@@ -98,12 +98,12 @@ def of_mechanism(
         ("mechanism, drives at rest (type 2)", found.moves, "the tool moves while every drive is at rest"),
     ):
         k = int(np.argmin(values))
-        facts[name] = f"{values[k]:.4f} of 1, {_when(at, k)}"
+        facts[name] = f"{values[k]:.4f} (0: singular, 1: best), {_when(at, k)}"
         if values[k] < SINGULAR:
             findings.append(
                 _SINGULAR(
                     model.mechanism.name,
-                    f"the mechanism becomes singular ({words}): measure",
+                    f"the mechanism becomes singular ({words}): conditioning",
                     Quantity(values[k]),
                     SINGULAR,
                     when=_when(at, k),
@@ -114,7 +114,7 @@ def of_mechanism(
 
 
 def _jumps(model: ReferenceModel, posed: Run, at: Clock) -> list[Finding]:
-    """Return a finding for each passive joint with a step between neighbouring samples above its usual step.
+    """Return a finding for each passive joint with an unusually large step between neighbouring samples.
 
     Steps in which a driven joint also jumps (samples far apart) are skipped.
     """
@@ -149,5 +149,5 @@ def _when(clock: Clock, k: int) -> str:
 
 
 def _usual(steps: Array) -> Array:
-    """Return the largest usual value of each step (k, ...): eight times the larger neighbouring step."""
+    """Return an upper limit for each step (k, ...): eight times the larger neighbouring step."""
     return 8 * np.maximum(np.concatenate([steps[:1], steps[:-1]]), np.concatenate([steps[1:], steps[-1:]]))

@@ -1,4 +1,4 @@
-"""Check reach, singularity measures and aspects of the equations by the mechanism; see `twin.reference.boundary`."""
+"""Check reach, singularity measures and aspects of the equations with the mechanism; see `twin.reference.boundary`."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from twin.validation.compare import Comparison
 
 
 def measures(kin: Kinematics, model: ReferenceModel, out: Comparison) -> None:
-    """Check reach, singularity measures and aspects of the equations; skipped if other rows disagree."""
+    """Check reach, singularity measures and aspects of the equations; skip the check if other rows disagree."""
     run = out.posed
     formula = kin.formula
     if run is None or not (formula.reach or formula.measures or formula.aspects):
         return
     heading = "reach, singularity measures, aspects"
     if any(r.pair == "A-B" and not r.agrees for r in out.residuals) or _off(out.findings):
-        out.facts[heading] = {"rows judged": "not checked: rows that they depend on disagree"}
+        out.facts[heading] = {"rows judged": "not checked, because other rows disagree"}
         return
     turns = {j.name: j.is_angle for j in model.mechanism.joints}
     rows = Boundary(model, Margins(kin, turns, tuple(run.points)), run.x).judge()

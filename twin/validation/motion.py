@@ -97,10 +97,10 @@ class Measured:
 
 @dataclass(frozen=True)
 class Written:
-    """Errors of an existing motion of a stage: file, time codes (k,) in s, and largest errors (k,) of its links.
+    """Errors of an existing baked motion: file, time codes (k,) in s, and largest errors (k,) of any link in m and rad.
 
-    `missing` lists moving bodies without samples. Errors (m, rad) are given at the intended times; they are empty if
-    the time codes differ in number or rate.
+    `missing` lists moving bodies without samples. The errors are computed at the intended times; they are empty if the
+    time codes differ in number or rate.
     """
 
     file: str
@@ -188,8 +188,8 @@ def written_rows(
         samples: the intended motion.
         phases: phases of the protocol.
         tolerances: maximum deviations that count as agreement.
-        due: whether the motion was baked from this trajectory; if not, it may be older than the protocol, and a
-            difference is only a warning.
+        due: whether the motion was baked from this trajectory. Otherwise the motion may be older than the protocol, so
+            a difference is only a warning.
     """
     keys = Clock(samples.keys, phases)
     severity: Severity = "disagreement" if due else "warning"
@@ -197,12 +197,12 @@ def written_rows(
     if len(written.position) != len(samples.keys) or written.missing:
         t = written.times
         has = f"{len(t)} time codes from {t[0]:.4g} to {t[-1]:.4g} s" if len(t) else "no time codes"
-        lacks = f"; {', '.join(written.missing)} have none" if written.missing else ""
+        lacks = f"; {', '.join(written.missing)} have no time codes" if written.missing else ""
         said = f"the motion on the stage has {has}{lacks}; the protocol lasts {samples.keys[-1]:.4g} s"
-        said += f" and {len(samples.keys)} of them: it belongs to another protocol, or its samples were changed"
+        said += f" and has {len(samples.keys)} time codes: the motion is of another protocol, or was changed"
         return [], [kind(written.file, said)]
     rows = [
-        row("B-D", "baked", "links as written", unit, values, tolerance if due else None, keys, note=written.file)
+        row("B-D", "baked", "links, existing motion", unit, values, tolerance if due else None, keys, note=written.file)
         for unit, values, tolerance in (
             ("m", written.position, tolerances.baked_position),
             ("rad", written.rotation, tolerances.baked_rotation),
@@ -250,8 +250,8 @@ def clearance_facts(
     a, b = found.pair[k]
     facts = {
         "minimum clearance": f"{found.distance[k] / MM:.2f} mm between {a} and {b}, {when(float(times[k]))}",
-        "method": f"triangle meshes of the CAD (chord tolerance 0.1 mm), {CLEARANCE_RATE:g} Hz, bodies without a "
-        "common joint; of jointed bodies, parts that do not mate",
+        "method": f"triangle meshes of the CAD (chord tolerance 0.1 mm), {CLEARANCE_RATE:g} Hz; pairs of "
+        "bodies without a common joint, and parts of jointed bodies that do not form the joint",
     }
     contacts = [(float(times[i]), p, q) for i, p, q in found.contacts]
     if found.distance[k] <= 0:

@@ -26,7 +26,7 @@ class Residual:
     Attributes:
         pair: the two compared sides. "A-B": equations and CAD mechanism; "B-C": mechanism and USD stage; "B-D":
             mechanism and baked motion; "B": the mechanism alone (loop gaps, RCM).
-        quantity: the compared quantity.
+        quantity: kind of the compared quantity, such as "point" or "speed".
         name: name of the point, joint, body, loop or phase, or "tool".
         unit: "m", "rad", "m/s", "rad/s", "m/s2" or "rad/s2".
         worst, rms: largest and root-mean-square deviation over all samples, in `unit`.
@@ -76,14 +76,14 @@ class Residual:
 
 
 _SAME = 0.999
-"""Ratio above which two deviations count as equal; the first row is then shown."""
+"""Ratio above which two deviations count as equal; the first of the two rows is then shown."""
 
 
 def headline(rows: Sequence[Residual]) -> Residual:
     """Return the row to show for a group: the worst failed row, preferring rows that are not consequences of others."""
 
     def weight(r: Residual) -> tuple[int, float]:
-        """Return (class, deviation / tolerance), or the deviation itself without tolerance; NaN counts as infinite."""
+        """Return (class, deviation / tolerance); without a tolerance, the deviation itself. NaN counts as infinite."""
         rank = 0 if r.tolerance is None else 1 if r.agrees else 2 if r.consequence_of else 3
         return rank, math.inf if math.isnan(r.worst) else r.worst / (r.tolerance or 1.0)
 
@@ -173,7 +173,7 @@ class Report(Result):
             way = f"fix {first.head.where or 'the part'} in the CAD{_size(first.head)}" + (f": {way}" if way else "")
         if first.side == "protocol":
             place = ", ".join(x for x in (first.head.where, first.head.when) if x)
-            way = f"in the protocol, {place}: {way or 'change what breaks the limit'}"
+            way = f"in the protocol, {place}: {way or 'change the motion that exceeds the limit'}"
         way = way or "rebuild the file"
         return f"{way}; then {self.commands['validate']}" if self.commands else way
 
@@ -216,7 +216,7 @@ class Report(Result):
         for row in self.residuals:
             groups.setdefault((row.pair, row.quantity, row.unit), []).append(row)
         rows = [(pair, name, *_row(headline(group))) for (pair, name, _), group in groups.items()]
-        yield Table(("pair", "what", "worst", "tolerance", "where", "phase", ""), rows)
+        yield Table(("pair", "quantity", "worst", "tolerance", "where", "phase", ""), rows)
         yield ""
         if self.assumed:
             yield f"  {len(self.assumed)} assumed values (unpublished) are listed in the report and by `twin info`."

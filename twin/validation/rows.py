@@ -16,7 +16,7 @@ from twin.validation.result import PhaseSummary, Residual, RowKind
 class Tolerances:
     """Largest deviations that count as agreement, in SI units.
 
-    The defaults are for geometry in double precision: far below drawing errors and far above rounding errors.
+    The defaults are for geometry in double precision. They are far below drawing errors and far above rounding errors.
 
     Attributes:
         position, rotation: between equations and mechanism, in m and rad; prismatic joints use `position`.

@@ -1,10 +1,12 @@
 """Distance between shaft and RCM between samples: measured maximum and estimated bound.
 
 Between samples, the joints follow cubics through sampled positions and speeds, as in a controller, and the mechanism
-moves the shaft. The vector from the shaft to the RCM is then a smooth curve. The mechanism is driven, and the distance
-measured, in the intervals where the cubic through the samples is longest or bends most (in phases with few samples, in
-all intervals). In the other intervals, an eighth of the squared time step times the second derivative of the curve
-estimates the maximum. The second derivative is taken as twice that of the samples; this is an estimate, not a proof.
+moves the shaft. The vector from the shaft to the RCM is then a smooth function of time. The distance is measured on the
+driven mechanism in the intervals where this vector is longest or bends most (in short phases, in all intervals).
+
+In the other intervals, the maximum is estimated: the larger distance at the ends plus an eighth of the squared time
+step times the second derivative of the vector. The second derivative is taken as twice that of the samples. The result
+is an estimate, not a proof.
 """
 
 from __future__ import annotations
@@ -98,7 +100,7 @@ def passages(model: ReferenceModel, trajectory: Trajectory) -> list[Passage]:
 
 
 def _suspects(trajectory: Trajectory, span: PhaseSpan) -> Index:
-    """Return the first samples of the intervals of a phase that are measured: largest distance or bending expected."""
+    """Return the first sample of each measured interval: those with the largest expected distance or bending."""
     assert span.rcm is not None
     rows = np.arange(span.start, span.stop + 1)
     if len(rows) <= ALL:
@@ -138,7 +140,7 @@ def _passage(trajectory: Trajectory, span: PhaseSpan, at: Index, seen: Array) ->
     )
     i, j = np.unravel_index(int(np.argmax(inside)), inside.shape)
     size, where = _summit(inside[i], int(j))
-    # |e| <= the larger end value + h^2/8 |e''|; e'' from second differences at both ends, doubled as a safety factor
+    # |e| <= larger end value + h^2/8 |e''|; e'' is twice (safety factor) the larger second difference at the ends
     bend = np.linalg.norm(np.diff(e, n=2, axis=0), axis=1) if len(e) > 2 else np.zeros(1)
     bend = np.pad(bend, 1, mode="edge")[: len(ends)]
     around = 2 * np.maximum(bend[:-1], bend[1:]) if len(bend) > 1 else bend
@@ -156,7 +158,7 @@ def _passage(trajectory: Trajectory, span: PhaseSpan, at: Index, seen: Array) ->
 
 
 def _summit(values: Array, j: int) -> tuple[float, float]:
-    """Return (maximum, its position 0 to 1 in the interval) of the parabola through value j and its neighbours."""
+    """Return (maximum, its position 0..1 in the interval) of the parabola through value j and its two neighbours."""
     if not 0 < j < len(values) - 1:
         return float(values[j]), float(_INSIDE[j])
     a, b, c = values[j - 1 : j + 2]

@@ -1,7 +1,7 @@
 """Recompute a published user study from its printed rows: means, p-values, and claims in the text.
 
-If the paper does not name the test of a p-value, all usual tests are computed; the printed value agrees if one of them
-equals it in the last printed digit. Claims in the text are checked against the tables where possible.
+If the paper does not name the test of a p-value, all usual tests are computed. The printed value agrees if one of these
+tests gives the same printed digits. Claims in the text are compared with the tables where possible.
 """
 
 from __future__ import annotations
@@ -76,7 +76,7 @@ class Row:
     means: dict[str, tuple[float, float]]
 
     def test(self) -> str:
-        """Return the test whose p-value is nearest to the printed one within rounding; "" if none is."""
+        """Return the test whose p-value is nearest to the printed value; "" if no test agrees within rounding."""
         near = [n for n, p in self.tests.items() if abs(p - self.printed_p) <= 2 * _HALF_DIGIT]
         return min(near, key=lambda n: abs(self.tests[n] - self.printed_p)) if near else ""
 
@@ -125,8 +125,8 @@ def recompute(tables: Tables) -> tuple[list[Row], list[Finding]]:
                     disagreement(
                         "study.mean",
                         m.name,
-                        f"{m.name}, {where}: the paper prints a mean of {printed:.2f} {m.unit}; its own user rows "
-                        f"give {mean:.2f}; difference",
+                        f"{m.name}, {where}: the paper prints a mean of {printed:.2f} {m.unit}; the printed rows "
+                        f"of the users give {mean:.2f}; difference",
                         Quantity(abs(printed - mean), m.unit),
                         2 * _HALF_DIGIT,
                         word="rounding",
@@ -157,10 +157,10 @@ def _unreproduced(row: Row) -> list[Finding]:
         disagreement(
             "study.p",
             row.name,
-            f"{row.name}: p = {row.printed_p:.2f} is printed, but no test gives it from the printed rows ({made})",
+            f"{row.name}: p = {row.printed_p:.2f} is printed; no test gives this value from the printed rows ({made})",
             Quantity(min(abs(p - row.printed_p) for p in row.tests.values()), "1"),
             2 * _HALF_DIGIT,
-            "single trials are not published; they may give another value",
+            "single trials are not published; a test of the single trials may give the printed value",
             word="",
         )
     ]
@@ -169,11 +169,11 @@ def _unreproduced(row: Row) -> list[Finding]:
 def _claim(claim: Claim, tables: Tables) -> list[Finding]:
     if claim.holds == "simulation_above_physical":
         against = [r.name for r in tables.rating if r.simulation[0] <= r.physical[0]]
-        text = f"'{claim.text}': not true for {', '.join(against)}"
+        text = f"the statement '{claim.text}' is false for {', '.join(against)}"
     else:
         against = [f"{r.name} {r.printed_p:.2f}" for r in tables.rating if r.printed_p >= 0.05]
         text = (
-            f"'{claim.text}': every printed p is at or above 0.05 ({', '.join(against)}): the sign should be >=. "
-            f"With {tables.users} users this does not show equality either"
+            f"'{claim.text}': these printed p are at or above 0.05 ({', '.join(against)}), so the sign should be >=. "
+            f"With {tables.users} users, such values do not prove equality either"
         )
     return [warning("study.claim", "prose", text)] if against else []

@@ -1,12 +1,12 @@
 """Move one joint through its stroke and compare the tool pose of the equations with that of the mechanism.
 
-The errors of two common simplified loop models are computed for comparison. Both are fitted to the mechanism, so these
-are the smallest errors that such models can have:
+For comparison, the errors of two common simplified loop models are computed. Both models are fitted to the mechanism,
+so no model of the same kind has smaller errors:
 
-    mimic    the loop is replaced: every passive joint between base and tool is linear in the driven joint,
+    mimic    every passive joint between base and tool is a linear function of the driven joint,
              multiplier * q + offset, as URDF's <mimic>
-    serial   the linkage is replaced: the tool turns by its true angle about one fixed pivot; a tool that does not
-             turn moves along a straight line
+    serial   the tool turns by its true angle about one fixed pivot; a tool that does not turn moves along a straight
+             line
 """
 
 from __future__ import annotations
@@ -79,7 +79,7 @@ class Sweep:
     Attributes:
         joint: the moved joint.
         angle: whether its coordinate is an angle.
-        q: (k,) values of the joint in m or rad; the other joints are at home.
+        q: (k,) values of the joint in m or rad; the other joints are at their home values.
         stroke: the joint's limits; `q` covers the part around home that is reachable.
         gap: largest loop gap, in m.
         formula: error of the equations.
@@ -146,7 +146,7 @@ def sweep(
     i = kin.joints.index(joint)
     limits = model.mechanism.joint(joint).limits
     if limits is None:
-        raise TwinError(f"joint '{joint}' has no limits: it has no stroke; add a [[limit]]")
+        raise TwinError(f"joint '{joint}' has no limits, so its stroke is unknown; add a [[limit]]")
     tolerances = tolerances or Tolerances()
     q = np.tile(home, (samples, 1))
     q[:, i] = np.linspace(*limits, samples)
@@ -184,7 +184,7 @@ def _formula(kin: Kinematics, q: Array, i: int, home: Array, T_home: Array) -> A
 def _reachable(
     kin: Kinematics, model: ReferenceModel, q: Array, Ts: Array, i: int, home: Array
 ) -> tuple[Array, Array, Run]:
-    """Return joint values, tool poses and run of the continuous part around home that both sides can solve."""
+    """Return (joint values, tool poses, run) on the range around home where equations and mechanism have solutions."""
     good = np.asarray(np.isfinite(Ts).all(axis=(1, 2)), bool)
     if not good.any():
         raise KinematicsError(f"the equations have no solution anywhere on the stroke of '{kin.joints[i]}'")
@@ -200,12 +200,12 @@ def _reachable(
         last += 1
     while True:
         if last - first < 2:
-            raise TwinError(f"joint '{kin.joints[i]}' cannot move from home: nothing to sweep")
+            raise TwinError(f"joint '{kin.joints[i]}' cannot move from home, so there is no stroke to compare")
         try:
             down = model.run(q[middle : first - 1 if first else None : -1])
             up = model.run(q[middle : last + 1])
             break
-        except AssemblyError:  # the mechanism reaches less than the equations: shorten the range at both ends
+        except AssemblyError:  # the mechanism's range is smaller than the equations': shorten the range at both ends
             first, last = (first + middle + 1) // 2, (last + middle) // 2
     states = np.concatenate([down.x[::-1][:-1], up.x])
     return q[first : last + 1], Ts[first : last + 1], model.collect(states)
@@ -286,7 +286,7 @@ class Strokes(Result):
 
     def text(self) -> Iterator[Part]:
         """Yield a row per joint and model."""
-        yield f"{self.robot} · each stroke with the other joints at home · tool against the mechanism\n"
+        yield f"{self.robot} · each stroke with the other joints at home · tool compared with the mechanism's\n"
         header = ("joint", "stroke", "model", "mean", "worst", "turned", "")
         yield Table(header, [row for s in self.sweeps for row in self._rows(s)])
         if self.requirement:
@@ -325,7 +325,7 @@ def _disagreement(s: Sweep) -> Finding:
     worst, limit = s.formula.as_dict()["position_max"], s.tolerance[0]
     return _TOOL(
         s.joint,
-        f"over the stroke of {s.joint} the tool of the equations differs from the mechanism's",
+        f"over the stroke of {s.joint}, the tool position by the equations differs from the mechanism's",
         mm(worst),
         mm(limit),
     )

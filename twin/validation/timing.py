@@ -1,7 +1,7 @@
-"""Check the timing from sampled times, joint values and tool poses alone; stated speeds are not used for it.
+"""Check the timing from sampled times, joint values and tool poses alone, not from the stated speeds.
 
-A first difference of samples is a mean speed, a second difference a mean acceleration. If the motion respects a limit,
-so does each mean value, however coarse the samples are. Every reported violation is therefore real.
+A first difference of samples is a mean speed, a second difference is a mean acceleration. If the motion respects a
+limit, each mean value also respects the limit, for any time step. Every reported violation is therefore real.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from twin.planning.protocol import Protocol
 from twin.planning.trajectory import Trajectory
 
 OVER = 2e-3
-"""Accepted relative excess of a mean value: half of it is the planner's tolerance, half is for rounding."""
+"""Accepted relative excess of a mean value: one half for the planner's tolerance, one half for rounding."""
 
 _CLOCK = 1e-9
 """Tolerance in s of sample times."""
@@ -64,7 +64,7 @@ def timing(trajectory: Trajectory, mechanism: Mechanism, protocol: Protocol) -> 
     """Check speeds and accelerations against their limits: (maximum of each quantity as text, findings).
 
     Args:
-        trajectory: `t`, `q`, poses and phase bounds are used; its `qd` and stated speeds of the tip are checked.
+        trajectory: source of times, joint values, poses and phase bounds; its stated speeds (`qd`, tip) are checked.
         mechanism: source of the joint limits.
         protocol: source of the limits of the tip.
     """
@@ -81,7 +81,7 @@ def _excess(load: Load) -> Finding:
     return disagreement(
         load.code,
         load.where,
-        f"{load.what}, by differences of the samples, exceeds its limit",
+        f"{load.what}, computed from differences of the samples, exceeds its limit",
         Quantity(load.size, load.unit),
         load.limit,
         AGAIN,
@@ -174,17 +174,17 @@ def _tip_speeds(trajectory: Trajectory, rows: slice) -> tuple[Array, Array]:
 
 
 def _rest(trajectory: Trajectory, mechanism: Mechanism, protocol: Protocol) -> Iterator[Finding]:
-    """Check that each phase begins and ends at rest, within the motion of one step under the acceleration limit."""
+    """Check that each phase begins and ends at rest: the first and last step are short enough for the acceleration."""
     dt = trajectory.step
     for span in trajectory.phases:
         limits = protocol.limits[span.type]
-        for here, there, verb in ((span.start, span.start + 1, "begins"), (span.stop, span.stop - 1, "ends")):
+        for here, there, verb in ((span.start, span.start + 1, "begin"), (span.stop, span.stop - 1, "end")):
             T0, T1 = trajectory.Ts_base_frame[[here, there]]
             turn = float(spatial.rotation_angle(T0[:3, :3].T @ T1[:3, :3]))
             name = trajectory.frame
             ways = [
                 (name, name, float(np.linalg.norm(T1[:3, 3] - T0[:3, 3])), limits.tip_acceleration, ("mm", MM)),
-                (f"{name}, turning,", name, turn, limits.rotation_acceleration, ("deg", DEG)),
+                (f"{name} (rotation)", name, turn, limits.rotation_acceleration, ("deg", DEG)),
             ]
             for j, joint in enumerate(mechanism.active):
                 if joint.max_acceleration is not None:
@@ -197,7 +197,7 @@ def _rest(trajectory: Trajectory, mechanism: Mechanism, protocol: Protocol) -> I
                     yield disagreement(
                         "timing.rest",
                         where,
-                        f"phase '{span.name}' {verb} in motion: {what} moves too far in {dt:g} s from rest",
+                        f"phase '{span.name}' does not {verb} at rest: {what} moves too far in one step of {dt:g} s",
                         Quantity(way / factor, unit),
                         reach / factor,
                         AGAIN,
@@ -225,11 +225,11 @@ def _claims(trajectory: Trajectory, mechanism: Mechanism, protocol: Protocol) ->
             yield _claim(trajectory, f"joint {joint.name}", joint.name, k, off[k] / factor, limit / factor, unit)
     for span in trajectory.phases:
         limits = protocol.limits[span.type]
-        rows = slice(span.start + (1 if span.start else 0), span.stop + 1)  # the earlier phase has the shared sample
+        rows = slice(span.start + (1 if span.start else 0), span.stop + 1)  # shared sample: of the earlier phase
         v, w = _tip_speeds(trajectory, rows)
         for name, mean, given, most, unit, factor in (
             ("tip", v, trajectory.tip_velocity, limits.tip_acceleration, "mm/s", MM),
-            ("turning", w, trajectory.angular_velocity, limits.rotation_acceleration, "deg/s", DEG),
+            ("rotation", w, trajectory.angular_velocity, limits.rotation_acceleration, "deg/s", DEG),
         ):
             if not len(mean):
                 continue
@@ -246,7 +246,7 @@ def _claim(trajectory: Trajectory, what: str, where: str, sample: int, size: flo
     return disagreement(
         "timing.claimed",
         where,
-        f"the stated speed of {what} differs from the slope of its positions",
+        f"the stated speed of {what} differs from the difference quotient of the positions",
         Quantity(size, unit),
         limit,
         AGAIN,

@@ -1,4 +1,4 @@
-"""Check trocars: each shaft passes through its trocar, and stage and protocol have the trocars at the same places."""
+"""Check that each shaft passes through its trocar, and that stage and protocol have equal trocar positions."""
 
 from __future__ import annotations
 

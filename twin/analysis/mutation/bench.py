@@ -1,4 +1,4 @@
-"""The correct robot, and the check of single seeded faults: fast parts of the validator run first.
+"""Prepare a correct robot, and check single seeded faults with the validator, fast parts first.
 
 A fault counts as caught if a part of the validator reports a finding that it does not report for the correct robot. A
 fault that the fast parts do not catch is checked by all parts before it counts as missed.
@@ -49,7 +49,7 @@ _MOTION: frozenset[Part] = frozenset(("motion",))
 
 
 class Bench:
-    """A robot, its protocol planned with coarse samples, and its stage with that motion, in a separate folder."""
+    """A robot, its protocol planned with coarse samples, and its stage with this motion, in a separate folder."""
 
     def __init__(self, robot: api.Robot, protocol: str | None, folder: Path) -> None:
         """Prepare the robot without a fault: plan its motion, compute its masses, build its stage and validate it.
@@ -68,7 +68,7 @@ class Bench:
         weighed = read_mechanism(robot.files.description)
         self.weighed = weighed.mechanism
         self.stage = self.written(weighed.mechanism, self.robot.mechanism, folder / "stage")
-        # Stage without motion: a stage with motion would cause a finding for every changed motion.
+        # A stage without motion: with the correct motion on the stage, every changed motion would cause a finding.
         (folder / "still").mkdir()
         self.still = write_usd(weighed.mechanism, (), folder / "still")[0]
         self.cad: CadModel = replace(self.robot.cad, mechanism=self.robot.mechanism)
@@ -158,10 +158,9 @@ class Bench:
     def _heard(self, fault: Fault, folder: Path) -> tuple[Finding | None, str]:
         """Return (new finding or None, reason why the fault has no effect or "").
 
-        The finding is the first one that changes the verdict; if there is none, a warning.
-
-        After a warning, only one more part of the validator is run. If the first part finds nothing, the fault is first
-        checked for any effect.
+        The finding is the first finding that changes the verdict, otherwise a warning. After a warning, only one more
+        part of the validator is run. If the first part finds nothing, the function checks whether the fault has any
+        effect before the next part is run.
         """
         warned, same = None, None
         for found in self._found(fault, folder):

@@ -1,6 +1,6 @@
-"""Seeded faults of the CAD: joint frames moved or rotated, exchanged axes and bodies, limits, meshes.
+"""Seed faults into the CAD: moved or rotated joint frames, exchanged axes and bodies, wrong limits and meshes.
 
-The faulty mechanism is assembled again, so that its parts meet as far as possible.
+The mechanism with the fault is assembled again, so that its parts meet as far as possible.
 """
 
 from __future__ import annotations
@@ -86,7 +86,7 @@ def _axis(m: Mechanism, rng: np.random.Generator) -> Made:
         both = {"T_parent_joint": joint.T_parent_joint @ R, "T_child_joint": joint.T_child_joint @ R}
         return drawn_anew(_changed(m, joint, **both))
 
-    return f"joint {joint.name} about another axis of its frame", make
+    return f"joint {joint.name} turns about another axis of its frame", make
 
 
 def _swapped(m: Mechanism, rng: np.random.Generator) -> Made:
@@ -114,14 +114,14 @@ def _limit(m: Mechanism, rng: np.random.Generator) -> Made:
     unit = 180 / np.pi if joint.is_angle else 1000.0
     name, limits = _some(
         (
-            ("in another unit, too wide", (low * unit, high * unit)),
-            ("in another unit, too narrow", (low / unit, high / unit)),
-            ("with both signs reversed", (-high, -low)),
+            ("given in another unit, too wide", (low * unit, high * unit)),
+            ("given in another unit, too narrow", (low / unit, high / unit)),
+            ("mirrored at zero", (-high, -low)),
             ("shifted by their range", (high, 2 * high - low)),
         ),
         rng,
     )
-    if np.allclose(limits, joint.limits):  # reversing symmetric limits has no effect
+    if np.allclose(limits, joint.limits):  # symmetric limits do not change when mirrored
         name, limits = "shifted by their range", (high, 2 * high - low)
     soft = None if joint.soft_limits is None else limits
     return f"limits of {joint.name} {name}", lambda: _changed(m, joint, limits=limits, soft_limits=soft)
@@ -146,7 +146,9 @@ def _scale(m: Mechanism, rng: np.random.Generator) -> Made:
 
 
 def _inside_out(m: Mechanism, rng: np.random.Generator) -> Made:
-    return _shaped(m, rng, "inside out", lambda x: replace(x, triangles=np.ascontiguousarray(x.triangles[:, ::-1])))
+    return _shaped(
+        m, rng, "turned inside out", lambda x: replace(x, triangles=np.ascontiguousarray(x.triangles[:, ::-1]))
+    )
 
 
 _MAKERS: dict[str, Callable[[Mechanism, np.random.Generator], Made]] = {

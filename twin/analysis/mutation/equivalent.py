@@ -1,7 +1,8 @@
 """Decide, independently of the validator, whether a missed fault has any effect.
 
-Two formulas are compared by all their values at poses around the motion and beyond it; two mechanisms by the pose of
-every body with meshes and of the tool, with matrices whose loops scipy closes; two stages by the text of all layers.
+Two formulas are compared by all their values at poses around the motion and beyond it. Two mechanisms are compared by
+the poses of the tool and of every body with meshes; these are computed with plain matrices, and SciPy closes the loops.
+Two stages are compared by the text of all layers.
 """
 
 from __future__ import annotations
@@ -43,7 +44,7 @@ def same_equations(a: Kinematics, b: Kinematics, trajectory: Trajectory, rng: np
             if good.any() and np.abs(one[good] - two[good]).max() > _SAME * (1 + np.abs(one[good]).max()):
                 return ""
             count += int(good.sum())
-    return f"{count} numbers over {_POSES} poses are the same" if count else ""
+    return f"{count} numbers at {_POSES} poses are equal" if count else ""
 
 
 def _answers(kin: Kinematics, Ts: Array, q: Array):
@@ -60,7 +61,7 @@ def _answers(kin: Kinematics, Ts: Array, q: Array):
 
 
 class Chain:
-    """A mechanism computed with plain matrices: bodies along its tree, loops closed by least squares."""
+    """Kinematics of a mechanism from plain matrices: body poses along its tree, loops closed by least squares."""
 
     def __init__(self, mechanism: Mechanism) -> None:
         self.mechanism = mechanism
@@ -157,7 +158,7 @@ def same_motion(a: Mechanism, b: Mechanism, trajectory: Trajectory, places: int 
         worst = max([worst, *(float(np.abs(one[n] - two[n]).max()) for n in seen)])
         if worst > _PLACE:
             return ""
-    return f"every body is in the same place at {places} times, to {worst:.1g} m"
+    return f"every body has the same pose at {places} times, within {worst:.1g} m"
 
 
 def same_samples(a: Trajectory, b: Trajectory) -> str:
@@ -168,7 +169,7 @@ def same_samples(a: Trajectory, b: Trajectory) -> str:
     if any(x.shape != y.shape for x, y in arrays):
         return ""
     off = max(float(np.nanmax(np.abs(x - y), initial=0.0)) for x, y in arrays)
-    return f"no number of any sample differs by more than {off:.1g}" if off <= _SAME else ""
+    return f"all numbers of all samples agree within {off:.1g}" if off <= _SAME else ""
 
 
 def same_stage(a: Path, b: Path) -> str:
@@ -176,7 +177,7 @@ def same_stage(a: Path, b: Path) -> str:
     from pxr import Usd
 
     one, two = (Usd.Stage.Open(str(p)).Flatten(addSourceFileComment=False).ExportToString() for p in (a, b))
-    return "the flattened stages are the same text" if one == two else ""
+    return "the flattened stages have the same text" if one == two else ""
 
 
 def same_protocol(a: Protocol, b: Protocol) -> str:

@@ -19,13 +19,14 @@ FAMILIES: tuple[Family, ...] = ("formula", "cad", "usd", "units", "timing")
 MEANING: dict[Family, str] = {
     "formula": "one edit of the source of an equation",
     "cad": "a joint frame moved or turned, a limit, a shape",
-    "usd": "one attribute of the written stage or motion",
-    "units": "metres for millimetres, radians for degrees",
+    "usd": "one changed attribute of the written stage or motion",
+    "units": "a value in the wrong unit, such as metres instead of millimetres",
     "timing": "samples too fast, too late, or off the RCM",
 }
 
 State = Literal["caught", "warned", "missed", "equivalent"]
-"""caught: the verdict changes; warned: there is a new warning; equivalent: the fault has no effect; missed: else."""
+"""caught: the verdict changes. warned: there is a new warning. equivalent: the fault has no effect. missed: none of
+these."""
 
 
 @dataclass(frozen=True)
@@ -37,7 +38,7 @@ class Fault:
 
     Attributes:
         family, kind: family and kind of the fault.
-        what: the change, in one phrase.
+        what: short description of the change.
         robot: function that returns the robot with faulty equations or parameters; its argument is a folder for files.
         mechanism: function that returns the faulty mechanism.
         stage: function that edits a copy of the stage in a folder.

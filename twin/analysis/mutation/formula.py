@@ -1,4 +1,4 @@
-"""Seeded faults of the equations: one edit of their source, of a kind that occurs in misprints."""
+"""Seed faults into the equations: each fault is one edit of their source, of a kind that occurs in misprints."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ KINDS: dict[str, tuple[str, ...]] = {
     "operator": ("operator", "order", "transpose"),
     "added term": ("missing",),
 }
-"""Kinds of faults, drawn equally often, and the kinds of edits for each."""
+"""Kinds of faults, seeded equally often, with the kinds of edits that produce each of them."""
 
 _TRIES = 40
 
@@ -61,7 +61,7 @@ def faults(robot: api.Robot, rng: np.random.Generator, count: int) -> Iterator[F
     for f in made_of:
         try:
             sources.append(Source(f))
-        except TwinError:  # a wrapper has no source text of its own
+        except TwinError:  # a wrapper has no source text
             continue
     parameters = {p.name for p in formula.parameters}
     seen: set[str] = set()
@@ -97,7 +97,7 @@ def _draw(
 
 
 def _compiles(text: str, robot: api.Robot) -> bool:
-    """Return whether the equations run; a fault that raises an error when compiled is not used."""
+    """Return whether the edited equations run; a fault with which they raise an error is not used."""
     with Scratch() as folder, warnings.catch_warnings():
         warnings.simplefilter("ignore")
         path = Path(folder) / "formula.py"

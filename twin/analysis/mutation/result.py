@@ -1,4 +1,4 @@
-"""The score of the validator on one robot."""
+"""Mutation score: the fraction of seeded faults that the validator catches on one robot."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ class Score(Result):
 
     @property
     def verdict(self) -> Verdict:
-        """The verdict: "agree" if `share` is at least `bar` and there are no false alarms, else "disagree"."""
+        """The verdict: "agree" if `passed`, else "disagree"."""
         return "agree" if self.passed else "disagree"
 
     def families(self) -> list[dict[str, Any]]:
@@ -145,7 +145,7 @@ class Score(Result):
             )
             for r in self.families()
         ]
-        head = ("family", "seeded", "caught", "only warned", "missed", "equivalent", "caught by")
+        head = ("family", "seeded", "caught", "only warned", "missed", "no effect", "caught by")
         yield Table(head, rows, fit=True)
         for title, state in (("missed", "missed"), ("no effect: not counted", "equivalent")):
             some = [o for o in self.outcomes if o.state == state]

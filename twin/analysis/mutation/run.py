@@ -19,7 +19,7 @@ from twin.core.errors import TwinError
 from twin.core.jobs import Call
 
 SHARES: dict[Family, int] = {"formula": 32, "cad": 24, "usd": 28, "units": 14, "timing": 20}
-"""Number of faults of each family among 118; any other total is divided in the same proportion."""
+"""Number of faults of each family in the default total; another total is divided in the same proportion."""
 
 Progress = Callable[[str, float], None]
 
@@ -53,7 +53,7 @@ def selftest(
         with bench_of(str(robot), protocol) as bench:
             alarms = tuple(f for f in bench.correct.findings if f.severity in ("disagreement", "error"))
             mine = _judged(bench, families, count, seed, 0, progress)
-        progress("the other half", 1.0)
+        progress("wait for the other process", 1.0)
         theirs: dict[int, Outcome] = beside.result()
     outcomes = {**mine, **theirs}
     return Score(
@@ -88,9 +88,9 @@ def drawn(bench: Bench, families: Sequence[Family], count: int, seed: int) -> li
 
 
 def shared_out(count: int, shares: Mapping[Family, int]) -> dict[Family, int]:
-    """Return whole numbers with sum `count` in proportion to shares, by rounding up the largest remainders.
+    """Return whole numbers with sum `count`, in proportion to `shares`; the largest remainders are rounded up.
 
-    A family gets 0, and is omitted, only if `count` is below the number of families.
+    A family is omitted only if `count` is below the number of families.
     """
     whole = sum(shares.values())
     least = 1 if count >= len(shares) else 0

@@ -1,4 +1,4 @@
-"""Seeded faults of trajectories: too fast, too slow, late, displaced, off the RCM, planned with other limits."""
+"""Seed faults into trajectories: wrong speed, late joints, displaced samples, a missed RCM, or other limits."""
 
 from __future__ import annotations
 
@@ -44,12 +44,12 @@ def _scaled(t: Trajectory, factor: float) -> Trajectory:
 
 def _faster(t: Trajectory, rng: np.random.Generator) -> Made:
     factor = float(rng.uniform(0.6, 0.95))
-    return f"played in {100 * factor:.0f} % of the time", lambda: _scaled(t, factor)
+    return f"motion shortened to {100 * factor:.0f} % of its time", lambda: _scaled(t, factor)
 
 
 def _slower(t: Trajectory, rng: np.random.Generator) -> Made:
     factor = float(rng.uniform(1.1, 2.0))
-    return f"stretched to {100 * factor:.0f} % of the time, speeds as stated before", lambda: _scaled(t, factor)
+    return f"motion stretched to {100 * factor:.0f} % of its time, stated speeds unchanged", lambda: _scaled(t, factor)
 
 
 def _late(t: Trajectory, rng: np.random.Generator) -> Made:
@@ -90,8 +90,8 @@ def _bump(t: Trajectory, rng: np.random.Generator) -> Made:
 def _stated(t: Trajectory, rng: np.random.Generator) -> Made:
     factor = float(rng.uniform(1.2, 2.0))
     if rng.integers(2):
-        return f"joint speeds stated {factor:.2f} times as high", lambda: replace(t, qd=factor * t.qd)
-    return f"tip speeds stated {factor:.2f} times as high", lambda: replace(t, tip_velocity=factor * t.tip_velocity)
+        return f"stated joint speeds multiplied by {factor:.2f}", lambda: replace(t, qd=factor * t.qd)
+    return f"stated tip speeds multiplied by {factor:.2f}", lambda: replace(t, tip_velocity=factor * t.tip_velocity)
 
 
 def _moved_rcm(t: Trajectory, rng: np.random.Generator) -> Made:
@@ -120,7 +120,7 @@ def _in_motion(t: Trajectory, rng: np.random.Generator) -> Made:
         "singularity": {n: v[rows] for n, v in t.singularity.items()},
     }
     made = replace(t, **arrays, **scalars, phases=tuple(spans), waypoints=points)
-    return f"begins in motion, {t.t[cut]:.2f} s late", lambda: made
+    return f"first {t.t[cut]:.2f} s removed, so the motion does not begin at rest", lambda: made
 
 
 def _planned(protocol: Protocol, planner: Planner, rng: np.random.Generator) -> Made:
@@ -135,7 +135,7 @@ def _planned(protocol: Protocol, planner: Planner, rng: np.random.Generator) -> 
         )
         for k, l in protocol.limits.items()  # noqa: E741
     }
-    return f"planned with limits {factor:.2f} times as high", lambda: planner(replace(protocol, limits=limits))
+    return f"planned with limits multiplied by {factor:.2f}", lambda: planner(replace(protocol, limits=limits))
 
 
 def _shaft(t: Trajectory, rng: np.random.Generator) -> Made:
@@ -160,7 +160,7 @@ def _clock(t: Trajectory, rng: np.random.Generator) -> Made:
     k, part = _inner(t, rng), float(rng.uniform(0.05, 0.5))
     times = t.t.copy()
     times[k] += part * (times[1] - times[0])
-    return f"sample at t = {t.t[k]:.2f} s stamped {100 * part:.0f} % of a step late", lambda: replace(t, t=times)
+    return f"sample at t = {t.t[k]:.2f} s has its time {100 * part:.0f} % of a step late", lambda: replace(t, t=times)
 
 
 _MAKERS: dict[str, Callable[[Trajectory, np.random.Generator], Made]] = {

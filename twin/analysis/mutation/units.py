@@ -1,4 +1,4 @@
-"""Seeded faults of units: a parameter of the equations, or numbers of the protocol, written in another unit."""
+"""Seed unit faults: a parameter of the equations, or numbers of the protocol, in the wrong unit."""
 
 from __future__ import annotations
 
@@ -67,9 +67,9 @@ def _parameter(robot: api.Robot, rng: np.random.Generator) -> Fault:
     angle = p.unit in ("deg", "rad")
     factor = float(rng.choice((180 / np.pi, np.pi / 180) if angle else (1000.0, 0.001)))
     word = (
-        ("degrees for radians" if factor > 1 else "radians for degrees")
+        ("degrees instead of radians" if factor > 1 else "radians instead of degrees")
         if angle
-        else ("mm for m" if factor > 1 else "m for mm")
+        else ("mm instead of m" if factor > 1 else "m instead of mm")
     )
 
     def make(folder: Path) -> api.Robot:

@@ -1,4 +1,4 @@
-"""Seeded faults of a written stage and its motion: each changes one attribute, on the layer with its value."""
+"""Seed faults into a written stage and its motion: each changes one attribute, on the layer that has its value."""
 
 from __future__ import annotations
 
@@ -138,7 +138,7 @@ def _samples(stage: Usd.Stage, rng: np.random.Generator) -> Made:
         for k, code in enumerate(codes):
             _sample(s, path, values[max(k - lag, 0)], code)
 
-    return f"samples of {path} {lag} codes late", shift
+    return f"samples of {path} delayed by {lag} time codes", shift
 
 
 def _sample(stage: Usd.Stage, path: str, value: object, code: float) -> None:
@@ -172,7 +172,7 @@ def _inertia(stage: Usd.Stage, rng: np.random.Generator) -> Made:
         y[low], y[high] = x[high], x[low]
         _set(s, path, y)
 
-    return f"{path}, largest and smallest exchanged", turn
+    return f"{path} with its largest and smallest value exchanged", turn
 
 
 def _units(stage: Usd.Stage, rng: np.random.Generator) -> Made:
@@ -235,7 +235,7 @@ def _body(stage: Usd.Stage, rng: np.random.Generator) -> Made:
         s.SetEditTarget(Usd.EditTarget(relation.GetPropertyStack()[0].layer))
         relation.SetTargets([other])
 
-    return f"{path} holds {other} instead of {now.name}", change
+    return f"{path} points to {other} instead of {now.name}", change
 
 
 def _quaternion(stage: Usd.Stage, rng: np.random.Generator) -> Made:
@@ -273,7 +273,7 @@ def _mesh(stage: Usd.Stage, rng: np.random.Generator) -> Made:
         values = s.GetAttributeAtPath(name).Get()
         _set(s, name, type(values)([*values][::-1]))
 
-    return f"{path} inside out", flip
+    return f"{path} turned inside out", flip
 
 
 def _rest(stage: Usd.Stage, rng: np.random.Generator) -> Made:

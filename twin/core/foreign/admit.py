@@ -18,7 +18,8 @@ _USD = (".usd", ".usda", ".usdc", ".usdz")
 _OTHER = {".csv": "CSV", ".obj": "OBJ", ".stl": "STL", ".step": "STEP", ".stp": "STEP", ".urdf": "XML", ".sdf": "XML"}
 
 _MOST_TEXT = 50_000_000
-"""Maximum bytes of a text layer whose depth is checked; larger layers are limited only by the parser's limits."""
+"""Maximum number of bytes of a text layer whose depth is checked; for larger layers, only the limits of the parser
+apply."""
 
 
 def admit(path: Path) -> None:
@@ -49,7 +50,7 @@ def admit(path: Path) -> None:
 
 
 def admit_together(paths: Iterable[Path]) -> set[Path]:
-    """Return the stages that pass the checks together in one process: all stages with acceptable counts, or none.
+    """Check several stages in one process; return all stages with acceptable counts if all can be parsed, else none.
 
     Stages that are not returned must be checked with `admit`.
     """
@@ -76,4 +77,4 @@ def _check_ply(path: Path) -> None:
         head = file.read(65536).partition(b"end_header")[0]
     for count in re.findall(rb"^\s*element\s+\S+\s+(\d+)", head, re.MULTILINE):
         if int(count[:18]) > BUDGETS["PLY"].count:
-            over(path, "PLY", "rows that its header states", int(count[:18]), BUDGETS["PLY"].count)
+            over(path, "PLY", "rows stated in the header", int(count[:18]), BUDGETS["PLY"].count)

@@ -11,7 +11,7 @@ from twin.core.foreign.budget import BUDGETS, check_size, over
 def check_zip(path: Path, kind: str) -> None:
     """Raise an error if the files of an archive together exceed the limits; a file that is not an archive passes.
 
-    The sizes stated in the archive are used; no more bytes are unpacked.
+    The sizes stated in the archive are checked; when the archive is unpacked, no more bytes than stated are read.
 
     Raises:
         BudgetError: the archive has too many files, or they are too large.
@@ -25,7 +25,7 @@ def check_zip(path: Path, kind: str) -> None:
     except (zipfile.BadZipFile, EOFError, NotImplementedError, RuntimeError, ValueError):
         return
     if kind == "USDZ" and len(entries) > limits.count:
-        over(path, kind, "files in it", len(entries), limits.count)
+        over(path, kind, "files in the archive", len(entries), limits.count)
     size = sum(e.file_size for e in entries)
     if size > limits.unpacked:
-        over(path, kind, "bytes, unpacked", size, limits.unpacked)
+        over(path, kind, "unpacked bytes", size, limits.unpacked)

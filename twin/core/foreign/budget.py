@@ -21,7 +21,7 @@ class Budget:
         depth: maximum nesting of its parts.
         count: maximum number of its parts: elements of XML, objects and lists of JSON, nodes of glTF, prims of USD,
             rows of PLY.
-        numbers: maximum count of numbers or vertices, counting repeated parts.
+        numbers: maximum number of values or vertices, with repeated parts counted repeatedly.
         seconds, seconds_per_mb: processor time of the native parser in s, plus the time for each MB of the file.
         memory, memory_per_byte: memory of the native parser in bytes, plus the memory for each byte of the file.
     """
@@ -39,7 +39,7 @@ class Budget:
 
 BUDGETS = {
     "TOML": Budget(500_000, depth=20),
-    "YAML": Budget(100_000),  # its parser takes 40 µs for each byte
+    "YAML": Budget(100_000),  # the YAML parser takes 40 µs for each byte
     "XML": Budget(16 * MB, depth=300, count=200_000),
     "JSON": Budget(48 * MB, count=3_000_000),
     "CSV": Budget(24 * MB),
@@ -55,10 +55,10 @@ BUDGETS = {
     ),
     "MJCF": Budget(50 * MB, seconds=6, seconds_per_mb=2, memory=600 * MB, memory_per_byte=40),
     "STEP": Budget(500 * MB, seconds=6, seconds_per_mb=10, memory=600 * MB, memory_per_byte=100),
-    # Triangles for masses, 5 µm from the faces, within the limits above: a patient model takes 1.6 GB and a minute.
+    # For masses: triangles within 5 µm of the faces. For comparison, a patient model takes 1.6 GB and one minute.
     "fine STEP": Budget(500 * MB, seconds=150, seconds_per_mb=30, memory=3000 * MB, memory_per_byte=200),
 }
-"""Limits by format. Normal files need at most a tenth of a limit; the error suggests how to reduce a file."""
+"""Limits by format. Normal files need at most a tenth of a limit; the error message suggests how to reduce a file."""
 
 BODIES = 1000
 """Maximum number of bodies, of joints and of shapes in one mechanism."""
@@ -71,14 +71,14 @@ FREEDOMS = 200
 
 _WAYS = {
     "TOML": "remove unused parts",
-    "XML": "split it, or remove what does not belong to the robot",
+    "XML": "split the file, or remove the parts that do not belong to the robot",
     "OBJ": "reduce the mesh, or save it as binary STL",
     "3MF": "reduce the mesh, or save it as binary STL",
     "PLY": "reduce the mesh, or save it as binary STL",
-    "GLTF": "simplify it, or merge nodes",
-    "USD": "remove what does not belong to the robot",
-    "MJCF": "remove what does not belong to the robot",
-    "STEP": "remove what does not belong to the robot, or simplify it in the CAD",
+    "GLTF": "simplify the meshes, or merge nodes",
+    "USD": "remove the parts that do not belong to the robot",
+    "MJCF": "remove the parts that do not belong to the robot",
+    "STEP": "remove the parts that do not belong to the robot, or simplify the parts in the CAD",
 }
 
 
@@ -89,7 +89,7 @@ def over(path: Path, kind: str, what: str, value: float, limit: float) -> NoRetu
 
 def way(kind: str) -> str:
     """Return advice for reducing a file that exceeds a limit."""
-    return f"If this is intended, {_WAYS.get(kind, 'make it smaller')}."
+    return f"If the file is correct, {_WAYS.get(kind, 'make the file smaller')}."
 
 
 def read_bytes(path: Path, kind: str) -> bytes:

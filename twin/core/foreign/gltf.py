@@ -1,4 +1,4 @@
-"""Limits of glTF, checked before reading: number and depth of nodes, counting instances, and count of numbers."""
+"""Limits of glTF files, checked before reading: number and depth of nodes (with instances), and number of values."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def check_gltf(path: Path) -> None:
     views = [_whole(v.get("byteLength")) for v in _objects(data, "bufferViews")]
     sizes = [_numbers(a, views) for a in _objects(data, "accessors")]
     if sum(sizes) > limits.numbers:
-        over(path, "GLTF", "numbers in its accessors", sum(sizes), limits.numbers)
+        over(path, "GLTF", "numbers in the accessors", sum(sizes), limits.numbers)
     weights = [sum(_used(p, sizes) for p in _objects(m, "primitives")) for m in _objects(data, "meshes")]
     nodes = _objects(data, "nodes")
     below = [[c for c in _list(n, "children") if isinstance(c, int) and 0 <= c < len(nodes)] for n in nodes]
@@ -49,13 +49,13 @@ def check_gltf(path: Path) -> None:
     while level:  # a node with several parents is counted several times
         depth, placed = depth + 1, placed + len(level)
         if depth > limits.depth:
-            over(path, "GLTF", "depth of its nodes, at least", depth, limits.depth)
+            over(path, "GLTF", "depth of the nodes, at least", depth, limits.depth)
         if placed > limits.count:
             over(path, "GLTF", "nodes, at least", placed, limits.count)
         meshes = [nodes[i].get("mesh") for i in level]
         numbers += sum(weights[m] for m in meshes if isinstance(m, int) and 0 <= m < len(weights))
         if numbers > limits.numbers:
-            over(path, "GLTF", "numbers of its meshes, at least", numbers, limits.numbers)
+            over(path, "GLTF", "numbers in the meshes, at least", numbers, limits.numbers)
         level = [c for i in level for c in below[i]]
 
 
@@ -68,7 +68,7 @@ def _json_of(path: Path) -> bytes:
 
 
 def _numbers(accessor: dict[str, Any], views: list[int]) -> int:
-    """Return the count of numbers in an accessor, limited by its buffer view, because readers reject larger ones."""
+    """Return the count of numbers in an accessor, at most that of its buffer view (readers reject larger accessors)."""
     size = _whole(accessor.get("count")) * _WIDTH.get(str(accessor.get("type")), 1)
     view = accessor.get("bufferView")
     return min(size, views[view]) if isinstance(view, int) and 0 <= view < len(views) else size

@@ -1,4 +1,4 @@
-"""Run native parsers first in a separate process: a file that makes a parser crash or hang must not affect twin.
+"""Run native parsers first in a separate process, so that a crash or an endless wait of a parser does not affect twin.
 
 The operating system limits processor time and memory of this process (`Budget`); the limits grow with the file sizes.
 """
@@ -60,16 +60,16 @@ sys.exit(cascadio.step_to_glb(sys.argv[3], sys.argv[4], float(sys.argv[5]), floa
 _PROGRAMS["fine STEP"] = _PROGRAMS["STEP"]
 
 _BESIDE = {"MJCF": (".xml", ".mjcf", ".stl", ".obj", ".msh", ".png"), "USD": (".usd", ".usda", ".usdc", ".usdz")}
-"""Suffixes of files that a file may refer to; the sizes of such files raise the limits."""
+"""Suffixes of further files to which a file may refer; the sizes of such files in its folder raise the limits."""
 
 _MOST_BESIDE = 2000
-"""Maximum number of neighbouring files whose sizes are counted."""
+"""Maximum number of files in the folder whose sizes are counted."""
 
 _MOST_SECONDS, _MOST_MEMORY = 600.0, 8_000 * MB
 """Maximum processor time (s) and memory (bytes) of a parser's process, independent of file sizes."""
 
 _IDLE = 8.0
-"""Maximum time in s that a parser may wait without working, for instance on a pipe."""
+"""Maximum time in s for which a parser may wait without work, for instance for a pipe."""
 
 _MEMORY_WORDS = re.compile(rb"MemoryError|bad_alloc|allocat|out of memory|unknown exception", re.IGNORECASE)
 
@@ -95,16 +95,16 @@ def run(path: Path, kind: str, *arguments: str, given: Path | None = None) -> in
     code, idle, text = _limited(kind, seconds, memory, (given or path).resolve(), *arguments)
     told = f"{path}: the {kind} parser"
     if idle:
-        raise BudgetError(f"{told} waits for {_IDLE:g} s: the file refers to an endless stream. {way(kind)}")
+        raise BudgetError(f"{told} waited for {_IDLE:g} s: the file refers to an endless stream. {way(kind)}")
     if code == -signal.SIGXCPU:
-        raise BudgetError(f"{told} is not done after {seconds:.0f} s of processor time, its limit. {way(kind)}")
+        raise BudgetError(f"{told} exceeded its limit of {seconds:.0f} s of processor time. {way(kind)}")
     if _MEMORY_WORDS.search(text) and code != 0:
-        raise BudgetError(f"{told} needs more than {memory / MB:,.0f} MB of memory, the limit. {way(kind)}")
+        raise BudgetError(f"{told} exceeded its limit of {memory / MB:,.0f} MB of memory. {way(kind)}")
     if code < 0:
         name = signal.Signals(-code).name
         raise SourceError(
-            f"{told} crashes ({name}) within {memory / MB:,.0f} MB: the file is damaged, is nested too deeply, or "
-            "triggers a bug of the reader"
+            f"{told} crashed ({name}, memory limit {memory / MB:,.0f} MB): the file is damaged, is nested too deeply, "
+            "or triggers a bug of the parser"
         )
     if code and (found := re.search(rb"^over (.*)$", text, re.MULTILINE)):
         raise BudgetError(f"{path}: {found[1].decode('utf-8', 'replace')}. {way(kind)}")
@@ -112,7 +112,7 @@ def run(path: Path, kind: str, *arguments: str, given: Path | None = None) -> in
 
 
 def pass_together(paths: Sequence[Path], kind: Literal["USD"]) -> bool:
-    """Return whether one process can parse all files; importing the parser once saves time."""
+    """Return whether one process can parse all files, which saves time because the parser is imported only once."""
     each = [limits(path, kind) for path in paths]
     seconds, memory = sum(s for s, _ in each), max(m for _, m in each)
     return _limited(kind, seconds, memory, *(path.resolve() for path in paths))[:2] == (0, False)

@@ -1,4 +1,4 @@
-"""Files that are read once and shared."""
+"""Reader that opens each file once and shares its bytes."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ Read = Callable[[Path, str], bytes]
 class Once:
     """A reader that opens each file once, and again only after the file has changed on disk.
 
-    Each robot has its own reader, so that parsing and hashing use the same bytes, and a robot in a long-running
-    viewer never gets outdated text. A pickled reader is empty.
+    Each robot has its own reader. Parsing and hashing then use the same bytes, and a robot in a long-running viewer
+    never uses outdated text. A pickled reader is empty.
     """
 
     def __init__(self) -> None:

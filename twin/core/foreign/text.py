@@ -43,7 +43,7 @@ def parse_json(path: Path, data: bytes, encoding: str = "utf-8") -> Any:
 
 
 def count_json(path: Path, data: bytes) -> None:
-    """Raise `BudgetError` for JSON with too many objects and lists, which need fifty times the text size in memory."""
+    """Raise `BudgetError` for JSON with too many objects and lists, which need fifty times as much memory as text."""
     count = data.count(b"{") + data.count(b"[")
     if count > BUDGETS["JSON"].count:
         over(path, "JSON", "objects and lists", count, BUDGETS["JSON"].count)
@@ -66,7 +66,7 @@ class _Counted(ElementTree.TreeBuilder):
         self._depth += 1
         self._count += 1
         if self._depth > self._budget.depth:
-            over(self._path, self._kind, "depth of its elements, at least", self._depth, self._budget.depth)
+            over(self._path, self._kind, "depth of the elements, at least", self._depth, self._budget.depth)
         if self._count > self._budget.count:
             over(self._path, self._kind, "elements, at least", self._count, self._budget.count)
         if tag in self._parts:
@@ -80,7 +80,7 @@ class _Counted(ElementTree.TreeBuilder):
         return super().end(tag)
 
     def doctype(self, name: str, pubid: str | None, system: str | None) -> None:
-        raise DoctypeError("it declares a document type or entities; expand them first")
+        raise DoctypeError("the file declares a document type or entities; expand the entities first")
 
 
 def parse_xml(path: Path, data: bytes | None = None, kind: str = "XML") -> ElementTree.Element:
@@ -92,7 +92,7 @@ def parse_xml(path: Path, data: bytes | None = None, kind: str = "XML") -> Eleme
         kind: the format whose limits apply.
 
     Raises:
-        BudgetError: the file is too large, nested too deep, or has too many elements.
+        BudgetError: the file is too large, nested too deeply, or has too many elements.
         DoctypeError: the file declares a document type.
         OSError, ElementTree.ParseError, LookupError, ValueError: the file cannot be read.
     """
@@ -112,9 +112,9 @@ def check_depth(path: Path, kind: str, text: str) -> None:
     text = _QUOTED.sub("", text)
     dotted = max(part.count(".") for part in re.split(r"[=\n,{}\[\]]", text)) if kind == "TOML" else 0
     if dotted > most:
-        over(path, kind, "depth of its dotted names", dotted, most)
+        over(path, kind, "depth of the dotted names", dotted, most)
     for bracket in re.findall(r"[{\[(]|[}\])]", text):
         depth += 1 if bracket in "{[(" else -1
         deepest = max(deepest, depth)
     if deepest > most:
-        over(path, kind, "depth of its brackets", deepest, most)
+        over(path, kind, "depth of the brackets", deepest, most)

@@ -1,4 +1,4 @@
-"""Forward kinematics of mechanisms with closed loops, compiled from the description of any mechanism."""
+"""Forward kinematics of mechanisms with closed loops, compiled from the description of a mechanism."""
 
 from twin.kinematics.closed_loops.solver import Closed, LoopSolver
 

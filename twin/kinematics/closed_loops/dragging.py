@@ -1,10 +1,10 @@
 """Interactive motion of a mechanism: move a point of a body, or the active joints, along a straight line.
 
-The line to the target is followed in steps of fixed length, independent of speed; an incomplete last step is computed
-again in the next call. Each step continues in the assembly of the previous step, slides along limits, and is halved if
-the loops do not close. Two kinds of singularity end an assembly: the loops no longer determine their passive joints
-(type II), or the active joints no longer determine the tool (type I). Dragging a point stops before either singularity;
-moving a joint passes through type I, as a drive would.
+The line to the target is followed in steps of fixed length, independent of speed. If the last step is shorter, the next
+call computes this step again. Each step continues in the assembly of the previous step and slides along limits; a step
+with which the loops do not close is halved. An assembly ends at two kinds of singularity: the loops no longer determine
+their passive joints (type II), or the active joints no longer determine the tool (type I). A dragged point stops before
+either singularity. A moved joint passes through type I, as a drive would.
 """
 
 from __future__ import annotations
@@ -36,20 +36,20 @@ _THERE, _PASSED = 1e-10, 1e-7
 """Distances in m at which the target, and an intermediate goal, count as reached."""
 
 _GAIN, _LAST_GAIN = 1e-3, 1e-5
-"""Minimum reduction of the distance by a step, relative to the distance, to continue: on the line, at the target.
+"""Minimum relative reduction of the distance by a step, to continue: (for goals on the line, for the target).
 
-For a point that slides along limits at distance d from the target, the last x of its path reduce the distance by x²/2d:
-1 µm over the last 45 µm at d = 1 mm.
+A point that slides along limits at distance d from the target approaches the target slowly: the last x of its path
+reduce the distance by only x²/2d, which is 1 µm over the last 45 µm at d = 1 mm.
 """
 
 _DAMPINGS = (1e-8, 1e-6, 1e-4, 1e-2, 1.0, 1e2)
-"""Damping values relative to the squared norm of the Jacobian; each is tried if the previous one gives no progress."""
+"""Damping values relative to the squared norm of the Jacobian, in the order of trial; the first success is used."""
 
 _WEAK = 0.05
-"""Minimum motion of the point per motion of the joints; directions with less motion are not used."""
+"""Minimum singular value (motion of the point per motion of the joints) of the directions that are used."""
 
 _HALVINGS = 7
-"""Maximum number of halvings of a step if the loops do not close, or another assembly begins."""
+"""Maximum number of halvings of a step, if the loops do not close or the step reaches another assembly."""
 
 _TRIES, _LAST_TRIES = 4, 25
 """Maximum number of steps to an intermediate goal, and to the target."""
@@ -89,7 +89,7 @@ class Dragged:
     Attributes:
         q, u: active joints (n,) and unknowns (numbers,) that were reached.
         stops: bounds that block the motion.
-        singular: name of the singular part, as "loop r13" or "tool"; "" if there is none.
+        singular: name of the part that is singular, such as "loop r13" or "tool"; "" if there is none.
         more: whether time ran out before the target was reached.
     """
 
@@ -129,7 +129,7 @@ class Dragger:
     """
 
     def __init__(self, mechanism: Mechanism, bounds: Sequence[Bound] = ()) -> None:
-        """Compile the loops (`AssemblyError`: the loops do not close in the rest poses)."""
+        """Compile the loops; raise `AssemblyError` if the loops do not close in the rest poses."""
         self.solver, self.bounds = LoopSolver(mechanism), tuple(bounds)
         angle = np.array([j.is_angle for j in mechanism.active], bool)
         self._scale = np.where(angle, 1 / LENGTH_SCALE, 1.0)  # joint units per m of a step
@@ -150,7 +150,7 @@ class Dragger:
     # -- by a point -----------------------------------------------------------------------------------
 
     def take(self, q: Array, u: Array, body: str, p_body: Array) -> Grip:
-        """Return a grip on a point of a body; it moves the point along straight lines by the smallest joint motion.
+        """Return a grip on a point of a body, which moves the point along straight lines by the smallest joint motion.
 
         Args:
             q: active joints (n,).
@@ -210,7 +210,7 @@ class Dragger:
         return new, ""
 
     def determinants(self, before: Look, look: Look, tool: bool) -> dict[str, tuple[float, float]]:
-        """Return {name: (before, now)} of the determinants; their signs do not change within an assembly.
+        """Return the determinants {name: (before, now)} of loops and tool; a sign changes only at a singularity.
 
         Non-square matrices are projected onto the singular vectors of the matrix before the step.
         """
@@ -218,7 +218,7 @@ class Dragger:
         for name, A, B in zip(self._loops, before.loops, look.loops, strict=True):
             out[f"loop {name}"] = _determinants(A, B)
         n = len(look.q)
-        if tool and n <= 6:  # with more joints, the arm may change its posture while the tool is at rest
+        if tool and n <= 6:  # a redundant arm can move while its tool is at rest
             out["tool"] = _determinants(
                 before.tool * self._scale * LENGTH_SCALE, look.tool * self._scale * LENGTH_SCALE
             )
@@ -253,7 +253,7 @@ class Dragger:
 
 
 class Grip:
-    """A grabbed point. Its final position depends on the line through the targets, not on their spacing."""
+    """A grabbed point, whose final position depends on the line of the targets, not on their spacing."""
 
     def __init__(self, dragger: Dragger, look: Look, held: tuple[str, Array]) -> None:
         self._walk, self._hand = _Walk(dragger, look, held), look.p
@@ -273,7 +273,7 @@ class Grip:
             if not walk.goes_on(until):
                 return walk.result(more=True)
             way = self._target - self._hand
-            # A point that lags behind is pulled in the same direction if the goal moves a little further.
+            # If the point lags behind, a longer step of the goal hardly changes the direction of the pull.
             step = max(_STEP, _LAG * float(np.linalg.norm(self._hand - walk.look.p)))
             if np.linalg.norm(way) <= step:
                 self._end = copy(walk)
@@ -285,7 +285,7 @@ class Grip:
 
 
 class _Walk:
-    """Steps of a point towards a sequence of goals; `look` is the current state. A copy is independent."""
+    """Steps of a point towards a sequence of goals; `look` is the current state. A copy can continue independently."""
 
     def __init__(self, dragger: Dragger, look: Look, held: tuple[str, Array]) -> None:
         self.dragger, self.look, self.held = dragger, look, held
@@ -325,7 +325,7 @@ class _Walk:
         """Do one step that reduces the distance and return its joint motion (n,) in m, or None if there is none."""
         dragger, now = self.dragger, self.look
         scale, miss = dragger._scale, goal - now.p
-        # Smallest joint motion from `first`, with the mean Jacobian of both ends: second order in the length.
+        # Smallest joint motion from `first`; with the mean Jacobian of both ends, the error is of second order.
         J, here, G = 0.5 * (first.J + now.J) * scale, now.J * scale, dragger._G
         self.singular, self.open, self._pull = "", False, -here.T @ miss
         self._slack = np.maximum(0.0, np.array([b.slack(now.q) for b in dragger.bounds])) / dragger._size
@@ -337,7 +337,7 @@ class _Walk:
             P = np.eye(len(total)) - np.linalg.pinv(G[in_the_way]) @ G[in_the_way]
             U, gains, _ = np.linalg.svd(here @ P)
             strong = U[:, : int(np.sum(gains > _WEAK))]
-            if strong.shape[1] < 3:  # all directions, if all are strong afterwards; else strong ones only
+            if strong.shape[1] < 3:  # try all directions first; accept only if all are strong afterwards
                 y = np.asarray(P @ _least_motion(J @ P, miss, total, _DAMPINGS[0] * size), float)
                 if not _against(near & ~in_the_way, G, y).any() and self._taken(y, goal, easy=True):
                     return y * self._part
@@ -353,7 +353,7 @@ class _Walk:
                 if self._taken(y, goal):
                     return y * self._part
                 if not (self.open or self.singular):
-                    break  # no progress: another direction is needed, not a shorter step
+                    break  # the step makes no progress: change its direction, not its length
                 y = y * self._part / 2
             if self.open or self.singular:
                 return None
@@ -361,7 +361,7 @@ class _Walk:
         return None
 
     def _taken(self, y: Array, goal: Array, easy: bool = False) -> bool:
-        """Do a step (n,) in m, shortened to the limits, if it reduces the distance.
+        """Do a step (n,) in m, shortened to the limits, if the step reduces the distance.
 
         `easy`: accept only states in which the point can move in all directions.
         """
@@ -391,7 +391,7 @@ class _Walk:
 
 
 def _against(bounds: np.ndarray, G: Array, y: Array) -> np.ndarray:
-    """Return (b,) bool: whether a step y (n,) moves towards each marked bound; G (b, n) are the bounds' gradients."""
+    """Return (b,) bool: whether step y (n,) moves towards each marked bound; G (b, n): gradients of the bounds."""
     return bounds & (G @ y < -1e-9 * np.abs(y).max(initial=0.0))
 
 

@@ -1,8 +1,8 @@
 """The closed loops of any mechanism as CasADi expressions: residuals, their derivatives, and the pose of every body.
 
-Unknowns are the coordinates of the passive tree joints. Ball joints have a unit quaternion (w x y z); a step multiplies
-it by a small rotation, so that no orientation is singular. The gap of a loop is expressed in the frame of the body at
-which its two branches separate, so that common parts cancel.
+Unknowns are the coordinates of the passive tree joints. The state of a ball joint is a unit quaternion (w x y z), and a
+step multiplies this quaternion by a small rotation, so that no orientation is singular. The gap of a loop is expressed
+in the frame of the body at which its two branches separate, so that common parts cancel.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ Chain = list[Any]
 
 @dataclass(frozen=True)
 class _Error:
-    """A frame error (6,) in the frame's own axes: shift in m, rotation in rad; `back`: the inverse error."""
+    """A frame error (6,) in the frame's own axes: shift in m, rotation in rad; with `back`, the inverse error."""
 
     e: ca.SX
     back: bool
@@ -103,7 +103,7 @@ class Equations:
                 if not stepping:
                     names += [joint.name] * (length.numel() + angle.numel())
                     offsets.append(ca.sumsqr(length))
-                    # the sine is small for an inverted joint too
+                    # for an inverted joint, the sine is also small
                     tilts.append(ca.sumsqr(angle) + ca.if_else(cosine < 0, 1, 0))
         for coupling in mechanism.couplings:
             for stepping, out in ((False, rows), (True, moved)):
@@ -122,7 +122,7 @@ class Equations:
         self.T_base_tool = self.pose(tool.body, tool.T_body_frame)
 
     def pose(self, body: str, T_body_frame: Array | None = None, stepping: bool = False) -> ca.SX:
-        """Return T_base_frame (4, 4) of a frame on a body; `stepping`: after a step of the unknowns, to first order."""
+        """Return T_base_frame (4, 4) of a frame on a body; `stepping`: after a step of the unknowns (first order)."""
         chain = self._chain(self.mechanism.path(body)) + ([] if T_body_frame is None else [_rounded(T_body_frame)])
         axes = [self._carried(chain, ca.SX(e), False, stepping) for e in np.eye(3)]
         T = ca.horzcat(*axes, self._carried(chain, ca.SX.zeros(3), True, stepping))
@@ -151,7 +151,7 @@ class Equations:
         return q, states
 
     def _misfit(self, joint: Joint, stepping: bool) -> tuple[ca.SX, ca.SX, ca.SX]:
-        """Return (offset in m and misalignment in rad in the locked directions of a loop joint, its cosine)."""
+        """Return (offset in m, misalignment in rad, cosine of the angle) in the locked directions of a loop joint."""
         ways = [list(self.mechanism.path(b)) for b in (joint.parent, joint.child)]
         while ways[0] and ways[1] and ways[0][0].name == ways[1][0].name:
             ways = [w[1:] for w in ways]
@@ -161,7 +161,7 @@ class Equations:
         locked = [i for i in range(6) if i not in joint.free_axes]
         frame = [self._carried(a, ca.SX(e), False, stepping) for e in np.eye(3)]
         if locked[:3] == [0, 1, 2]:
-            # In a fixed frame, as drawn, so that out-of-plane directions of a planar loop are exactly zero.
+            # In a fixed frame (rest poses), so that out-of-plane directions of a planar loop are exactly zero.
             rest = self.mechanism.rest
             parted = ways[0][0].parent if ways[0] else ways[1][0].parent if ways[1] else joint.parent
             R = spatial.inverse(rest.get(parted, np.eye(4))) @ rest.get(joint.parent, np.eye(4)) @ joint.T_parent_joint

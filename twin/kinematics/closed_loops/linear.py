@@ -1,4 +1,4 @@
-"""Small linear systems solved by unrolled code: no loops, no run-time pivoting, no products with zero."""
+"""Solve small linear systems by unrolled code, without loops, run-time pivoting or products with zero."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 from twin.core.spatial import Array
 
 _FLOOR = 1e-13
-"""Damping relative to the diagonal; it selects the shortest step of undetermined unknowns and changes nothing else."""
+"""Damping relative to the diagonal; selects the shortest step of undetermined unknowns, with no effect on others."""
 
 _PIVOT = 0.2
 """Minimum size of a pivot relative to the largest entry of its row."""
@@ -21,7 +21,7 @@ def square(J: ca.SX, b: ca.SX, pattern: np.ndarray, sample: Array) -> tuple[ca.S
         J: (n, n).
         b: (n,).
         pattern: (n, n) bool, whether an entry of J can differ from 0.
-        sample: (n, n) values of J in one state; used to choose a stable pivot order with few fill-ins.
+        sample: (n, n) values of J in one state, to choose a stable pivot order with few fill-ins.
     """
     n = len(sample)
     a = {(i, j): J[i, j] for i in range(n) for j in range(n) if pattern[i, j]}
@@ -48,7 +48,7 @@ def square(J: ca.SX, b: ca.SX, pattern: np.ndarray, sample: Array) -> tuple[ca.S
 
 
 def _pivot(a: dict, values: Array, rows: list[int], columns: list[int]) -> tuple[int, int]:
-    """Return (row, column) of the pivot that fills the fewest zeros, among large enough pivots (Markowitz)."""
+    """Return (row, column) of the pivot with the fewest fill-ins (Markowitz), among the sufficiently large pivots."""
     best, at = (np.inf, np.inf), (rows[0], columns[0])
     for i in rows:
         most = max(np.abs(values[i, columns]).max(), 1e-300)

@@ -26,7 +26,7 @@ class Look:
         p: position (3,) of the point in base, in m.
         J: (3, n) velocity of the point per rate of each active joint.
         answers: (steps, n) rates of the unknowns per rate of each active joint.
-        loops: Jacobian of each loop with respect to its unknowns; full rank: the loop determines its passive joints.
+        loops: Jacobian of each loop with respect to its unknowns; with full rank, the loop determines these unknowns.
         tool: (6, n) tool twist per rate of each active joint, rotations times `LENGTH_SCALE`.
     """
 

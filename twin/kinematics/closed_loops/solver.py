@@ -1,10 +1,10 @@
 """Forward kinematics of a mechanism with loops: compiled Newton's method from active joints to the tool pose.
 
-Blocks of equations are solved in sequence (see `structure`): planar loops first, then the blocks that depend on
-them. Every solution is checked: loops closed, no joint inverted, and the determinant of each block has the same sign as
-in the rest poses (as drawn in the CAD). If a check fails, the state is solved again in small steps from the rest poses.
+Blocks of equations are solved in sequence (see `structure`): planar loops first, then the blocks that depend on these
+loops. Every solution is checked: the loops are closed, no joint is inverted, and the determinant of each block has the
+same sign as in the CAD's rest poses. If a check fails, the state is solved again in small steps from the rest poses.
 
-`numbers` in array shapes is the total count of state values of all passive joints: (numbers,) holds all unknowns.
+In array shapes, `numbers` is the total number of state values of all passive joints: (numbers,) are all unknowns.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from twin.kinematics.closed_loops.structure import Block, blocks
 from twin.model.mechanism import Mechanism
 
 GAP, TILT = 1e-9, 1e-8
-"""Maximum gap in m and rad of a closed loop; convergence is quadratic, so most remaining gaps are rounding."""
+"""Maximum gap in m and rad of a closed loop; convergence is quadratic, so most remaining gaps are rounding errors."""
 
 _LAST = 1e-8
 """Step size (m, rad) below which the iteration ends."""
@@ -35,7 +35,7 @@ _STRIDE = 0.6
 
 _STEPS = 30
 _WALK = (8, 64)
-"""Numbers of steps from the rest poses to a state that was not found directly; tried in this order."""
+"""Numbers of steps from the rest poses to a state that is not found directly, in the order of trial."""
 
 _SINGULAR = 1e8
 """Condition number of a block in the rest poses above which the block is solved by least squares."""
@@ -98,7 +98,7 @@ class LoopSolver:
         if not (offset < 1e-3 and tilt < 0.1):
             text = f"the loops do not close in the rest poses: {offset / MM:.3g} mm and {tilt:.3g} rad remain"
             raise AssemblyError(f"{mechanism.name}: {text}", gap=offset)
-        # loops that do not meet in the CAD leave a gap in every state: reported as a finding, not as an error here
+        # If the parts of a loop do not meet in the CAD, a gap remains in every state: a finding reports this, no error.
         self._gap, self._tilt = max(GAP, 10 * offset), max(TILT, 10 * tilt)
 
     def forward(self, q: Array, seed: Array | None = None) -> Array:
@@ -168,7 +168,7 @@ class LoopSolver:
             for f in np.linspace(0, 1, stations + 1)[1:]:
                 way = self.q[:, None] + f * (Q[:, lost] - self.q[:, None])
                 found, left, x = self._warm(way, x, threads=threads)
-            better = self._good(left)  # a state that cannot be closed keeps its first result
+            better = self._good(left)  # if a state cannot be closed, its first result remains
             poses[:, lost[better]], gaps[:, lost[better]] = found[:, better], left[:, better]
             states[:, lost[better]] = x[:, better]
         Ts = np.zeros((len(qs), 4, 4))
@@ -204,7 +204,7 @@ class LoopSolver:
 
     @cached_property
     def stages(self) -> list[Stage]:
-        """Stages of the compiled function: (q, unknowns) -> "pose" (12), "gaps" (3), "states"."""
+        """Stages of the compiled function (q, unknowns) -> "pose" (12,), "gaps" (3,), "states" (numbers,)."""
         e, names = self.equations, [p.name for p in self.equations.passive]
         determinants = [ca.SX.sym(n) for n in self._signs]
         margin = ca.SX(1)

@@ -12,9 +12,9 @@ from twin.kinematics.closed_loops.equations import STEPS, Equations
 
 _TRIES = 32
 _NOTHING = 1e-12
-"""Residual in m or rad; an equation that never exceeds it, even in states with open loops, is redundant."""
+"""Residual in m or rad; an equation that does not exceed it in any state, even with open loops, is redundant."""
 _FLAT = 1e-13
-"""Derivatives below this count as zero."""
+"""Size below which a derivative counts as zero."""
 
 
 @dataclass(frozen=True)
@@ -85,7 +85,7 @@ def _sorted(pattern: np.ndarray) -> list[tuple[list[int], list[int]]]:
         part = pattern[np.ix_(rows, columns)]
         sparsity = ca.sparsify(ca.DM(part.astype(float))).sparsity()
         if len(rows) != len(columns) or ca.sprank(sparsity) < len(rows):
-            out.append((rows, columns))  # more equations than unknowns, or fewer: least squares for all of them
+            out.append((rows, columns))  # not as many equations as unknowns: one least-squares block
             continue
         count, p, q, r, c, _, _ = sparsity.btf()
         out += [([rows[i] for i in p[r[b] : r[b + 1]]], [columns[i] for i in q[c[b] : c[b + 1]]]) for b in range(count)]

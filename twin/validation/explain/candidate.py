@@ -58,7 +58,7 @@ class Candidate:
 
     @property
     def serves(self) -> bool:
-        """Whether the candidate may be proposed: no row breaks, and no fixed row becomes trivial."""
+        """Whether the candidate may be proposed: no agreeing row becomes wrong, and no fixed row becomes trivial."""
         return not self.broken and not self.hollow
 
     @property
@@ -75,7 +75,7 @@ class Candidate:
 class Found:
     """Search result for one group of rows: the edits that fix them, and the best edit that does not.
 
-    A cure is a function that fixes the rows. Its readings are different edits that result in this function.
+    A cure is an edited function with which the rows agree. Its readings are the different edits that produce it.
 
     Attributes:
         rows: the rows of the group.
@@ -100,7 +100,7 @@ class Found:
     def credible(self) -> bool:
         """Whether a single edit fixes the rows without dropping a symbol, so that the search can stop.
 
-        Two edits are not enough to stop: one changed number could explain the same rows more simply.
+        A pair of edits does not stop the search, because one changed number could explain the same rows more simply.
         """
         return bool(self.cures) and len(self.cures[0][0].edits) == 1 and not self.cures[0][0].dropped
 

@@ -1,4 +1,4 @@
-"""Statements with the operands of sums and products in a fixed order, so that equal texts mean the same."""
+"""Write statements with sorted operands of sums and products, so that equivalent statements have equal text."""
 
 from __future__ import annotations
 

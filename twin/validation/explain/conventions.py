@@ -49,7 +49,7 @@ def _name(p: Place) -> str:
 
 
 def _cured(judge: Judge, other: Judge) -> tuple[list[Place], float] | None:
-    """Return the rows that another judge fixes, and their worst residual; None if no row, or if another row breaks."""
+    """Return the wrong rows that agree with `other`, and their worst residual; None if none, or if a good row fails."""
     bad = judge.failing()
     now = {(p.equation, p.statement, p.position): worst(r) for p, r in other.residuals.items()}
     for p in judge.residuals:
@@ -115,8 +115,8 @@ def _euler(judge: Judge) -> Iterator[Convention]:
                     text = " ".join(terms if not transposed else terms[::-1])
                     rows = tuple(_name(p) for p in found[0])
                     yield Convention(
-                        "euler", f"the rows agree with angles from R = {text}, not with the angles "
-                        "that the formula's coordinates take from the pose", rows, found[1]
+                        "euler", f"the rows agree with the angles of R = {text}, not with the angles "
+                        "that the formula's own convention gives", rows, found[1]
                     )  # fmt: skip
                     return
 
@@ -125,8 +125,8 @@ def _angles_in(judge: Judge) -> Iterator[Convention]:
     """Yield the unit if the rows agree with angles in degrees or lengths in millimetres."""
     truth = judge.truth
     for kind, factor, text in (
-        ("angle", 180 / np.pi, "the rows take angles in degrees; they are given in radians"),
-        ("length", 1e3, "the rows take lengths in millimetres; they are given in metres"),
+        ("angle", 180 / np.pi, "the rows expect angles in degrees, but the angles are given in radians"),
+        ("length", 1e3, "the rows expect lengths in millimetres, but the lengths are given in metres"),
     ):
         parameters = {p.name: p.unit for p in judge.formula.parameters}
         units = ("deg",) if kind == "angle" else ("mm", "m")
@@ -144,7 +144,7 @@ def _angles_in(judge: Judge) -> Iterator[Convention]:
             q = next((x for x in other.residuals if (x.equation, x.statement, x.position) == (p.equation, p.statement, p.position)), None)  # noqa: E501  # fmt: skip
             if q is None or worst(r) <= 1 or truth.kinds[p.symbol] == "pose":
                 continue
-            # Outputs may be in either unit: one of both values must agree.
+            # An output may be in either unit: it must agree in one of them.
             value = other.residuals[q] / (factor if truth.kinds[p.symbol] == kind else 1.0)
             if worst(value) <= 1 or worst(other.residuals[q]) <= 1:
                 cured.append((p, min(worst(value), worst(other.residuals[q]))))
@@ -236,7 +236,7 @@ def signed_permutations() -> list[Array]:
 
 
 def _frames(judge: Judge) -> Iterator[Convention]:
-    """Yield fixed rotations of base or tool, or the inversion of the pose, with which a pose agrees."""
+    """Yield the fixed rotations of base or tool, or the inversion, after which a formula's pose agrees."""
     for place in judge.failing():
         if judge.truth.kinds[place.symbol] != "pose":
             continue
@@ -298,8 +298,8 @@ def _dh(judge: Judge) -> Iterator[Convention]:
                     scope[name] = helper.function
             if found is not None:
                 yield Convention(
-                    "dh", f"{helper.source.name}() multiplies rows in {kind} Denavit-Hartenberg form; the table is "
-                    f"one of the {other} form", tuple(_name(p) for p in found[0]), found[1],
+                    "dh", f"{helper.source.name}() multiplies rows in {kind} Denavit-Hartenberg form; the table has "
+                    f"the {other} form", tuple(_name(p) for p in found[0]), found[1],
                 )  # fmt: skip
 
 

@@ -1,4 +1,8 @@
-"""Count the judged rows of a formula: compared by value, used by a judged row, or tested where they vanish."""
+"""Count the judged rows of a formula.
+
+A row counts as judged in three cases: its value is compared, a judged row uses it, or it is a margin (reach,
+singularity measure, aspect) that was tested where it is zero.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +19,7 @@ from twin.validation.explain.suspects import passed
 
 @dataclass(frozen=True)
 class Coverage:
-    """Number of rows (outputs of equations), and texts on the unjudged rows with the reason."""
+    """Number of rows (outputs of equations), and the reason for each row that was not judged, as text."""
 
     rows: int
     left: tuple[str, ...]
@@ -57,7 +61,7 @@ def coverage(judge: Judge, judged: list[Judged]) -> Coverage:
             elif step is None:
                 why = "its source cannot be split into rows"
             elif step.missing:
-                why = f"{step.missing} not known"
+                why = f"{step.missing} is unknown"
             else:
                 why = "the mechanism has no such quantity, and no quantity that depends on it"
             left.append(f"{equation.name}.{symbol}: {why}")

@@ -118,9 +118,9 @@ class Dependence:
     def determined(self, c: Candidate, row: Key) -> bool:
         """Return whether an edited row still determines its unknown, given the other rows of its equation.
 
-        Only an equation that uses its own outputs can fail. The gradient (right side minus left side) of each row with
-        respect to these outputs is computed at the mechanism's poses; the gradient of the edited row must not be in the
-        span of the others.
+        Only an equation that uses its own outputs can fail this check. The gradient of each row (right side minus left
+        side) with respect to these outputs is computed at the mechanism's poses. The gradient of the edited row must
+        not be in the span of the others.
         """
         step = self.judge.step(row[0])
         unknown = [n for n in step.equation.outputs if n in step.known and n in step.inputs]

@@ -138,7 +138,7 @@ def _part(
     where = ", ".join(dict.fromkeys(f.where for f in sizes))
     head = f"joint{'s' if len(fault.joints) > 1 else ''} {where}, {much}"
     if chosen is None:
-        text = f"{head}: no single part explains it"
+        text = f"{head}: no single faulty part explains this"
         return PartOff(fault.joints, "", (), "", (), (), text)
     others = [s for s in fault.suspects if s is not chosen]
     by, why, rest = _decide(chosen, others, top, tried)
@@ -157,7 +157,7 @@ def _decide(
     """Return (kind of evidence as in `PartOff.told_by`, evidence as text, alternative parts)."""
     why = [*chosen.for_it, *(text for s in others for text in s.against_it)]
     if not others:
-        return "joints", [*why, "the other joints of the second part meet, so this part is wrong"], []
+        return "joints", [*why, "the second part fits at its other joints, so this part is wrong"], []
     if all(s.score < chosen.score for s in others) and top.agrees >= any(t.agrees for t in tried):
         return "drawing", why, []
     same = {s: [t for t in tried if s in t.chosen] for s in others}

@@ -48,7 +48,7 @@ def known(
     """Return the mechanism's values of the formula's symbols at sampled poses.
 
     A redundant mechanism has many solutions for a pose. The solution nearest to the formula's own joint values is used
-    if no row is wrong with it, or fewer rows than with the sampled solution.
+    if all rows agree with it, or if it makes fewer rows wrong than the sampled solution.
     """
     run = sample(model, progress=lambda f: progress("sample the mechanism", f))
     if not (model.redundant and formula.has("inverse")):
@@ -120,7 +120,7 @@ def explain(
         drawn = Judge(formula, variants, truth, tolerance)
         lap("judge")
     except TwinError:
-        if corrected is None or corrected.judge is None:  # if only the corrected CAD can be posed, it is judged
+        if corrected is None or corrected.judge is None:  # otherwise the corrected CAD is used below
             raise
     judge = drawn or (corrected.judge if corrected is not None else None)
     assert judge is not None
@@ -172,7 +172,7 @@ def explain(
     if lead == "numbers":
         needed = sum(len(f.cures[0][0].edits) for f in found if f.cures)
         if needed and not lost:
-            notes.append(f"{needed} edits together would also make it agree; one changed number is the simpler one")
+            notes.append(f"{needed} edits together would also make the rows agree; one changed number is simpler")
         found = []
     if lead == "edits":
         identified = None
@@ -344,7 +344,7 @@ def _repair(judge: Judge, search: Search, f: Found, root: Path | None) -> Repair
         )
     elif cures and len(cures[0]) > 1:
         tie = (
-            f"{len(cures[0])} edits make the same function: no pose distinguishes them, and the paper does not show "
+            f"{len(cures[0])} edits give the same function: no pose distinguishes them, and the paper does not show "
             "which was intended"
         )
     nearest = f.runner_up
@@ -354,9 +354,9 @@ def _repair(judge: Judge, search: Search, f: Found, root: Path | None) -> Repair
     note = ""
     if not f.cures:
         note = (
-            "no known edit and no pair of known edits"
-            + ("" if f.complete else " that were tried")
-            + (f", make it agree; the nearest: {runner}" if runner else ", make it agree")
+            "neither one edit nor a pair of edits"
+            + ("" if f.complete else " among those tried")
+            + (f" makes the rows agree; the nearest: {runner}" if runner else " makes the rows agree")
         )
     return Repair(
         names,

@@ -158,9 +158,9 @@ def identify(
 
 
 def _covariance(fit: Fit, noise: float) -> Array:
-    """Return the covariance of the fitted values in SI, from the residuals; at least the effect of rounding.
+    """Return the covariance of the fitted values in SI, from the residuals; its lower bound is the effect of rounding.
 
-    Rows without a derivative are left out: at the limit of the reach, one side has no real solution.
+    Rows without a derivative are left out: at the limit of the reach, a changed parameter may leave no real solution.
     """
     known = np.isfinite(fit.J).all(axis=1) & np.isfinite(fit.residual)
     J, residual = fit.J[known], fit.residual[known]

@@ -154,7 +154,7 @@ def _rods(judge: Judge, model: ReferenceModel, values: dict[str, Any]) -> Iterat
                     continue
                 length = np.linalg.norm(pivot - end, axis=1)
                 drive = driven[_other(j, link.name)]
-                what = f"with {drive} as the formula has it, '{link.name}' would be, from {j.name} to {name},"
+                what = f"with {drive} from the formula, '{link.name}' would be, from {j.name} to {name},"
                 yield from _distance(judge, length, true, link.name, "", "invariant.rod", what)
 
 
@@ -173,7 +173,7 @@ def _centre(joint: Joint, body: str, poses: dict[str, Array]) -> Array:
 
 
 def _loops(judge: Judge, model: ReferenceModel, values: dict[str, Any]) -> Iterator[Finding]:
-    """Yield a finding for each loop that is open at the formula's joint values, with true values of other joints."""
+    """Yield a finding for each loop that opens when wrong joint values of the formula replace the mechanism's."""
     truth = judge.truth
     names = [n for n in model.tree.configuration if n in values and _moved(judge, n, values[n])]
     if truth.run is None or not names or not model.mechanism.loops:

@@ -1,8 +1,8 @@
 """Compare a formula with the mechanism row by row (a row is one assignment), with the mechanism's values as inputs.
 
-An intermediate symbol that the mechanism also has (a named point, a passive joint) is compared and then replaced by the
-mechanism's value, so that a wrong row does not affect later rows. Other symbols are computed and passed on; if a row
-disagrees, all rows since the last known symbol are suspected.
+If the mechanism also has an intermediate symbol (a named point, a passive joint), the symbol is compared, and then
+replaced by the mechanism's value. A wrong row therefore does not affect later rows. Other symbols are computed and used
+by later rows; if a row disagrees, all rows since the last known symbol are suspected.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ class Judge:
         tolerance: Tolerance | None = None,
         replaced: Mapping[str, Rows] | None = None,
     ) -> None:
-        """Compare a formula with the truth.
+        """Compare a formula with the mechanism's values.
 
         Args:
             formula: the equations.
@@ -151,7 +151,7 @@ class Judge:
             lost = [n for n in step.required if not self._has(n, computed)]
             if lost:
                 step.missing = ", ".join(lost)
-                self.notes.append(f"{step.equation.name} ({step.variant}) was not judged: {step.missing} not known")
+                self.notes.append(f"{step.equation.name} ({step.variant}) was not judged: {step.missing} is unknown")
                 continue
             if self.truth.free in step.inputs:
                 self._place(step)
@@ -235,7 +235,7 @@ class Judge:
         return out
 
     def difference(self, name: str, value: Any) -> Array:
-        """Return the difference between a value and the truth, (k, entries) in units of the tolerance."""
+        """Return the difference of a value from the mechanism's, (k, entries) in units of the tolerance."""
         true, kind = self.truth.symbols[name], self.truth.kinds[name]
         if value is true:
             return self._zeros.setdefault(name, np.zeros_like(to_array(true, self.truth.k)))
@@ -255,7 +255,7 @@ class Judge:
     # -- trials of edits ----------------------------------------------------------------------------------------
 
     def trial(self, step: Step, edits: list[Edit], extra: Mapping[str, Any] | None = None) -> Residuals:
-        """Return the residuals of the rows that edits change; call it with numpy's warnings off.
+        """Return the residuals of the rows that edits change; call this method with NumPy's warnings off.
 
         Args:
             step: the edited equation.
@@ -339,7 +339,7 @@ class Judge:
                 if s.returns:
                     return found
                 after = step.before[s.index + 1]
-                for name in mine:  # these outputs are unchanged, because their inputs are
+                for name in mine:  # these outputs do not change, because their inputs do not change
                     env[name] = plain.copied({name: after[name]})[name]
                     dirty.discard(name)
                 continue

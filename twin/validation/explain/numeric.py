@@ -128,7 +128,7 @@ def _stack(args: tuple, axis: int) -> Any:
 
 
 def _one(op: Callable) -> Callable:
-    """Return an elementwise function of one scalar or matrix (numpy's own takes a second argument as output)."""
+    """Return an elementwise function of one argument, scalar or matrix (NumPy would use a second one as output)."""
 
     def apply(x: Any) -> Any:
         return _apply(op, x) if isinstance(x, Matrix) else op(x)
@@ -363,7 +363,7 @@ def of_formula(f: types.FunctionType) -> bool:
 
 def _missing(name: str) -> Callable:
     def refuse(*_: Any, **__: Any) -> Any:
-        raise KinematicsError(f"explain has no numpy form of casadi.{name}")
+        raise KinematicsError(f"`explain` has no NumPy version of casadi.{name}")
 
     return refuse
 

@@ -1,4 +1,6 @@
-"""Find missing joint offsets: with these, and fixed rotations of base and tool, a pose agrees with the mechanism.
+"""Find the joint offsets that a formula lacks, so that its tool pose differs from the mechanism's.
+
+With these offsets, and with fixed rotations of base and tool, the pose agrees.
 
 A Denavit-Hartenberg table without joint offsets cannot be corrected by an edit of one row. An offset of the first or
 last angle is equivalent to a rotation of base or tool. For the other angles, quarter turns of up to three angles are
@@ -98,7 +100,7 @@ def _ends(F: Array, R: Array) -> tuple[Array, Array] | None:
 def _placed(
     judge: Judge, place: Place, moved: dict[str, float], slides: list[str], T: Array, base: Array, tool: Array
 ) -> tuple[str, float] | None:
-    """Return (text on the offsets, worst residual) if the positions also agree with the rotations, or None."""
+    """Return (text on the offsets, worst residual) if the positions agree after the rotations; otherwise None."""
     true = judge.truth.symbols[place.symbol].a
     want = true[:, :3, 3] @ base - T[:, :3, 3]
     along = []

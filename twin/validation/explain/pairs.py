@@ -81,7 +81,7 @@ class Pairs:
     def found(self, deadline: float) -> Iterator[tuple[Edit, Edit]]:
         """Yield pairs with which the row agrees at a few poses but not at perturbed values; stop at the deadline.
 
-        Call it with numpy's warnings off.
+        Call this method with NumPy's warnings off.
         """
         for a, b in self._order():
             if time.monotonic() > deadline:
@@ -232,7 +232,10 @@ _NAMES = ("_first_", "_second_")
 
 
 class _Choice:
-    """Function that expands its arguments to all combinations: (i, j) uses the i-th first and the j-th second one."""
+    """Function that expands its arguments along one of two axes, so that two functions give all combinations.
+
+    Entry (i, j) has replacement i at the first position and replacement j at the second.
+    """
 
     def __init__(self, axis: int) -> None:
         self.axis = axis
@@ -261,7 +264,7 @@ class _Choice:
 
 
 def _is_value(e: Edit) -> bool:
-    """Return whether an edit replaces a number or scalar by another, so that both can be entries of one array."""
+    """Return whether an edit replaces a number or scalar by another number or scalar, so that arrays can hold both."""
     if e.kind not in ("name", "parameter", "trig", "index", "number", "exponent"):
         return False
     old, new = (_parsed(t) for t in (e.old, e.new))

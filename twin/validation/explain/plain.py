@@ -1,4 +1,4 @@
-"""Run a plain formula on many samples: each scalar is an object that holds all its samples, the code runs unchanged."""
+"""Run a plain formula on many samples: the code runs unchanged, and each scalar is an object with all its samples."""
 
 from __future__ import annotations
 

@@ -67,7 +67,7 @@ class Search:
         return list(out.values())
 
     def singles(self, kinds: Container[str], only: Container[tuple[str, int]] | None = None) -> list[Candidate]:
-        """Evaluate the single edits of given kinds in these statements; `only`: (equation, statement) to use."""
+        """Evaluate single edits of the given kinds in the statements of `own_sites`; `only`: statements to use."""
         out: list[Candidate] = []
         sites = [x for x in self.own_sites() if only is None or (x[0].equation.name, x[1].index) in only]
         for n, (step, statement) in enumerate(sites):
@@ -87,7 +87,7 @@ class Search:
         return any((h.source.name, h.source.path) == (source.name, source.path) for h in self.judge.helpers(step))
 
     def in_helpers(self, kinds: Container[str]) -> list[Candidate]:
-        """Evaluate the single edits of given kinds in the plain functions that these statements call."""
+        """Evaluate single edits of the given kinds in the plain functions that the statements of `own_sites` call."""
         out: list[Candidate] = []
         reached: dict[int, tuple[Helper, list[Step]]] = {}
         for step in {id(s): s for s, _ in self.own_sites()}.values():
@@ -172,7 +172,7 @@ class Search:
         with warnings.catch_warnings(), np.errstate(all="ignore"):
             warnings.simplefilter(
                 "ignore", SyntaxWarning
-            )  # a moved parenthesis may make Python call a number; such an edit is tried and fails
+            )  # Python warns about a call of a number after a moved parenthesis; such an edit fails when tried
             return self._run(budget)
 
     def _run(self, budget: float) -> tuple[list[Found], list[Key]]:
@@ -243,7 +243,7 @@ class Search:
         return [c for c in touching if c.over(rows, self.base) <= 1 and (c.extra or self._runs(c))]
 
     def _runs(self, c: Candidate) -> bool:
-        """Return whether a candidate runs with one sample: with several, an index of a scalar would pick a sample."""
+        """Return whether a candidate runs with one sample; with several samples, an indexed scalar would not fail."""
         return residuals(self.first, c.step.equation.name, c.edits) is not None
 
     def _distinct(self, exact: list[Candidate], rows: list[Key]) -> list[list[Candidate]]:
@@ -263,7 +263,7 @@ class Search:
         return [w[1] for w in cures]
 
     def _best(self, cures: list[list[Candidate]]) -> list[list[Candidate]]:
-        """Drop the repairs after which more rows of the whole formula are wrong than after another repair."""
+        """Keep the repairs after which the fewest rows of the whole formula are wrong."""
         if sum(map(len, cures)) < 2:
             return cures
         left = {id(c): self._left(c) for way in cures for c in way[:_WHOLE]}
@@ -367,7 +367,7 @@ class Search:
         """Return the edits of one token that change a row, grouped by the equation in which they are tried."""
         mine = self.judge.step(k[0])
         called = {(h.source.path, h.source.name) for h in self.judge.helpers(mine)}
-        blind = not np.isfinite(self.raw[k]).all()  # the row has no value: one edit alone may show no effect
+        blind = not np.isfinite(self.raw[k]).all()  # without a value, the effect of a single edit may be invisible
         some = [(c.step, c.edits[0]) for c in singles if blind or _moves(c, k, self.raw[k])]
         out: dict[str, tuple[Step, list[Edit]]] = {}
         for first, e in [*some, *(self.senseless if mine.stuck else ())]:

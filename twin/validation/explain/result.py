@@ -23,9 +23,9 @@ class Row:
         means: meaning of the symbol: a named point, a joint or the tool pose.
         off: largest difference, in `unit` ("mm" or "deg").
         share: fraction of the judged poses at which the row is wrong.
-        worst_at, least_at: poses with the largest and the smallest difference.
-        why: explanation for a row that is tested at the states where it vanishes; `off` is then NaN or a value in
-            `unit`.
+        worst_at, least_at: poses with the largest and the smallest difference, as text.
+        why: explanation for a row that was tested at the states where it is zero; "" for other rows. If not "", `off`
+            is NaN or a value in `unit`.
     """
 
     equation: str
@@ -63,7 +63,7 @@ class Reading:
     Attributes:
         changes: one or two edits.
         diff: all edits as one unified diff, including new definitions.
-        note: further changes to make by hand, or "".
+        note: further changes to make manually, or "".
         dropped: symbols on which a row no longer depends after the edits.
     """
 
@@ -82,8 +82,8 @@ class Repair:
         before, after: worst residual of these rows before and after the repair, in units of the tolerance.
         margin: worst residual of the runner-up divided by that of the repair; 0 without a repair.
         runner_up: the best edit that does not fix the rows, and its residual, as text.
-        cures: possible repairs, each a list of readings (edits) that result in the same function. The judged poses
-            cannot distinguish several cures; no pose can distinguish the readings of one cure.
+        cures: possible repairs. Each is a tuple of readings, that is, different edits that give the same function. The
+            judged poses do not distinguish the cures; no pose can distinguish the readings of one cure.
         tie: why the data do not determine one repair, or "".
         tried: number of edits tried.
         complete: whether every edit that the search can generate was tried.
@@ -165,13 +165,13 @@ class Convention:
 
 @dataclass(frozen=True)
 class PartOff:
-    """A faulty part of the CAD: some joints do not meet because of it.
+    """A faulty part of the CAD, because of which the parts of some joints do not meet.
 
     Attributes:
-        joints: names of the joints that do not meet.
+        joints: names of the joints whose parts do not meet.
         part, features: the faulty part and its features; "" if no single part explains the joints.
         told_by: kind of evidence. "drawing": lengths or identical parts; "joints": the other joints of the second part
-            meet; "loops": the loops close only with this part corrected; "rows": the rows agree only with this part
+            fit; "loops": the loops close only with this part corrected; "rows": the rows agree only with this part
             corrected; "": undecided between this part and `others`.
         why: the evidence, as text.
         others: alternative parts.
@@ -206,7 +206,7 @@ class Explanation(Result):
         seconds: duration of each step in s.
         lead: kind of the explanation: "drawing", "edits", "numbers", "edits or numbers" (equally simple),
             "conventions"; "" if there is none.
-        drawing: findings on joints that do not meet in the CAD.
+        drawing: findings on joints whose parts do not meet in the CAD.
         parts: the faulty parts of the CAD.
     """
 
@@ -262,7 +262,7 @@ class Explanation(Result):
             yield Line("  UNCHECKED: not every row could be checked", "bold yellow")
         else:
             what = "explained" if self.explained else "NOT explained: no known kind of edit makes the rows agree"
-            number = f"{len(self.rows)} row{'s' if len(self.rows) > 1 else ''} off"
+            number = f"{len(self.rows)} row{'s' if len(self.rows) > 1 else ''} wrong"
             yield Line(f"  {self.verdict.upper()}: {number}, {what}", "bold green" if self.explained else "bold red")
         if self.drawing:
             yield ""
@@ -273,7 +273,7 @@ class Explanation(Result):
             yield from _numbers(self)
         if self.rows:
             yield ""
-            yield Line("what is off", "bold")
+            yield Line("wrong rows", "bold")
             for r in self.rows:
                 if r.why:
                     yield Line(f"  {r.equation} ({r.variant}), {r.symbol} = {r.means}: {r.why}", "")
@@ -292,10 +292,10 @@ class Explanation(Result):
                     yield Line(f"      term: {r.term}", "dim")
                 yield Line(f"      worst at {r.worst_at}", "dim")
                 if r.share < 1:
-                    yield Line(f"      right at {r.least_at}", "dim")
+                    yield Line(f"      correct at {r.least_at}", "dim")
         if self.invariants:
             yield ""
-            yield Line("what cannot be", "bold")
+            yield Line("violated invariants", "bold")
             yield from self.invariants
         if self.repairs:
             yield ""
@@ -309,7 +309,7 @@ class Explanation(Result):
             yield Line("conventions", "bold")
             for c in self.conventions:
                 yield Line(f"  {c.message}", "green")
-                yield Line(f"      cures {', '.join(c.rows)}", "dim")
+                yield Line(f"      makes these rows agree: {', '.join(c.rows)}", "dim")
         if self.notes:
             yield ""
             yield from (Line(f"  · {n}", "dim") for n in self.notes)
@@ -319,8 +319,8 @@ def _drawn(x: Explanation) -> str:
     """Return the summary for a disagreement that the CAD explains."""
     if not x.rows:
         return "parts do not meet in the CAD; every row agrees"
-    rows = f"{len(x.rows)} row{'s' if len(x.rows) > 1 else ''} off"
-    return f"{rows}; the CAD explains them: with the CAD corrected every row agrees; the equations need no edit"
+    rows = f"{len(x.rows)} row{'s' if len(x.rows) > 1 else ''} wrong"
+    return f"{rows} because of the CAD: with the CAD corrected, every row agrees; the equations need no edit"
 
 
 def _repair(r: Repair) -> Iterator[Part]:

@@ -35,9 +35,9 @@ class Place:
 class Step:
     """One equation, prepared to be run statement by statement.
 
-    `known`: outputs for which the mechanism gives a value too. `held`: the known outputs that the function assigns to a
+    `known`: outputs for which the mechanism also has a value. `held`: the known outputs that the function assigns to a
     variable of the same name; they are compared at this assignment. `free`: name and values (k,) of the free parameter
-    (the swivel of a redundant mechanism), one value for each state.
+    (the swivel angle of a redundant mechanism), one value for each state.
     """
 
     equation: Equation

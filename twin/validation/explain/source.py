@@ -59,8 +59,8 @@ class Statement:
     """One top-level statement of a function, in the bytes `start` to `end` of the file.
 
     `home` is the function definition that contains the statement. `new` means that only statements in the same
-    definition may use its result: a variant inserts its changed rows into the rows of another function
-    (`twin.formula.equations`).
+    definition may use its result. It is set for the changed rows of a variant, which are inserted into the rows of
+    another function (`twin.formula.equations`).
     """
 
     index: int
@@ -76,7 +76,7 @@ class Statement:
 
     @property
     def returns(self) -> bool:
-        """Whether it is a return statement."""
+        """Whether the statement is a return statement."""
         return isinstance(self.node, ast.Return)
 
     def reads_at(self, position: int) -> set[str]:
@@ -118,11 +118,11 @@ class Source:
         self.plain = bool(body) and isinstance(body[-1].node, ast.Return) and not inner
 
     def names_at(self, statement: Statement) -> tuple[set[str], set[str]]:
-        """Return the names with a value at a statement, and those of them that its own definition can use."""
+        """Return (names with a value at a statement, those of them that the statement's own definition can use)."""
         before = [s for s in self.statements[: statement.index] if not s.new or s.home is statement.home]
         own = {a.arg for a in ast.walk(statement.home.args) if isinstance(a, ast.arg)}
         there = {w for s in before for w in s.writes} | own
-        if statement.home is not self.statements[-1].home:  # a changed row: other symbols become its arguments
+        if statement.home is not self.statements[-1].home:  # a variant's row: other symbols become its arguments
             return there, own | {w for s in before if s.home is statement.home for w in s.writes}
         return there, there
 
@@ -265,7 +265,7 @@ def diff(edits: Iterable[Edit], shown: str | None = None) -> str:
 
 
 def definitions(data: bytes, edit: Edit) -> list[Edit]:
-    """Return the edits that insert a required definition: an alias beside similar ones, or a new argument."""
+    """Return the edits that insert a required definition: an alias next to similar aliases, or a new argument."""
     assert edit.define is not None
     name, expression = edit.define
     tree = _tree(data)
@@ -276,7 +276,7 @@ def definitions(data: bytes, edit: Edit) -> list[Edit]:
 
     around = [f for f in ast.walk(tree) if isinstance(f, ast.FunctionDef)]
     around = [f for f in around if f.lineno <= edit.line <= f.end_lineno]  # type: ignore[operator]
-    for f in [f for f in around if f.name == edit.function] or around:  # a row shared by a variant is in another one
+    for f in [f for f in around if f.name == edit.function] or around:  # a shared row is in another function
         if not expression:
             last = f.args.args[-1]
             return [_insertion(edit, end(last), f", {name}", last.lineno)]

@@ -1,4 +1,4 @@
-"""Fit the free angle (swivel) of a redundant mechanism in each state, so that the residuals of its rows are minimal."""
+"""Fit the free angle (swivel) of a redundant mechanism in each state, so that the rows' residuals are minimal."""
 
 from __future__ import annotations
 

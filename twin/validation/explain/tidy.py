@@ -16,7 +16,7 @@ _ATOM = (ast.Name, ast.Constant, ast.Call, ast.Subscript, ast.Attribute)
 
 
 def tidy(text: bytes, edited: Sequence[Span]) -> bytes:
-    """Return a one-line Python statement, tidied around its edits; its meaning does not change.
+    """Tidy a one-line Python statement around its edits, without changing its meaning.
 
     Text that is not valid Python is returned unchanged.
 

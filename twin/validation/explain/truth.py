@@ -42,9 +42,9 @@ class Truth:
         Ts: (k, 4, 4) tool poses in base.
         run: states of the mechanism; None if there are none.
         coordinates: names and units of the pose coordinates, for messages.
-        borrowed: symbols that are not named points but equal one, because a helper passes it on unchanged.
-        free: name of the free parameter (swivel) of a redundant mechanism, or "". It has its own value in each state,
-            known only from the rows that use it.
+        borrowed: named point by symbol, for symbols that equal a named point because a helper returns it unchanged.
+        free: name of the free parameter (swivel) of a redundant mechanism, or "". Its value in each state is fitted to
+            the rows that use it.
     """
 
     symbols: Mapping[str, Any]
@@ -57,11 +57,11 @@ class Truth:
     free: str = ""
 
     def with_parameters(self, values: Mapping[str, Any]) -> Truth:
-        """Return the truth with other parameter values in SI."""
+        """Return the same values with other parameter values in SI."""
         return replace(self, symbols={**self.symbols, **values})
 
     def perturbed(self, seed: int = 1) -> Truth:
-        """Return randomly perturbed values that no mechanism can have; they reveal coincidental agreement."""
+        """Return randomly perturbed values, which no mechanism can have, to detect rows that agree by coincidence."""
         rng = np.random.default_rng(seed)
 
         def shake(x: Any) -> Any:
@@ -73,7 +73,7 @@ class Truth:
         return replace(self, symbols={n: shake(v) for n, v in self.symbols.items()})
 
     def first(self) -> Truth:
-        """Return the first sample only."""
+        """Return the values at the first sample only."""
 
         def cut(x: Any) -> Any:
             if isinstance(x, Matrix):
@@ -200,7 +200,7 @@ def _free(formula: Formula, model: ReferenceModel) -> str:
 
 
 def _passed_on(formula: Formula) -> dict[str, list[tuple[str, int | None]]]:
-    """Return {output: arguments} for helper outputs that equal an argument, or a column of arguments."""
+    """Return {output: [(argument, index or None)]} for helper outputs that only repeat their arguments."""
     out: dict[str, list[tuple[str, int | None]]] = {}
     for equation in formula.equations:
         if equation.stage != "helper":

@@ -12,8 +12,8 @@ from twin.validation.explain.judge import Judge, worst
 def unvalued(judge: Judge) -> list[Finding]:
     """Return a finding for every symbol without a value.
 
-    An unused parameter may be the missing symbol under another name. Each one is tried as its value, and the rows are
-    compared with the mechanism.
+    An unused parameter may be the missing symbol under another name. The value of each unused parameter is therefore
+    tried for the symbol, and the rows are compared with the mechanism.
     """
     formula, truth = judge.formula, judge.truth
     given = {n for e in formula.equations for n in e.outputs} | set(truth.symbols)
@@ -29,7 +29,7 @@ def unvalued(judge: Judge) -> list[Finding]:
         fits = [p for p in waiting if _holds(judge, name, p.name, equations)]
         if fits:
             p = fits[0]
-            way = f"replace {name} by {p.name} = {p.shown:g} {p.unit}: every row of {where} that reads it then agrees"
+            way = f"replace {name} by {p.name} = {p.shown:g} {p.unit}: then every row of {where} that uses it agrees"
         elif waiting:
             names = ", ".join(p.name for p in waiting)
             way = f"give {name} a value, or replace it by a parameter that is not used: {names}"

@@ -1,7 +1,7 @@
 """Select the simpler explanation: edits of the source, or changed numbers.
 
 The simpler explanation has fewer changes. One changed number after which every row agrees is simpler than two edits,
-and as simple as one.
+and as simple as one edit.
 """
 
 from __future__ import annotations

@@ -3,8 +3,8 @@
 With the inertia tensor J and the first moment h about one origin, Sigma = tr(J)/2 I - J is the matrix of second
 moments. A body is physically possible only if J and Sigma are positive definite (for Sigma this is the triangle
 inequality) and its mass m makes [[Sigma, h], [h', m]] positive semidefinite, that is, m >= h' Sigma^-1 h. If no masses
-were published, this is the only possible check of them. It also shows the sign of the products of inertia: products
-printed as +integral(x y dm), as CAD programs do, must be negated in the tensor, and only the correct sign gives
+were published, no other check of the moments is possible. The check also shows the sign of the products of inertia. CAD
+programs print products as +integral(x y dm); these must be negated in the tensor, and only the correct sign gives
 plausible masses.
 """
 
@@ -52,7 +52,7 @@ class Second(Table):
 
 
 class Repair(Table):
-    """A misprinted table cell, with the number as printed."""
+    """A repaired table cell: the number as printed, without its decimal mark."""
 
     cell: Cell
     printed: str
@@ -72,7 +72,7 @@ class Body(Table):
         for r in self.repaired:
             value = getattr(self.first if r.cell.startswith("m") else self.second, r.cell)
             if reread(r.printed) != value:
-                raise at("repaired", f"{r.cell}: '{r.printed}' reads {reread(r.printed):g} by the rule, not {value:g}")
+                raise at("repaired", f"{r.cell}: '{r.printed}' is read as {reread(r.printed):g}, not {value:g}")
         return self
 
 
@@ -90,7 +90,7 @@ class Row:
 
     Attributes:
         name: name of the row.
-        definite: whether J is positive definite with either sign of the products.
+        definite: whether J is positive definite with at least one sign of the products.
         slack: kg m2, sum of the two smaller principal moments minus the largest; negative values violate the triangle
             inequality.
         mass_printed: kg, minimum mass with the products as printed; infinite if no mass is possible.
@@ -123,8 +123,8 @@ def load(path: Path) -> Exhibit:
 def reread(printed: str) -> float:
     """Return a printed number, with its decimal mark restored if it is missing.
 
-    A number in scientific notation without decimal mark gets the mark after the first digit: "Type 896572e-06" is
-    8.96572e-06 (words before the number are dropped). Other numbers, with point or comma, are read as printed.
+    In a number in scientific notation without decimal mark, the mark is inserted after the first digit. Words before
+    the number are dropped: "Type 896572e-06" is 8.96572e-06. Other numbers, with point or comma, are read as printed.
     """
     text = printed.split()[-1].replace(",", ".")
     found = _LOST.fullmatch(text)
@@ -162,9 +162,9 @@ def recompute(exhibit: Exhibit) -> tuple[list[Row], list[Finding]]:
             warning(
                 "inertia.composites",
                 exhibit.title,
-                "minimum masses decrease from row to row: the rows read as composites (each link with all that it "
-                "carries) and must not be used as inertias of single links",
-                suggestion="this is inferred: masses are not published, and other decompositions are possible",
+                "minimum masses decrease from row to row: each row seems to combine a link with all links that "
+                "it carries, so the rows must not be used as inertias of single links",
+                suggestion="this is an inference: masses are not published, and other explanations are possible",
             )
         )
     return rows, found
@@ -177,7 +177,7 @@ def convention(rows: list[Row]) -> Products:
 
 
 def falling(rows: list[Row], products: Products) -> bool:
-    """Return whether the minimum masses decrease from row to row, as for links combined with all outer links."""
+    """Return whether the minimum masses decrease from row to row, as for links combined with the links they carry."""
     masses = [r.mass_negated if products == "negated" else r.mass_printed for r in rows]
     return len(masses) > 1 and all(a > b for a, b in pairwise(masses))
 
@@ -201,12 +201,10 @@ def _impossible(rows: list[Row]) -> list[Finding]:
     out = []
     for r in rows:
         why = [] if r.definite else ["is not positive definite"]
-        why += [] if r.slack > 0 else [f"breaks the triangle inequality by {-r.slack:.3g} kg m2"]
+        why += [] if r.slack > 0 else [f"violates the triangle inequality by {-r.slack:.3g} kg m2"]
         if why:
             out.append(
-                disagreement(
-                    "inertia.impossible", r.name, f"row {r.name}: no body has this tensor: it {' and '.join(why)}"
-                )
+                disagreement("inertia.impossible", r.name, f"row {r.name}: impossible tensor: it {' and '.join(why)}")
             )
     return out
 
@@ -220,9 +218,9 @@ def _products(rows: list[Row]) -> list[Finding]:
         disagreement(
             "inertia.products",
             worst.name,
-            "products of inertia are printed as +integral(x y dm): taken as entries of the tensor, the rows "
-            f"require at least {plain:.2f} kg in total, row {worst.name} alone {worst.mass_printed:.3f} kg; "
-            f"negated, {negated:.2f} kg and {worst.mass_negated:.3f} kg",
+            "the products of inertia are printed as +integral(x y dm): as printed, the rows require a mass of at "
+            f"least {plain:.2f} kg in total, and row {worst.name} alone {worst.mass_printed:.3f} kg; with negated "
+            f"products, {negated:.2f} kg and {worst.mass_negated:.3f} kg",
             Quantity(plain, "kg"),
             negated,
             "negate the products to build the tensor",

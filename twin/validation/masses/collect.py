@@ -16,7 +16,8 @@ from twin.validation.masses import audit
 from twin.validation.masses.possible import Judged, Stated, judged, least_mass, stated
 
 PLAIN = 1.02
-"""Minimum ratio of the minimum masses for both signs of the products, above which the sign is decided."""
+"""Minimum ratio of the two minimum masses (one for each sign of the products) at which the sign counts as
+determined."""
 
 
 @dataclass(frozen=True)
@@ -105,9 +106,9 @@ def of_moments(title: str, rows: list[tuple[str, Array, Array, Array]]) -> Sourc
             disagreement(
                 "inertia.sign",
                 rows[worst][0],
-                "products of inertia are printed as +integral(x y dm): as entries of the tensor the rows require "
-                f"at least {total[1]:.2f} kg, {rows[worst][0]} alone {least[1][worst]:.3f} kg; negated, "
-                f"{total[-1]:.2f} kg and {least[-1][worst]:.3f} kg",
+                "the products of inertia are printed as +integral(x y dm): as printed, the rows require a mass of "
+                f"at least {total[1]:.2f} kg, {rows[worst][0]} alone {least[1][worst]:.3f} kg; with negated "
+                f"products, {total[-1]:.2f} kg and {least[-1][worst]:.3f} kg",
                 Quantity(total[1], "kg"),
                 total[-1],
                 "negate the products to build the tensor",

@@ -1,8 +1,8 @@
 """Find the probable mistake in a tensor that does not fit its shapes: sign, decimal mark, axes, point of reference.
 
-The stated tensor is compared with that of the shapes filled with uniform density. No real body is uniform, so a
-difference alone proves nothing. A mistake is reported only if exactly one small change of the stated numbers turns a
-bad match into a good one.
+The stated tensor is compared with the tensor of the shapes filled with uniform density. Real bodies are not uniform, so
+a difference alone proves nothing. A mistake is reported only if one small change of the stated numbers makes the misfit
+small (`BAD`, `GOOD`, `GAIN`).
 """
 
 from __future__ import annotations
@@ -20,22 +20,23 @@ from twin.core.spatial import Array
 BAD, GOOD, GAIN = 0.35, 0.3, 0.35
 """Limits of the relative misfit between stated tensor and filled shapes.
 
-Above BAD, an explanation is searched. The explanation must have a misfit below GOOD, and below GAIN times the original
-misfit. Hollow or mixed bodies differ from filled shapes by 0.1 to 0.3.
+If the misfit exceeds BAD, an explanation is searched. With the explanation, the misfit must be below GOOD, and below
+GAIN times the original misfit. Bodies that are hollow or of mixed materials have a misfit of 0.1 to 0.3.
 """
 
 SIGN = 0.04
 """Relative size of the products of inertia below which their sign cannot be determined."""
 
 CLEAR = 2.0
-"""Minimum ratio between the misfits of the second-best and the best kind of explanation, to name only one."""
+"""Minimum ratio between the misfits of the second-best and the best explanation; below it, the message also names
+the second."""
 
 _NAMES = ("xx", "yy", "zz", "xy", "xz", "yz")
 _PLACES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 
 
 def misfit(tensor: Array, shape: Array) -> float:
-    """Return the norm of the difference of two tensors per mass (3, 3), relative to `shape`."""
+    """Return the norm of `tensor` - `shape` relative to that of `shape`; both are tensors per mass (3, 3)."""
     return float(np.linalg.norm(tensor - shape) / np.linalg.norm(shape))
 
 
@@ -56,7 +57,7 @@ def guesses(name: str, source: str, tensor: Array, centre: Array, mass: float, s
     tried = sorted(_readings(tensor, centre, mass), key=lambda r: misfit(r[2] / mass, shape))
     signs = [r for r in tried if r[0] == "sign"]
     if now < BAD:
-        # products are small compared with the moments, so their sign is judged by the products alone
+        # Products are small compared with the moments: their sign has little effect on the misfit of the tensor.
         products = np.array([shape[p] for p in _PLACES[3:]])
         stated = np.array([tensor[p] / mass for p in _PLACES[3:]])
         if np.linalg.norm(products) < SIGN * np.abs(shape).max():
@@ -81,7 +82,7 @@ def _finding(kind: str, words: str, name: str, source: str, now: float, best: fl
     return warning(
         f"inertia.{kind}",
         name,
-        f"{name}: {words}: deviation from the tensor of its filled shapes",
+        f"{name}: {words}: deviation from the tensor of the filled shapes",
         Quantity(100 * now, "%"),
         100 * best,
         when=source,
@@ -92,13 +93,13 @@ def _finding(kind: str, words: str, name: str, source: str, now: float, best: fl
 def _readings(tensor: Array, centre: Array, mass: float) -> Iterator[tuple[str, str, Array]]:
     """Yield (kind of mistake, message, corrected tensor about the mass centre) for each possible mistake."""
     flipped = 2 * np.diag(np.diag(tensor)) - tensor
-    yield "sign", "the products of inertia seem to have the other sign (+integral of x y dm)", flipped
+    yield "sign", "the products of inertia seem to have the wrong sign (+integral of x y dm)", flipped
     for order in permutations(range(3)):
         if order != (0, 1, 2):
             axes = "".join("xyz"[i] for i in order)
             yield (
                 "axes",
-                f"the axes seem to be exchanged (x y z stated for {' '.join(axes)})",
+                f"the axes seem to be exchanged (stated as x y z, but meant as {' '.join(axes)})",
                 tensor[np.ix_(order, order)],
             )
     for power in (-3, -2, -1, 1, 2, 3):
@@ -110,7 +111,7 @@ def _readings(tensor: Array, centre: Array, mass: float) -> Iterator[tuple[str, 
             other[i, j] = other[j, i] = tensor[i, j] * 10.0**power
             yield (
                 "decimal",
-                f"I{entry} seems to have lost its decimal mark ({tensor[i, j]:g} for {other[i, j]:g})",
+                f"I{entry} seems to have lost its decimal mark ({tensor[i, j]:g} instead of {other[i, j]:g})",
                 other,
             )
     far = mass * ((centre @ centre) * np.eye(3) - np.outer(centre, centre))

@@ -147,7 +147,7 @@ def judged(body: Stated) -> Judged:
         what = "is not positive definite" if mass is None else "about the mass centre is not positive definite"
         say("impossible", f"the tensor {what}: smallest principal moment", Quantity(moments[0], "kg m2"), 0.0)
     elif slack <= 0:
-        text = f"no body has principal moments {_three(moments)} kg m2 (triangle inequality): largest"
+        text = f"principal moments {_three(moments)} kg m2 violate the triangle inequality: largest"
         say("impossible", text, Quantity(moments[2], "kg m2"), moments[:2].sum())
     elif mass is not None and (mass < least * (1 - 1e-9) or definite < DEFINITE):
         text = "the mass is too small for these moments (the pseudo-inertia is not positive definite)"
@@ -192,7 +192,7 @@ def _against_shapes(body: Stated, first: Array, mass: float | None, say) -> tupl
     density = mass / m.volume
     if not DENSITY[0] <= density <= DENSITY[1]:
         power = int(np.round(np.log10(density / 2700.0)))
-        guess = f", as if the decimal mark were shifted by {abs(power)} places" if power else ""
+        guess = f" (decimal mark probably shifted by {abs(power)} places)" if power else ""
         way = f"{mass / 10.0**power:g} kg would be {density / 10.0**power:.4g} kg/m3" if power else ""
         limit = DENSITY[0] if density < DENSITY[0] else DENSITY[1]
         text = f"{mass:g} kg in {1e6 * m.volume:.4g} cm3 of shapes{guess}: density"

@@ -44,7 +44,7 @@ def moments(vertices: Array, triangles: np.ndarray) -> Moments:
         triangles: (m, 3) vertex indices, counter-clockwise seen from outside.
     """
     corners = np.asarray(vertices, float)[np.asarray(triangles)]
-    shift = corners.reshape(-1, 3).mean(axis=0)  # far from the origin, differences of large numbers lose precision
+    shift = corners.reshape(-1, 3).mean(axis=0)  # about the mean corner: far from the origin, rounding errors are large
     corners = corners - shift
     volumes = np.einsum("ki,ki->k", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) / 6.0
     volume = float(volumes.sum())

@@ -1,4 +1,4 @@
-# 5: TypeError: '135' is not a number: write it as in 135.0
+# 5: TypeError: '135' is not a number; write a number such as 135.0
 from twin.formula import mm
 
 PARAMETERS = {

@@ -1,3 +1,3 @@
-# 2: inverse() takes its arguments by name: replace '*args' by names
+# 2: inverse() must have named arguments: replace '*args' by names
 def inverse(*args):
     return args[0][0, 3], 0.0

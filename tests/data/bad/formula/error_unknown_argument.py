@@ -1,4 +1,4 @@
-# 5: inverse() asks for 'poes'; there is no symbol 'poes'. Did you mean 'pose'?
+# 5: inverse() uses 'poes'; there is no symbol 'poes'. Did you mean 'pose'?
 import numpy as np
 
 
