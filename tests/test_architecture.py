@@ -100,8 +100,9 @@ def _imports(path: Path) -> Iterator[str]:
         elif isinstance(node, ast.Call):
             name = getattr(node.func, "id", getattr(node.func, "attr", ""))
             beside = [c.value for a in node.args for c in ast.walk(a) if isinstance(c, ast.Constant)]
-            if name == "spec_from_file_location" and any((path.parent / str(b)).is_file() for b in beside):
-                continue  # a second file of the same drawing, itself checked here
+            folders = (path.parent, *(f for f in path.parent.iterdir() if f.is_dir()))
+            if name == "spec_from_file_location" and any((f / str(b)).is_file() for f in folders for b in beside):
+                continue  # another file of the same drawing, or of a drawing that uses this one, itself checked here
             if name in ("import_module", "__import__", "spec_from_file_location", "run_path", "run_module", "exec"):
                 yield f"<{name}>"
 

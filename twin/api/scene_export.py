@@ -1,8 +1,8 @@
 """Export a scene: a checked bundle for each robot with its base pose, and one USD stage with all robots.
 
-Formats other than USD contain one robot with its motion. `scene.json` contains the pose of each robot's base; a player
-places the bases and starts all motions at the same time. A robot that a console leads has no motion: its files hold it
-where the console takes it over, and `scene.json` contains its joint values there.
+Files in formats other than USD contain one robot with its motion. `scene.json` contains the pose of each robot's base.
+A player places the bases, and starts all motions at the same time. A robot that a console controls has no motion: its
+files contain the pose at which the console takes over, and `scene.json` contains its joint values there.
 """
 
 from __future__ import annotations
@@ -227,7 +227,7 @@ def _readme(scene: Scene, formats: Sequence[str]) -> str:
     if led := [p.name for p in scene.places if not p.protocol]:
         lines.append(f"A console leads {', '.join(led)}: no motion; joint values where it begins are in scene.json.")
     if "usd" in formats:
-        lines.append(f"usd/{scene.name}.usda   all robots at their places with their motions, and the props.")
+        lines.append(f"usd/{scene.name}.usda   all robots at their base poses with their motions, and the props.")
     if "usd" in formats and not any(p.protocol for p in scene.places):
         lines.append(f"usd/{scene.name}_sim.usda   the same in a physics scene: open this file to simulate.")
     return "\n".join(lines) + "\n"

@@ -15,7 +15,7 @@ EXTRAS = {
     "segno": "qr",
     "yaml": "yaml",
 }
-"""Name of the extra of this package that installs each module, by module name."""
+"""Extra (of the package twin-robotics) that installs a module, by module name."""
 
 
 def require(module: str, purpose: str) -> ModuleType:
