@@ -240,7 +240,7 @@ PROTOCOL = {
     "NaN": ("tip_speed_mm_s = 25", "tip_speed_mm_s = nan", "must be a finite number"),
     "missing unit": ("tip_speed_mm_s = 25", "tip_speed = 25", "the unit is missing: write tip_speed_mm_s"),
     "unknown waypoint": ('to = "near"', 'to = "near_by"', "there is no waypoint 'near_by'. Did you mean 'near'?"),
-    "zero-length phase": ('to = "near"', 'to = "c"', "the phase has no length: it begins at 'c' already; remove it"),
+    "zero-length phase": ('to = "near"', 'to = "c"', "the phase has no length: it already begins at 'c'; remove it"),
     "other robot": ('robot = "sils"', 'robot = "slis"', "written for 'slis', not for 'sils'"),
     "other name": ('name = "short"', 'name = "brief"', "'brief' must be the file's name, 'short'"),
 }
@@ -271,7 +271,7 @@ def test_protocol_moves_a_frame_that_is_not_there(robot, refused):
 
 def test_protocol_moves_a_frame_of_another_body(robot, refused):
     robot.change(robot.protocol, 'frame = "tool"', 'frame = "base"')
-    assert "frame 'base' is on body 'frame', the tool on 'platform': it moves relative" in refused("plan")
+    assert "frame 'base' is on body 'frame', the tool on 'platform': the frame moves relative" in refused("plan")
 
 
 @pytest.mark.parametrize("command", ["plan", "validate"])

@@ -60,7 +60,7 @@ BAD = {
     "error_unknown_shape.urdf": "link 'base': there is no shape 'cone'",
     "error_cut_off.usda": "is not a readable USD file",
     "error_distance_joint.usda": "joint /fourbar/wrist: joints of type PhysicsDistanceJoint are not suppor",
-    "error_limit_of_three_numbers.usda": "lowerLimit is of type 'point3f'; its schema has float",
+    "error_limit_of_three_numbers.usda": "lowerLimit has type 'point3f'; its schema requires float",
     "error_unknown_type.usda": "lowerLimit is of type 'flaot', which USD does not have",
     "error_limits_swapped.usda": "fourbar: joint 'crank_joint': limits -1 .. -1.5708 are not ordered",
     "error_mimic_of_a_vendor.usda": "joint /fourbar/elbow is coupled to another joint by PhysxMimicJointAPI:rotZ",

@@ -459,7 +459,7 @@ def test_a_stage_whose_motors_are_of_another_form_is_refused(bundle, tmp_path, c
     spec = layer.GetPrimAtPath("/raven")
     spec.customData = {"twin": {**dict(spec.customData)["twin"], **change}}
     layer.Save()
-    with pytest.raises(StageError, match=r"twin:actuators or twin:transmissions is not of the form|actuator"):
+    with pytest.raises(StageError, match=r"twin:actuators or twin:transmissions does not have the form|actuator"):
         read_stage(tmp_path / "usd/raven.usda")
 
 

@@ -89,7 +89,7 @@ def _guide(protocol: Protocol, kinematics: PathKinematics, T_tool_frame: Array, 
         if kinematics.takes(np.concatenate(Ts)):
             return None
     if kinematics.carrier is None:
-        raise ProtocolError(f"{protocol.name}: joint values and free directions need the mechanism, but there is none")
+        raise ProtocolError(f"{protocol.name}: joint values and free directions require a mechanism, but there is none")
     return Follower(protocol, kinematics, kinematics.carrier, progress)
 
 
