@@ -271,7 +271,7 @@ def test_protocol_moves_a_frame_that_is_not_there(robot, refused):
 
 def test_protocol_moves_a_frame_of_another_body(robot, refused):
     robot.change(robot.protocol, 'frame = "tool"', 'frame = "base"')
-    assert "frame 'base' is on body 'frame', the tool on 'platform': the frame moves relative" in refused("plan")
+    assert "frame 'base' is on body 'frame', the tool is on 'platform': the frame moves relative" in refused("plan")
 
 
 @pytest.mark.parametrize("command", ["plan", "validate"])
@@ -327,7 +327,7 @@ def test_formula_imports_what_is_not_there(robot, refused):
 
 def test_formula_is_not_defined(robot, refused):
     robot.change(robot.formula, "FORMULA = Formula(", "FORMEL = Formula(")
-    assert f"{robot.formula}: it defines no FORMULA and no plain functions" in refused()
+    assert f"{robot.formula}: it defines neither FORMULA nor plain functions" in refused()
 
 
 def test_formula_is_something_else(robot, refused):

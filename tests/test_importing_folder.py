@@ -53,7 +53,7 @@ def inverse(pose):
 def test_info_validate_build_and_view_work_on_a_new_folder_at_once(name, tmp_path, capsys):
     folder = tmp_path / "deep/own"
     assert cli.main(["new", "own", "--from", str(MODELS / name), "--out", str(folder), "--quiet"]) == 0
-    assert "1 loops closed to" in capsys.readouterr().out
+    assert "1 loops closed within" in capsys.readouterr().out
     assert cli.main(["info", str(folder), "--json"]) == 0
     info = json.loads(capsys.readouterr().out)
     assert info["degrees_of_freedom"] == 1

@@ -396,7 +396,7 @@ class Mechanism:
         tool, it = self.frame(self.tool), self.frame(name)
         if tool.body != it.body:
             raise MechanismError(
-                f"frame '{name}' is on body '{it.body}', the tool on '{tool.body}': the frame moves relative to the tool"
+                f"frame '{name}' is on body '{it.body}', the tool is on '{tool.body}': the frame moves relative to it"
             )
         return spatial.inverse(tool.T_body_frame) @ it.T_body_frame
 

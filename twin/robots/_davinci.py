@@ -1,8 +1,8 @@
 """Shared by the arms of the da Vinci Classic: yaw and pitch about the RCM, insertion, and the linkage that drives them.
 
 Base frame of dVRK: origin at the RCM, z up. With all joints at zero the shaft points along -z; yaw turns about -y,
-pitch about -x. No joint is at the RCM: two parallelograms (pins B, B2, C, C2) hold it. The equations do not need them;
-the pins are computed so that the linkage can be checked.
+pitch about -x. No joint is at the RCM: two parallelograms (pins B, B2, C, C2) keep it fixed. The equations do not need
+these pins; they are computed only to check the linkage.
 """
 
 from __future__ import annotations

@@ -173,8 +173,8 @@ def _times_apart(clip: Clip, ref: Reference, mine: Array, its: Array) -> str:
         )
     said = []
     for times, shared, text in (
-        (ref.clip.times, its, f"compared with {ref.source}, the clip lacks"),
-        (clip.times, mine, f"{ref.source} lacks"),
+        (ref.clip.times, its, f"keys of {ref.source} missing in this clip:"),
+        (clip.times, mine, f"keys missing in {ref.source}:"),
     ):
         lacking = np.setdiff1d(np.arange(len(times)), shared)
         if len(lacking):
@@ -326,7 +326,10 @@ def compare_rest(contents: Sequence[Content]) -> None:
             text = f"its rest pose is the first pose of clip '{clip}', not the rest pose of {first.file}."
             content.ledger.add("compare.rest", "info", text, where=clip)
         elif apart[far] > POSITION_TOL or turn[turned] > ROTATION_TOL:
-            text = f"at rest, '{far}' is {quantity(apart[far], 'm')} from its pose in {first.file}, or '{turned}' is rotated."
+            text = (
+                f"rest poses differ from {first.file}: by {quantity(apart[far], 'm')} at link '{far}', most in "
+                f"rotation at link '{turned}'."
+            )
             content.ledger.add("compare.rest", "disagreement", text, where=far, size=apart[far] * 1e6, unit="um")
 
 
