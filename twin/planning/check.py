@@ -21,9 +21,7 @@ AGAIN = "plan the protocol again: these samples differ from the planned ones"
 """Suggestion for samples that differ from the planned ones."""
 
 
-_MISSED = Kind(
-    "rcm.missed", "disagreement", 'use rcm = "enforced" and a waypoint with depth_mm', word="tolerance"
-)
+_MISSED = Kind("rcm.missed", "disagreement", 'use rcm = "enforced" and a waypoint with depth_mm', word="tolerance")
 _KEPT = Kind("rcm.kept", "info", word="tolerance")
 _BENT = Kind("insertion.bent", "disagreement", AGAIN, word="tolerance")
 _STRAIGHT = Kind("insertion.straight", "info", word="tolerance")

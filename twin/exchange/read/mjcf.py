@@ -284,9 +284,7 @@ class _Mjcf:
             if b < 0:
                 raise SourceError(f"{self.path}: equality '{name}' locks joint '{self.joints[a]}': remove the joint")
             if np.any(data[2:5]):
-                raise SourceError(
-                    f"{self.path}: equality '{name}' is a polynomial of degree > 1; the degree must be 1"
-                )
+                raise SourceError(f"{self.path}: equality '{name}' is a polynomial of degree > 1; the degree must be 1")
             if data[1] == 0:
                 raise SourceError(f"{self.path}: equality '{name}' locks joint '{self.joints[a]}': remove the joint")
             # MuJoCo: a - a_ref = c0 + c1 (b - b_ref)
