@@ -324,12 +324,12 @@ def test_a_given_frame():
         ),
         (
             {"origin": "s1", "z": "s1", "x_towards": "s2"},
-            "z = 's1' gives no direction: use a feature other than a sphere; three points must span a plane",
+            "z = 's1' defines no direction: use a cylinder, a plane, or three sphere centres not on one line",
         ),
         (
             {"origin": "s1", "z": ["s1", "s2", "s2"], "x_towards": "s3"},
-            "z = ['s1', 's2', 's2'] gives no direction: use a feature other than a sphere; "
-            "three points must span a plane",
+            "z = ['s1', 's2', 's2'] defines no direction: use a cylinder, a plane, or three sphere "
+            "centres not on one line",
         ),
         ({"origin": "axis", "z": "axiss", "x_towards": "s2"}, "there is no feature 'axiss'. Did you mean 'axis'?"),
     ],

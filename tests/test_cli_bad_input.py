@@ -173,7 +173,7 @@ DESCRIPTION = {
     "unknown joint type": ('type = "spherical"', 'type = "ball"', 'type = "ball": not known'),
     "no provenance": ('provenance = "ASSUMED"\n', "", "provenance: this key is missing"),
     "not TOML": ('base = "frame"', "base = frame", "not valid TOML"),
-    "other name": ('name = "sils"', 'name = "slis"', "'slis' must be the file's name, 'sils'"),
+    "other name": ('name = "sils"', 'name = "slis"', "'slis' must be equal to the file name 'sils'"),
 }
 
 
@@ -242,7 +242,7 @@ PROTOCOL = {
     "unknown waypoint": ('to = "near"', 'to = "near_by"', "there is no waypoint 'near_by'. Did you mean 'near'?"),
     "zero-length phase": ('to = "near"', 'to = "c"', "the phase has no length: it already begins at 'c'; remove it"),
     "other robot": ('robot = "sils"', 'robot = "slis"', "written for 'slis', not for 'sils'"),
-    "other name": ('name = "short"', 'name = "brief"', "'brief' must be the file's name, 'short'"),
+    "other name": ('name = "short"', 'name = "brief"', "'brief' must be equal to the file name 'short'"),
 }
 
 

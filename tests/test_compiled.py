@@ -242,7 +242,7 @@ def test_arrays_of_another_shape_are_refused():
     kernel = Kernel([root()], {"p": 1, "x": 1}, ["x"])
     with pytest.raises(ValueError, match=r"'x' has shape \(2, 3\), not \(1, 3\)"):
         kernel(np.ones((1, 3)), np.ones((2, 3)))
-    with pytest.raises(ValueError, match="1 arrays for p, x"):
+    with pytest.raises(ValueError, match="1 arrays given, expected one for each of p, x"):
         kernel(np.ones((1, 3)))
 
 

@@ -61,7 +61,7 @@ BAD = {
     "error_cut_off.usda": "is not a readable USD file",
     "error_distance_joint.usda": "joint /fourbar/wrist: joints of type PhysicsDistanceJoint are not suppor",
     "error_limit_of_three_numbers.usda": "lowerLimit has type 'point3f'; its schema requires float",
-    "error_unknown_type.usda": "lowerLimit is of type 'flaot', which USD does not have",
+    "error_unknown_type.usda": "lowerLimit has type 'flaot', which USD does not define",
     "error_limits_swapped.usda": "fourbar: joint 'crank_joint': limits -1 .. -1.5708 are not ordered",
     "error_mimic_of_a_vendor.usda": "joint /fourbar/elbow is coupled to another joint by PhysxMimicJointAPI:rotZ",
     "error_missing_vertices.usda": "mesh /fourbar/crank/crank_shape: an index refers to vertex 9, but it has 4",

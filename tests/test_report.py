@@ -96,7 +96,7 @@ def test_page_says_everything(disagree, written):
     assert text.index("joint.q1.max_speed") < text.index("l_0")
     for phase in disagree.phases:
         assert phase.name in text
-    assert "because of point s1" in text
+    assert "caused by point s1" in text
     assert "Equations (A) and CAD (B) differ" in text
     assert "twin validate sils --protocol table2 --variant eq1=printed" in text
     for pair in ("A–B", "B–C", "B–D"):

@@ -216,7 +216,7 @@ def test_no_way_says_what_was_tried(monkeypatch):
     monkeypatch.setattr("twin.planning.around._ROUNDS", ((0.2, 20), (1.0, 30)))
     space = space_of(arm(1), *[replace(post(0.15, 0.0), name="room/wall")])
     with pytest.raises(
-        ProtocolError, match=r"no path around .* 20 up to 20 % of the joint range .*, 30 up to 100 % .* waypoint"
+        ProtocolError, match=r"no path around .*20 up to 20 % of the joint range .*, 30 up to 100 % .* waypoint"
     ):
         around(space, np.array([-1.5]), np.array([1.5]))
 

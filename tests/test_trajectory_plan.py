@@ -318,7 +318,7 @@ def test_an_inverse_without_an_answer_is_an_error():
     def holes(Ts):
         return np.where(Ts[:, 2:3, 3] < 0.17, np.nan, inverse(Ts))
 
-    assert "the inverse kinematics has no answer" in refusal(table2(), replace(SILS, inverse=holes))
+    assert "the inverse kinematics has no solution" in refusal(table2(), replace(SILS, inverse=holes))
 
 
 def test_a_frame_that_is_no_pose_is_refused():

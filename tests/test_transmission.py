@@ -192,7 +192,7 @@ WRONG = [
     ('joints = ["lift"]', 'joints = ["q1"]', "'q1' is used by transmission 'cables' already"),
     ('actuators = ["screw"]', 'actuators = ["crew"]', "there is no actuator 'crew'"),
     ("[[0.0003183098861837907]]", "[[0.0]]", "cannot be inverted (condition number inf"),
-    ("[[0.0003183098861837907]]", "[[1.0, 2.0]]", "1 joints, 1 actuators, rows of 2"),
+    ("[[0.0003183098861837907]]", "[[1.0, 2.0]]", "1 joints, 1 actuators, rows of length 2"),
     ('name = "screw"', 'name = "lift"', "a joint has this name"),
     ('name = "spindle"', 'name = "spindle"\nratio = 3', "ratio"),
 ]

@@ -84,7 +84,7 @@ def test_trocars_are_told_apart_by_name(robot):
         m.trocar_at()
     with pytest.raises(MechanismError, match=r"no trocar 'rigth'\. Did you mean 'right'"):
         m.with_trocar(AWAY, "rigth")
-    with pytest.raises(MechanismError, match="trocar 'left' is named twice"):
+    with pytest.raises(MechanismError, match="trocar 'left' is listed twice"):
         replace(m, trocars=("left", "left"))
     with pytest.raises(MechanismError, match="the parent of joint 'pin' must be the base"):
         replace(m, trocars=("left", "pin"))

@@ -190,7 +190,7 @@ def _turned(spec: FrameSpec, along: str | list[str], p: Array, given: Array, fea
         z = _get(along, features).direction
     if np.linalg.norm(z) < 1e-12:
         raise CadError(
-            f"z = {along!r} gives no direction: use a feature other than a sphere; three points must span a plane"
+            f"z = {along!r} defines no direction: use a cylinder, a plane, or three sphere centres not on one line"
         )
     z = z / np.linalg.norm(z)
     try:

@@ -29,10 +29,10 @@ _STATIONS = 33
 """Number of points of a phase at which the mechanism is evaluated before fitting."""
 
 _STILL = 1e-12
-"""Change (in m, or of a matrix entry) along a phase up to which it is rounding."""
+"""Maximum change (in m, or of a matrix entry) along a phase that counts as rounding."""
 
 _NONE = 1e-9
-"""Change (m, rad) of all driven joints below which a phase has no length."""
+"""Change (m, rad) of all driven joints below which a phase counts as having no length."""
 
 _LENGTH = 0.1
 """Length in m that is equivalent to 1 rad in comparisons of directions."""

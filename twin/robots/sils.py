@@ -124,8 +124,8 @@ def eq2_printed(Z_S1, Y_S2, Z_S3, q1, q2, q3, q4, q5, q6, l_1, l_2):
     "literal",
     of=eq2_printed,
     why="Radicals exactly as in our text of the paper: the root ends before 2 l_0 sqrt(...) (q2, q4, q6) and before "
-    "-(L_V - Z_S2)^2, -(L_H - Y_S3)^2 (q4, q6). Carriage gaps are then off by up to 0.55 m. Perhaps damage of "
-    "transcription, therefore a separate variant.",
+    "-(L_V - Z_S2)^2, -(L_H - Y_S3)^2 (q4, q6). Carriage gaps are then wrong by up to 0.55 m. This may be an error "
+    "of transcription; therefore it is a separate variant.",
 )
 def eq2_literal(X_S1, Y_S1, X_S2, Z_S2, X_S3, Y_S3, q1, q3, q5, l_0, l_1, l_2, L_H, L_V):
     """Joints with the radicals exactly as in the text that we have: the roots end too early."""

@@ -106,7 +106,7 @@ def _check_drive(ledger: Ledger, joint: str, drive: Drive) -> None:
         ("largest speed", drive.speed, 0.0),
     ):
         if value is not None and value < least:
-            text = f"joint '{joint}': its {name} is {value:g}, below zero."
+            text = f"joint '{joint}': its {name} is {value:g}, which is negative."
             ledger.add("physics.drive_negative", "disagreement", text, where=joint, size=value, limit=0.0)
 
 
