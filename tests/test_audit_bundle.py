@@ -215,7 +215,7 @@ def test_a_shaft_may_pass_an_rcm_that_is_only_watched(change, told, bundle):
         ("swapped links", "'crank' and 'rocker' are swapped"),
         ("millimetres", "millimetres"),
         ("y up", "up axis is wrong"),
-        ("degrees for radians", "read as degrees it would be inside"),
+        ("degrees for radians", "interpreted in degrees, it is within them"),
     ],
 )
 def test_the_mistake_is_guessed(name, reason, bundle):

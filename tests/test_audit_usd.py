@@ -225,8 +225,8 @@ def test_each_defect_is_named(name, good, tmp_path):
     ("name", "reason"),
     [
         ("swapped links", "links 'crank' and 'rocker' are swapped"),
-        ("frame rate", "the clip lasts 5 s, in tracks/swing.json 2 s (x 2.5)"),
-        ("joint state in radians", "degrees against radians"),
+        ("frame rate", "the clip lasts 5 s; in tracks/swing.json it lasts 2 s (ratio 2.5)"),
+        ("joint state in radians", "degrees instead of radians"),
     ],
 )
 def test_the_mistake_is_guessed(name, reason, good, tmp_path):

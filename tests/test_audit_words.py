@@ -62,7 +62,7 @@ def drop_row(folder: Path, which: int) -> None:
 def test_a_dropped_key_is_called_one(tables):
     drop_row(tables, 20)
     (told,) = [f.message for f in audit(tables).findings if f.code == "compare.times"]
-    assert told == "clip 'swing': of tracks/swing.json it lacks one key, that at 1 s (both last 2 s)."
+    assert told == "clip 'swing': keys of tracks/swing.json missing in this clip: one key, at 1 s (both last 2 s)."
 
 
 def test_lengths_that_differ_are_told_with_digits_that_differ(tables):
@@ -71,7 +71,7 @@ def test_lengths_that_differ_are_told_with_digits_that_differ(tables):
     text[-1] = text[-1].replace("2,", "2.0004,", 1)
     file.write_text("\n".join(text) + "\n")
     (told,) = [f.message for f in audit(tables).findings if f.code == "compare.times"]
-    assert "the clip lasts 2.0004 s, in tracks/swing.json 2 s" in told
+    assert "the clip lasts 2.0004 s; in tracks/swing.json it lasts 2 s" in told
     assert told_apart(17.07, 17.0700001) == ("17.07", "17.0700001")
 
 

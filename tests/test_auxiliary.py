@@ -150,9 +150,9 @@ def test_a_jaw_beyond_its_limit_through_its_fellow_or_misnamed_is_refused(robot,
         planned(a=("jaw_deg = 40", "jaw_mm = 40"))
     with pytest.raises(ProtocolError, match="there is no driven joint 'jow'"):
         planned(a=("jaw_deg = 40", "jow_deg = 40"))
-    with pytest.raises(ProtocolError, match="it has no length: the joints are already there"):
+    with pytest.raises(ProtocolError, match="the phase has no length: the joints already have these values"):
         planned(a=("jaw_deg = 5 ", "jaw_deg = 40 "))
-    with pytest.raises(ProtocolError, match="it has no length: the joints are already there"):
+    with pytest.raises(ProtocolError, match="the phase has no length: the joints already have these values"):
         planned(a=("jaw_deg = 40 ", " "))
 
 

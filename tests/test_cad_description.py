@@ -58,7 +58,7 @@ def copy(tmp_path, *changes):
         (
             ("radius_mm = 3.02", "radius_mm = 3.1"),
             CadError,
-            "feature 'bore' of body 'arm': the STEP has no cylinder of radius 3.1 mm there; radii found: 2, 3.02 mm",
+            "feature 'bore' of body 'arm': the body has no cylinder of radius 3.1 mm; radii found: 2, 3.02 mm",
         ),
         (
             ("near_mm = [80, 0, 20]", "near_mm = [83, 0, 20]"),

@@ -134,7 +134,7 @@ def test_a_wrong_radius_lists_the_radii_that_exist():
     with pytest.raises(CadError) as caught:
         find(wanted("cylinder", (0, 0, 0), radius_mm=3.02, direction=(0, 0, 1)), *PARTS)
     assert str(caught.value) == (
-        "feature 'thing' of body 'bar': the STEP has no cylinder of radius 3.02 mm there; radii found: 3, 4 mm"
+        "feature 'thing' of body 'bar': the body has no cylinder of radius 3.02 mm; radii found: 3, 4 mm"
     )
 
 
@@ -151,7 +151,7 @@ def test_radii_are_told_apart_at_five_micrometres(radius, fits):
 def test_a_kind_that_is_not_there():
     with pytest.raises(CadError) as caught:
         find(wanted("sphere", (0, 0, 0), radius_mm=8), part("p", plane((0, 0, 0), Z)))
-    assert str(caught.value) == "feature 'thing' of body 'bar': the STEP has no sphere of radius 8 mm there"
+    assert str(caught.value) == "feature 'thing' of body 'bar': the body has no sphere of radius 8 mm"
 
 
 def test_a_face_that_is_grossly_off_is_an_error_with_its_distance():
@@ -159,13 +159,13 @@ def test_a_face_that_is_grossly_off_is_an_error_with_its_distance():
         find(wanted("sphere", (103.5, 0, 0), radius_mm=8), *PARTS)
     assert str(caught.value) == (
         "feature 'thing' of body 'bar': the nearest sphere (on 'ball', at (100.00, 0.00, 0.00) mm) is 3.500 mm and "
-        "0.00° off; gross tolerance 2 mm, 2°. Correct near_mm, the drawing, or tolerance.gross_mm."
+        "0.00° away; gross tolerance 2 mm, 2°. Correct near_mm, the drawing, or tolerance.gross_mm."
     )
 
 
 def test_a_face_that_is_grossly_tilted_is_an_error_with_its_angle():
     tilted = cylinder((0, 0, 0), (np.sin(3 * DEG), 0, np.cos(3 * DEG)))
-    with pytest.raises(CadError, match=r"is 0\.000 mm and 3\.00° off; gross tolerance 2 mm, 2°"):
+    with pytest.raises(CadError, match=r"is 0\.000 mm and 3\.00° away; gross tolerance 2 mm, 2°"):
         find(wanted("cylinder", (0, 0, 0), radius_mm=3, direction=(0, 0, 1)), part("p", tilted))
 
 
@@ -324,12 +324,12 @@ def test_a_given_frame():
         ),
         (
             {"origin": "s1", "z": "s1", "x_towards": "s2"},
-            "z = 's1' gives no direction: use a feature other than a sphere; three points must span a plane",
+            "z = 's1' defines no direction: use a cylinder, a plane, or three sphere centres not on one line",
         ),
         (
             {"origin": "s1", "z": ["s1", "s2", "s2"], "x_towards": "s3"},
-            "z = ['s1', 's2', 's2'] gives no direction: use a feature other than a sphere; "
-            "three points must span a plane",
+            "z = ['s1', 's2', 's2'] defines no direction: use a cylinder, a plane, or three sphere "
+            "centres not on one line",
         ),
         ({"origin": "axis", "z": "axiss", "x_towards": "s2"}, "there is no feature 'axiss'. Did you mean 'axis'?"),
     ],

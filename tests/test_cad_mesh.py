@@ -69,7 +69,7 @@ def test_a_3mf_that_states_another_unit_is_refused(tmp_path):
     write_3mf(tmp_path / "brick.3mf", brick(), "inch")
     with pytest.raises(CadError) as caught:
         mesh.load_mesh(tmp_path / "brick.3mf", "mm")
-    assert str(caught.value) == f"{tmp_path / 'brick.3mf'}: unit 'mm' is declared, but the file itself says inch"
+    assert str(caught.value) == f"{tmp_path / 'brick.3mf'}: unit 'mm' is declared, but the file states inch"
 
 
 def test_a_3mf_places_components_and_items(tmp_path):
@@ -126,8 +126,8 @@ def test_scenes_with_placed_nodes_are_flattened(tmp_path):
     [
         ("brick.stl", None, "a mesh file does not state its unit; give unit = 'mm' (or m, cm, mm, um, in)"),
         ("brick.stl", "inch", "unit 'inch' is not known; use one of m, cm, mm, um, in"),
-        ("brick.dae", "mm", "'.dae' is not read; use STEP or one of .stl, .obj, .glb, .gltf, .3mf, .ply"),
-        ("brick", "mm", "'' is not read; use STEP or one of"),
+        ("brick.dae", "mm", "suffix '.dae' is not supported; use STEP or one of .stl, .obj, .glb, .gltf, .3mf, .ply"),
+        ("brick", "mm", "suffix '' is not supported; use STEP or one of"),
         ("none.stl", "mm", "the mesh file does not exist"),
         ("empty.obj", "mm", "it has no triangles"),
         ("noise.glb", "mm", "cannot be read as GLB"),

@@ -157,7 +157,7 @@ def test_a_file_whose_middle_is_lost_is_damaged(tmp_path, capfd):
     path = tmp_path / "hole.step"
     unit = next(line for line in whole.splitlines() if "LENGTH_UNIT" in line and "CONVERSION" in line)
     path.write_text(whole[:start] + "\n" + unit + "\nENDSEC;\nEND-ISO-10303-21;\n")
-    with pytest.raises(CadError, match=r"hole\.step(: OpenCASCADE could not read it| holds no solids)"):
+    with pytest.raises(CadError, match=r"hole\.step(: OpenCASCADE could not read it| contains no solids)"):
         read_step(path)
 
 

@@ -173,7 +173,7 @@ DESCRIPTION = {
     "unknown joint type": ('type = "spherical"', 'type = "ball"', 'type = "ball": not known'),
     "no provenance": ('provenance = "ASSUMED"\n', "", "provenance: this key is missing"),
     "not TOML": ('base = "frame"', "base = frame", "not valid TOML"),
-    "other name": ('name = "sils"', 'name = "slis"', "'slis' must be the file's name, 'sils'"),
+    "other name": ('name = "sils"', 'name = "slis"', "'slis' must be equal to the file name 'sils'"),
 }
 
 
@@ -240,9 +240,9 @@ PROTOCOL = {
     "NaN": ("tip_speed_mm_s = 25", "tip_speed_mm_s = nan", "must be a finite number"),
     "missing unit": ("tip_speed_mm_s = 25", "tip_speed = 25", "the unit is missing: write tip_speed_mm_s"),
     "unknown waypoint": ('to = "near"', 'to = "near_by"', "there is no waypoint 'near_by'. Did you mean 'near'?"),
-    "zero-length phase": ('to = "near"', 'to = "c"', "the phase has no length: it begins at 'c' already; remove it"),
+    "zero-length phase": ('to = "near"', 'to = "c"', "the phase has no length: it already begins at 'c'; remove it"),
     "other robot": ('robot = "sils"', 'robot = "slis"', "written for 'slis', not for 'sils'"),
-    "other name": ('name = "short"', 'name = "brief"', "'brief' must be the file's name, 'short'"),
+    "other name": ('name = "short"', 'name = "brief"', "'brief' must be equal to the file name 'short'"),
 }
 
 
@@ -271,7 +271,7 @@ def test_protocol_moves_a_frame_that_is_not_there(robot, refused):
 
 def test_protocol_moves_a_frame_of_another_body(robot, refused):
     robot.change(robot.protocol, 'frame = "tool"', 'frame = "base"')
-    assert "frame 'base' is on body 'frame', the tool on 'platform': it moves relative" in refused("plan")
+    assert "frame 'base' is on body 'frame', the tool is on 'platform': the frame moves relative" in refused("plan")
 
 
 @pytest.mark.parametrize("command", ["plan", "validate"])
@@ -327,7 +327,7 @@ def test_formula_imports_what_is_not_there(robot, refused):
 
 def test_formula_is_not_defined(robot, refused):
     robot.change(robot.formula, "FORMULA = Formula(", "FORMEL = Formula(")
-    assert f"{robot.formula}: it defines no FORMULA and no plain functions" in refused()
+    assert f"{robot.formula}: it defines neither FORMULA nor plain functions" in refused()
 
 
 def test_formula_is_something_else(robot, refused):

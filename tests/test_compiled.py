@@ -216,7 +216,7 @@ def test_backwards_the_carry_comes_from_the_sample_after(count):
     assert total.tolist() == [[100.0 + sum(range(i, count + 1)) for i in range(1, count + 1)]]
     assert (before + np.arange(1.0, count + 1)).tolist() == total.tolist()
     assert carry[0] == 100.0 + sum(range(count + 1))
-    with pytest.raises(ValueError, match="no carry value for total"):
+    with pytest.raises(ValueError, match="argument `carry` is missing for total"):
         kernel(np.ones((1, 3)))
 
 
@@ -242,7 +242,7 @@ def test_arrays_of_another_shape_are_refused():
     kernel = Kernel([root()], {"p": 1, "x": 1}, ["x"])
     with pytest.raises(ValueError, match=r"'x' has shape \(2, 3\), not \(1, 3\)"):
         kernel(np.ones((1, 3)), np.ones((2, 3)))
-    with pytest.raises(ValueError, match="1 arrays for p, x"):
+    with pytest.raises(ValueError, match="1 arrays given, expected one for each of p, x"):
         kernel(np.ones((1, 3)))
 
 

@@ -137,7 +137,7 @@ def test_wrong_joint_values_are_told_with_the_way_out(five_bar):
     for values, angle, said in (
         ({"j9": 0.1}, True, "no driven joint 'j9'"),
         ({"j1": 0.1}, False, "joint 'j1' is in deg: write j1_deg, not j1_mm"),
-        ({}, True, "it has no length"),
+        ({}, True, "the phase has no length"),
         ({"j1": 3.0}, True, r"cannot be carried out: .*% of the way|limit|opens?"),
     ):
         given = replace(near, joints=values, angle_joints=frozenset(values if angle else ()))

@@ -53,7 +53,7 @@ def inverse(pose):
 def test_info_validate_build_and_view_work_on_a_new_folder_at_once(name, tmp_path, capsys):
     folder = tmp_path / "deep/own"
     assert cli.main(["new", "own", "--from", str(MODELS / name), "--out", str(folder), "--quiet"]) == 0
-    assert "1 loops closed to" in capsys.readouterr().out
+    assert "1 loops closed within" in capsys.readouterr().out
     assert cli.main(["info", str(folder), "--json"]) == 0
     info = json.loads(capsys.readouterr().out)
     assert info["degrees_of_freedom"] == 1
@@ -150,12 +150,12 @@ def test_command_takes_a_file_alone_and_tells_json(tmp_path, capsys, monkeypatch
         (["Arm!", "--from", "x.urdf"], "'Arm!' is not a valid robot name"),
         (["arm"], "'arm' does not exist: give a file"),
         (["arm", "--from", "nowhere.urdf"], "the file does not exist"),
-        (["arm", "--from", "robot.txt"], "'.txt' is not read"),
+        (["arm", "--from", "robot.txt"], "suffix '.txt' is not supported"),
         (["arm", "--from", str(MODELS / "fourbar.xml"), "--closures", "x.yaml"], "a closure YAML is for URDF only"),
         (["arm", "--from", str(MODELS / "fourbar.xml"), "--root", "/a"], "--root: there is no body '/a'"),
         (
             ["arm", "--from", str(MODELS / "fourbar.urdf"), "--root", "a"],
-            "a URDF holds one robot: --root does not apply",
+            "a URDF file contains one robot: --root does not apply",
         ),
         (
             ["arm", "--from", str(DATA.parent / "cad/crank.step"), "--root", "/a"],

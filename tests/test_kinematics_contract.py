@@ -90,7 +90,7 @@ def test_broken_row_is_located(tmp_path, row, message):
     [
         ("import casadi\n\nx = = 1\n", r"formula\.py:3: SyntaxError"),
         ("import casadi\n\n\nraise ValueError('oh')\n", r"formula\.py:4: ValueError: oh"),
-        ("x = 1\n", "defines no FORMULA"),
+        ("x = 1\n", "defines neither FORMULA"),
         ("FORMULA = 3\n", "must be a twin.kinematics.Formula, not int"),
     ],
 )

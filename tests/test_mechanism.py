@@ -189,7 +189,7 @@ WRONG = {
         lambda: mechanism(*CHAIN, joint("j4", "a", "basis")),
         "m: joint 'j4', child: there is no body 'basis'. Did you mean 'base'? Known: a, b, base, c.",
     ),
-    "self-joint": (lambda: mechanism(*CHAIN, joint("j4", "a", "a")), "m: joint 'j4' joins body 'a' to itself"),
+    "self-joint": (lambda: mechanism(*CHAIN, joint("j4", "a", "a")), "m: joint 'j4' connects body 'a' to itself"),
     "unknown type": (
         lambda: mechanism(*CHAIN, joint("j4", "a", "c", "revolut")),
         "m: joint 'j4': there is no joint type 'revolut'. Did you mean 'revolute'?",
@@ -256,15 +256,15 @@ WRONG = {
     ),
     "unreachable bodies": (
         lambda: mechanism(J1, J3),
-        "m: no joint leads from base 'base' to: b, c. Join them, or make them props.",
+        "m: no joints connect base 'base' to: b, c. Add joints, or move these bodies to the props of a scene.",
     ),
     "posture without a joint": (
         lambda: mechanism(*CHAIN, postures={"home": {}}),
-        "m: posture 'home' must give each active joint once; check: j1",
+        "m: posture 'home' must have exactly one value for each active joint; check: j1",
     ),
     "posture of a passive joint": (
         lambda: mechanism(*CHAIN, postures={"home": {"j1": 0.0, "j2": 0.0}}),
-        "m: posture 'home' must give each active joint once; check: j2",
+        "m: posture 'home' must have exactly one value for each active joint; check: j2",
     ),
     "active loop joint": (
         lambda: mechanism(*CHAIN, joint("close", "c", "base", active=True)),
@@ -341,7 +341,7 @@ def test_a_solid_box_has_no_violations():
         (0.0, [1, 1, 1], "mass 0 kg is not positive"),
         (np.nan, [1, 1, 1], "mass nan kg is not positive"),
         (1.0, [-1e-6, 1, 1], "smallest principal moment -1e-06 kg m2 is not positive"),
-        (1.0, [1, 1, 2.1], "principal moments 1, 1, 2.1 kg m2 break the triangle inequality"),
+        (1.0, [1, 1, 2.1], "principal moments 1, 1, 2.1 kg m2 violate the triangle inequality"),
     ],
 )
 def test_impossible_inertia_is_named(mass, moments, fragment):

@@ -98,4 +98,4 @@ def test_a_new_type_is_one_new_file(tmp_path):
     assert done.returncode == 0, done.stderr
     kind, up, said, published = json.loads(done.stdout)
     assert (kind, [round(x, 12) for x in up], published) == ("lift", [0, 0, 0.02], True)
-    assert "put a retraction to depth 0 before this lift" in said
+    assert "add a retraction to depth 0 before this lift" in said

@@ -96,7 +96,7 @@ def test_a_right_file_is_read():
         ('name = "a"\nname = "b"', "r.toml:2: not valid TOML: Cannot overwrite a value, in: name ="),
         ('name = "a\nb = 2', "r.toml:1: not valid TOML: "),
         ("name = 1979-05-27", "r.toml:1: name: dates are not supported; put text in quotes"),
-        ('name = "A b"', 'r.toml:1: name = "A b": must begin with a small letter'),
+        ('name = "A b"', 'r.toml:1: name = "A b": must begin with a lower-case letter'),
         ('name = "a"\njoints = 3', "r.toml:2: joints = 3: a table is expected, not a number"),
         (
             'name = "a"\n[joints.q]\nx = 1',

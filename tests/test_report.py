@@ -96,7 +96,7 @@ def test_page_says_everything(disagree, written):
     assert text.index("joint.q1.max_speed") < text.index("l_0")
     for phase in disagree.phases:
         assert phase.name in text
-    assert "because of point s1" in text
+    assert "caused by point s1" in text
     assert "Equations (A) and CAD (B) differ" in text
     assert "twin validate sils --protocol table2 --variant eq1=printed" in text
     for pair in ("A–B", "B–C", "B–D"):
@@ -148,7 +148,7 @@ def test_malicious_names_are_text(agree):
 
 
 def test_reason_of_each_verdict(agree, disagree):
-    assert reason(agree).startswith(f"All {sum(r.tolerance is not None for r in agree.residuals)} judged residuals")
+    assert reason(agree).startswith(f"All {sum(r.tolerance is not None for r in agree.residuals)} residuals that have")
     first = next(f for f in disagree.findings if f.severity == "disagreement")
     assert first.message[1:].rstrip(".") in reason(disagree)  # the gravest finding, in its own words
     unchecked = replace(make_report("unchecked", 50), series={})

@@ -160,7 +160,7 @@ def test_the_report_takes_the_score_of_this_robot_and_no_other(bench, tmp_path):
     score = Score("sils", "table2", source, 0, 1.0, (outcome("cad", "caught"), outcome("cad", "missed")), ())
     path.write_text(json.dumps(score.as_dict()), encoding="utf-8")
     facts = with_selftest(report, path).facts[HEADING]
-    assert facts["seeded faults caught"].startswith("1 of 2 (50.0 %")
+    assert facts["seeded faults found"].startswith("1 of 2 (50.0 %")
     assert facts["missed"] == "cad: what"
     path.write_text(json.dumps(replace(score, source="another state").as_dict()), encoding="utf-8")
     assert with_selftest(report, path) is report

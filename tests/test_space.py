@@ -216,7 +216,7 @@ def test_no_way_says_what_was_tried(monkeypatch):
     monkeypatch.setattr("twin.planning.around._ROUNDS", ((0.2, 20), (1.0, 30)))
     space = space_of(arm(1), *[replace(post(0.15, 0.0), name="room/wall")])
     with pytest.raises(
-        ProtocolError, match=r"no way was found .* 20 within 20 % of the limits, 30 within 100 % .* waypoint"
+        ProtocolError, match=r"no path around .*20 up to 20 % of the joint range .*, 30 up to 100 % .* waypoint"
     ):
         around(space, np.array([-1.5]), np.array([1.5]))
 
@@ -332,7 +332,7 @@ def test_a_free_phase_needs_a_mechanism_and_a_scene_that_is_there(tmp_path):
     robot = twin.load("pa10")
     protocol = load_protocol(written(tmp_path, "pa10"))
     T, bare = robot.mechanism.frame_in_tool("instrument_tip"), replace(robot.path_kinematics(), space=None)
-    with pytest.raises(ProtocolError, match=r"phase 'across' \(free\): a free motion needs the mechanism"):
+    with pytest.raises(ProtocolError, match=r"phase 'across' \(free\): a free motion requires a mechanism"):
         plan(protocol, bare, T_tool_frame=T)
     with pytest.raises(ProtocolError, match=r"there is no scene 'vrs'\. Did you mean 'vsrs'"):
         twin.plan(robot, written(tmp_path, "pa10", 'scene = "vrs"'))

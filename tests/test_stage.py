@@ -570,7 +570,7 @@ def test_generic_joints_are_known_by_their_locked_axes(free, kind, tmp_path):
             limit.CreateHighAttr(60.0 if direction in free else -1.0)
     path = foreign.save()
     if kind is None:
-        with pytest.raises(StageError, match="/World/six: a joint free in transX, transY"):
+        with pytest.raises(StageError, match="/World/six: a joint that is free in transX, transY"):
             read_stage(path)
         return
     (joint,) = read_stage(path).joints

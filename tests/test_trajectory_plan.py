@@ -293,7 +293,7 @@ def test_a_singularity_on_the_way_is_an_error():
 
 def test_carriages_on_one_rail_keep_their_distance():
     message = refusal(table2(), replace(SILS, gaps=(Gap(2, 3, 0.12, "rail2"),)))
-    assert "gap rail2 would shrink to 115.27 mm, 4.73 mm less than the 120 mm that it needs" in message
+    assert "gap rail2 would shrink to 115.27 mm, 4.73 mm less than the required 120 mm" in message
 
 
 def test_an_unreachable_start_says_so():
@@ -318,7 +318,7 @@ def test_an_inverse_without_an_answer_is_an_error():
     def holes(Ts):
         return np.where(Ts[:, 2:3, 3] < 0.17, np.nan, inverse(Ts))
 
-    assert "the inverse kinematics has no answer" in refusal(table2(), replace(SILS, inverse=holes))
+    assert "the inverse kinematics has no solution" in refusal(table2(), replace(SILS, inverse=holes))
 
 
 def test_a_frame_that_is_no_pose_is_refused():

@@ -192,7 +192,7 @@ WRONG = [
     ('joints = ["lift"]', 'joints = ["q1"]', "'q1' is used by transmission 'cables' already"),
     ('actuators = ["screw"]', 'actuators = ["crew"]', "there is no actuator 'crew'"),
     ("[[0.0003183098861837907]]", "[[0.0]]", "cannot be inverted (condition number inf"),
-    ("[[0.0003183098861837907]]", "[[1.0, 2.0]]", "1 joints, 1 actuators, rows of 2"),
+    ("[[0.0003183098861837907]]", "[[1.0, 2.0]]", "1 joints, 1 actuators, rows of length 2"),
     ('name = "screw"', 'name = "lift"', "a joint has this name"),
     ('name = "spindle"', 'name = "spindle"\nratio = 3', "ratio"),
 ]
@@ -459,7 +459,7 @@ def test_a_stage_whose_motors_are_of_another_form_is_refused(bundle, tmp_path, c
     spec = layer.GetPrimAtPath("/raven")
     spec.customData = {"twin": {**dict(spec.customData)["twin"], **change}}
     layer.Save()
-    with pytest.raises(StageError, match=r"twin:actuators or twin:transmissions is not of the form|actuator"):
+    with pytest.raises(StageError, match=r"twin:actuators or twin:transmissions does not have the form|actuator"):
         read_stage(tmp_path / "usd/raven.usda")
 
 

@@ -84,7 +84,7 @@ def test_trocars_are_told_apart_by_name(robot):
         m.trocar_at()
     with pytest.raises(MechanismError, match=r"no trocar 'rigth'\. Did you mean 'right'"):
         m.with_trocar(AWAY, "rigth")
-    with pytest.raises(MechanismError, match="trocar 'left' is named twice"):
+    with pytest.raises(MechanismError, match="trocar 'left' is listed twice"):
         replace(m, trocars=("left", "left"))
     with pytest.raises(MechanismError, match="the parent of joint 'pin' must be the base"):
         replace(m, trocars=("left", "pin"))
@@ -215,10 +215,10 @@ def test_a_mark_that_is_lost_on_the_stage_is_told_by_name(robot):
     ("old", "new", "says"),
     [
         ('trocar = "left"', 'trocar = "lefd"', r"no trocar 'lefd'. Did you mean 'left'\?.*\[trocars_mm\]"),
-        ("[trocars_mm]", "trocar_mm = [0, 0, 0]\n[trocars_mm]", r"trocar_mm.*places the only trocar"),
-        ("right = [", "rigth = [", r"places trocar 'rigth'.*has left, right"),
+        ("[trocars_mm]", "trocar_mm = [0, 0, 0]\n[trocars_mm]", r"trocar_mm.*positions the only trocar"),
+        ("right = [", "rigth = [", r"has a trocar 'rigth'.*has left, right"),
         ('type = "pivot"\nto = "deep"\nrcm = "enforced"\ntrocar = "left"', 'type = "insertion"\ndepth_mm = 5',
-         "name the one of this insertion"),
+         "name the trocar of this insertion"),
         ('trocar = "left"', "", "no RCM is registered yet"),
         ('to = "deep"\nrcm = "enforced"\ntrocar = "left"', 'to = "deep"\nrcm = "enforced"\ntrocar = "right"',
          "beside trocar 'right'"),
@@ -235,7 +235,7 @@ def test_one_place_is_for_one_trocar(robot, tmp_path):
     text = re.sub(r"\[trocars_mm\]\n.*\n.*\n", "", made.protocol())
     text = re.sub(r'(rcm = "enforced"\n)trocar = "left"\n', r"\1", text)
     text = text.replace('start = "start"\n', 'start = "start"\ntrocar_mm = [0, 0, 0]\nrcm_mm = [-120, 0, 300]\n')
-    with pytest.raises(ProtocolError, match=r"has trocars left, right: give their places by name, in \[trocars_mm\]"):
+    with pytest.raises(ProtocolError, match=r"has trocars left, right: give their positions by name in \[trocars_mm\]"):
         twin.plan(robot, _file(tmp_path, text))
 
 

@@ -172,9 +172,9 @@ def test_windows_line_ends_stay(copied, robots):
     ("name", "change", "words"),
     [
         ("home", {}, ["posture.home", "a posture of that name exists", "replace it"]),
-        ("2nd", {}, ["posture.2nd", "must begin with a small letter"]),
-        ("Über oben", {}, ["must begin with a small letter"]),
-        ("", {}, ["must begin with a small letter"]),
+        ("2nd", {}, ["posture.2nd", "must begin with a lower-case letter"]),
+        ("Über oben", {}, ["must begin with a lower-case letter"]),
+        ("", {}, ["must begin with a lower-case letter"]),
         (
             "up",
             {"q2": 0.6},
@@ -306,7 +306,7 @@ def test_a_heading_between_waypoints_and_phases_stays_over_the_phases(protocol):
     [
         ("home", None, DescriptionError, ["waypoints.home", "a waypoint of that name exists"]),
         ("insert", None, DescriptionError, ["phases[1]", "there is a phase 'insert'"]),
-        ("no-name", None, DescriptionError, ["no-name", "must begin with a small letter"]),
+        ("no-name", None, DescriptionError, ["no-name", "must begin with a lower-case letter"]),
         ("look", np.full((4, 4), np.nan), TwinError, ["waypoint 'look'", "not a rigid pose"]),
         ("look", 2 * np.eye(4), TwinError, ["waypoint 'look'", "not a rigid pose"]),
         ("look", "there", ProtocolError, ["phase 'look'", "it has no length"]),

@@ -34,9 +34,9 @@ class Feature(Table):
     @model_validator(mode="after")
     def _complete(self) -> Feature:
         if self.kind == "plane" and self.direction is None:
-            raise at("kind", "a plane needs `direction`, the side its normal points to")
+            raise at("kind", "a plane needs `direction`: the side to which its normal points")
         if self.kind == "cylinder" and self.direction is None:
-            raise at("kind", "a cylinder needs `direction`, the sense of its axis")
+            raise at("kind", "a cylinder needs `direction`: the direction of its axis")
         if self.kind != "plane" and self.radius_mm is None:
             raise at("kind", f"a {self.kind} needs `radius_mm`")
         if self.direction is not None and not any(self.direction):
@@ -47,13 +47,14 @@ class Feature(Table):
 class FrameSpec(Table):
     """A frame on one body, measured on its features or, without exact geometry, given by numbers.
 
-    Measured: `origin` is a sphere centre, the centroid of several, or a point on a cylinder axis: the intersection with
-    the plane `at`, or the point nearest to the axis or centre of feature `at`. z is along `z` (a feature's direction,
-    or the normal of three sphere centres in counter-clockwise order). x or y points towards a feature (`x_towards`,
-    `y_towards`; of a list, its centroid) or along a direction (`x_along`). `offset_mm` shifts the frame along its z by
-    a distance that no face defines. Given: `position_mm` and `angles_deg` (z, y, x angles: R = Rz Ry Rx) in drawn
-    coordinates. With `origin`, `angles_deg` gives the directions that no face defines: all three, or with `z` only the
-    direction of x.
+    Measured frame: `origin` is a sphere centre, the centroid of several sphere centres, or a point on a cylinder axis.
+    The point on the axis is its intersection with the plane `at`, or the point nearest to the axis or centre of feature
+    `at`. `z` is the direction of a feature, or the normal of three sphere centres in counter-clockwise order. x or y
+    points towards a feature (`x_towards`, `y_towards`; for a list: towards its centroid), or along a direction
+    (`x_along`). `offset_mm` shifts the frame along its z by a distance that no face defines. If faces do not define all
+    directions, `angles_deg` gives the missing ones: all three, or, if `z` is given, only the direction of x.
+
+    Given frame: `position_mm` and `angles_deg` (angles about z, y, x: R = Rz Ry Rx), in drawn coordinates.
     """
 
     origin: str | list[str] | None = None
@@ -98,7 +99,7 @@ class MassSpec(Table):
 
 
 class BodySpec(Table):
-    """A rigid body: the STEP node with the body's name (or `node`), or mesh files with a declared unit.
+    """A rigid body: the STEP node `node` (default: the node with the body's name), or mesh files with a declared unit.
 
     `mass` states its mass; without `mass`, it is computed from the densities and volumes of the parts.
     """
@@ -119,7 +120,7 @@ class MeshSpec(Table):
 
 
 class Material(Table):
-    """Density and finish of a material, and shell patterns of the parts made of it; the last match applies.
+    """Density and finish of a material, and shell patterns of its parts' names; the last matching material applies.
 
     `metallic` is 1 for bare metal, 0 for paint, plastic and glass; `roughness` is 0 for a mirror, 1 for chalk.
     """
@@ -197,7 +198,7 @@ class NamedFrame(Table):
 
 
 class NamedPoint(Table):
-    """A named point: a sphere centre, a point on a cylinder axis (see `FrameSpec`), or a given point as drawn."""
+    """A named point: a sphere centre, a point on a cylinder axis (see `FrameSpec`), or given drawn coordinates."""
 
     body: Identifier
     origin: str | None = None
@@ -207,7 +208,7 @@ class NamedPoint(Table):
     @model_validator(mode="after")
     def _one_way(self) -> NamedPoint:
         if (self.origin is None) == (self.position_mm is None) or (self.at and self.origin is None):
-            raise at((), "a point is either measured (`origin`, perhaps `at`) or given (`position_mm`)")
+            raise at((), "a point is either measured (`origin`, optionally `at`) or given (`position_mm`)")
         return self
 
 
@@ -261,7 +262,7 @@ class ActuatorSpec(Table):
 
 
 class TransmissionSpec(Table):
-    """Transmission from motors to active joints: q_joints = matrix @ m_actuators in rad or m, a row for each joint."""
+    """Transmission from motors to active joints: q_joints = matrix @ m_actuators in rad or m, one row per joint."""
 
     name: Identifier
     joints: list[Identifier] = Field(min_length=1)
@@ -276,8 +277,8 @@ class TransmissionSpec(Table):
         if rows != [n] * n or len(self.actuators) != n:
             raise at(
                 "matrix",
-                f"{n} joints, {len(self.actuators)} actuators, rows of {', '.join(map(str, rows)) or 'nothing'}; it "
-                "needs as many actuators as joints, and for each joint a row with a number for each actuator",
+                f"{n} joints, {len(self.actuators)} actuators, rows of length {', '.join(map(str, rows)) or '-'}; "
+                "required: as many actuators as joints, and one row for each joint with one number for each actuator",
             )
         return self
 
@@ -301,7 +302,7 @@ class LengthSpec(Table):
 
 
 class RequirementSpec(Table):
-    """Required accuracy of the tool, with which the tolerance analyses are compared."""
+    """Required accuracy of the tool; results of tolerance analyses are compared with it."""
 
     tool_um: float = Field(gt=0)
     provenance: Origin
@@ -366,5 +367,5 @@ def load(path: Path, read: Read = read_bytes) -> Description:
     """
     description = load_toml(path, Description, read)
     if description.name != path.stem:
-        raise error_at(path, ("name",), f"'{description.name}' must be the file's name, '{path.stem}'")
+        raise error_at(path, ("name",), f"'{description.name}' must be equal to the file name '{path.stem}'")
     return description

@@ -135,7 +135,7 @@ def _names(spec: FrameSpec) -> list[str]:
 
 
 def _candidates(cad: CadModel, bad: list[str]) -> Iterator[tuple[str, tuple[str, ...], str]]:
-    """Yield (part, features, joint): features that may be wrong together, or () and a joint given by numbers.
+    """Yield (part, features, joint): features that may be wrong together, or () and a joint with a given frame.
 
     With () and joint "", the placement of the whole part may be wrong.
     """
@@ -242,7 +242,7 @@ def _weighed(cad: CadModel, s: Suspect, nominal: Mapping[str, float]) -> Suspect
 
 
 def _lengths(cad: CadModel, s: Suspect, nominal: Mapping[str, float]) -> Iterator[tuple[bool, str]]:
-    """Yield (True, text) for a length that the correction makes equal to other parts', (False, text) if unequal."""
+    """Yield (True, text) if the correction makes a length equal to its value elsewhere, (False, text) if unequal."""
     limit = cad.description.tolerance.meeting_um * UM
     try:
         before, after = measure(cad), measure(replace(cad, measured=s.faces))  # type: ignore[arg-type]
@@ -265,7 +265,7 @@ def _lengths(cad: CadModel, s: Suspect, nominal: Mapping[str, float]) -> Iterato
 
 def _apart_mm(value: float, true: float) -> str:
     n = decimals(abs(value - true) / MM)
-    return f"{value / MM:.{n}f} mm, elsewhere {true / MM:.{n}f} mm"
+    return f"{value / MM:.{n}f} mm; elsewhere it is {true / MM:.{n}f} mm"
 
 
 def _alike(cad: CadModel, s: Suspect) -> Iterator[tuple[bool, str]]:
@@ -278,7 +278,7 @@ def _alike(cad: CadModel, s: Suspect) -> Iterator[tuple[bool, str]]:
     now = [b for b in twins if _same(cad, s.faces[s.body], cad.measured[b], s.features)]
     if bool(was) != bool(now):
         names = ", ".join(f"'{b}'" for b in was or now)
-        text = f"'{s.body}' {'is not' if now else 'is'} as {names} {'is' if len(was or now) == 1 else 'are'}"
+        text = f"'{s.body}' {'differs from' if now else 'equals'} {names}"
         yield bool(now), text
 
 

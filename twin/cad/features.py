@@ -65,8 +65,8 @@ def find(body: str, name: str, spec: Feature, parts: Sequence[Part], tolerance: 
     if not found:
         radii = ", ".join(f"{r:g}" for r in sorted(set(np.round(wrong_radius, 4)))[:12])
         raise CadError(
-            f"{label}: the STEP has no {spec.kind}"
-            + (f" of radius {spec.radius_mm:g} mm there" if spec.radius_mm else " there")
+            f"{label}: the body has no {spec.kind}"
+            + (f" of radius {spec.radius_mm:g} mm" if spec.radius_mm else "")
             + (f"; radii found: {radii} mm" if radii else "")
         )
     good = [f for f in found if f[0] <= tolerance.gross_mm * MM and f[1] <= tolerance.gross_deg * DEG]
@@ -74,7 +74,7 @@ def find(body: str, name: str, spec: Feature, parts: Sequence[Part], tolerance: 
         distance, tilt, face, part_name = min(found, key=lambda f: f[0] + f[1] * 10 * MM)
         raise CadError(
             f"{label}: the nearest {spec.kind} (on '{part_name}', at {_mm(face.point)} mm) is "
-            f"{distance / MM:.3f} mm and {tilt / DEG:.2f}° off; gross tolerance {tolerance.gross_mm:g} mm, "
+            f"{distance / MM:.3f} mm and {tilt / DEG:.2f}° away; gross tolerance {tolerance.gross_mm:g} mm, "
             f"{tolerance.gross_deg:g}°. Correct near_mm, the drawing, or tolerance.gross_mm."
         )
     good.sort(key=lambda f: f[0])
@@ -190,7 +190,7 @@ def _turned(spec: FrameSpec, along: str | list[str], p: Array, given: Array, fea
         z = _get(along, features).direction
     if np.linalg.norm(z) < 1e-12:
         raise CadError(
-            f"z = {along!r} gives no direction: use a feature other than a sphere; three points must span a plane"
+            f"z = {along!r} defines no direction: use a cylinder, a plane, or three sphere centres not on one line"
         )
     z = z / np.linalg.norm(z)
     try:

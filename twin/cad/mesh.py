@@ -1,7 +1,7 @@
 """Triangle meshes: files with a declared unit, check for closed surfaces, and mass properties from the density.
 
-Mesh files do not state a unit (except 3MF, which must agree), so the unit must be declared; an implausible size is a
-finding.
+Mesh files do not state a unit (except 3MF, whose unit must equal the declared one), so the unit must be declared; an
+implausible size is a finding.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ def load_mesh(
     if unit not in LENGTH:
         raise CadError(f"{path}: unit '{unit}' is not known; use one of {', '.join(LENGTH)}")
     if path.suffix.lower() not in SUFFIXES:
-        raise CadError(f"{path}: '{path.suffix}' is not read; use STEP or one of {', '.join(SUFFIXES)}")
+        raise CadError(f"{path}: suffix '{path.suffix}' is not supported; use STEP or one of {', '.join(SUFFIXES)}")
     if not path.is_file():
         raise CadError(f"{path}: the mesh file does not exist")
     stated = None
@@ -72,7 +72,7 @@ def load_mesh(
     if len(triangles) == 0:
         raise CadError(f"{path}: it has no triangles")
     if stated is not None and UNITS[stated] != LENGTH[unit]:
-        raise CadError(f"{path}: unit '{unit}' is declared, but the file itself says {stated}")
+        raise CadError(f"{path}: unit '{unit}' is declared, but the file states {stated}")
     vertices, triangles = weld(vertices * LENGTH[unit] @ _UP[up].T, triangles)
     findings = []
     extent = float(np.ptp(vertices, axis=0).max())

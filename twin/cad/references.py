@@ -77,7 +77,7 @@ def _limits(d: Description) -> Iterator[tuple[Keys, str]]:
                 if joint not in types:
                     yield (kind, i, "joints"), unknown("joint", joint, types)
                 elif joint in first:
-                    yield (kind, i, "joints"), f"joint '{joint}' has a [[{kind}]] entry above; keep one"
+                    yield (kind, i, "joints"), f"joint '{joint}' has another [[{kind}]] entry; keep only one"
                 first[joint] = i
     for i, limit in enumerate(d.limit):
         for joint in limit.joints:
@@ -99,7 +99,7 @@ def _limits(d: Description) -> Iterator[tuple[Keys, str]]:
             if joint not in types:
                 yield ("gap", i, key), unknown("joint", joint, types)
             elif types[joint] != "prismatic":
-                yield ("gap", i, key), f"joint '{joint}' is {types[joint]}; a gap is between prismatic joints"
+                yield ("gap", i, key), f"joint '{joint}' is {types[joint]}; a gap requires prismatic joints"
 
 
 def _motors(d: Description) -> Iterator[tuple[Keys, str]]:

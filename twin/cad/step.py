@@ -144,7 +144,7 @@ def read_step(
     header, binary = _split_glb(_glb(path, tolerance / MM, angle, read))
     parts, error = _parts(header, binary)
     if not parts:
-        raise CadError(f"{path} holds no solids")
+        raise CadError(f"{path} contains no solids")
     return StepModel(path, unit, tuple(parts), error)
 
 

@@ -24,7 +24,7 @@ def free_port(host: str, port: int) -> int:
                     other.bind((host, 0))
                     free = other.getsockname()[1]
                 raise TwinError(
-                    f"port {port} is in use, perhaps by another twin view: stop that process, or use --port {free}, "
+                    f"port {port} is in use, possibly by another twin view: stop that process, or use --port {free}, "
                     "which is free"
                 ) from error
             raise TwinError(f"cannot listen on {host}:{port}: {error.strerror or error}") from error
@@ -50,11 +50,11 @@ class Address:
     def say(self, token: str) -> None:
         """Print the address; if there is a token (valid for one device), also print a QR code."""
         if not token:
-            print(f"{self.title}: {self.url}   (Ctrl-C ends it)", flush=True)
+            print(f"{self.title}: {self.url}   (Ctrl-C stops the server)", flush=True)
             return
         url = f"{self.url}?token={token}"
         if self._first:
-            print(f"{self.title}: open to the network; each address works once   (Ctrl-C ends it)")
+            print(f"{self.title}: open to the network; each address works only once   (Ctrl-C stops the server)")
             if self.advice:
                 print(f"  {self.advice}")
         else:
@@ -71,7 +71,7 @@ def _reachable() -> str:
     """Return the IP address of this machine in its network."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as s:
         try:
-            s.connect(("192.0.2.1", 9))  # reserved address: nothing is sent, but the route shows our own address
+            s.connect(("192.0.2.1", 9))  # reserved address: nothing is sent; the route gives our own address
             return str(s.getsockname()[0])
         except OSError:
             return socket.gethostname()

@@ -1,4 +1,4 @@
-"""`twin audit`: check files that describe a moving robot, with readers that share no code with a writer."""
+"""`twin audit`: check exported files of robots and motions, with readers that share no code with the writers."""
 
 from __future__ import annotations
 

@@ -58,7 +58,7 @@ def build(args: argparse.Namespace) -> int:
         for name in robot.files.protocols() if robot.files is not None and robot.unwritten and not chosen else ():
             if name not in baked:
                 print(
-                    f"  {name}: not baked, because the mechanism cannot follow it; for the reason run twin plan "
+                    f"  {name}: not baked, because the mechanism cannot follow it; to see the reason, run twin plan "
                     f"{args.robot} {name}"
                 )
     return 0

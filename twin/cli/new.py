@@ -33,7 +33,7 @@ def new(args: argparse.Namespace) -> int:
         print(show.as_json({**data, "findings": [f.as_dict() for f in findings]}))
         return 0
     _print(findings)
-    loops = f", {data['loops']} loops closed to {data['worst_gap_m']:.2g} m" if data["loops"] else ""
+    loops = f", {data['loops']} loops closed within {data['worst_gap_m']:.2g} m" if data["loops"] else ""
     first = "" if data["active"] else f"name the joints in {data['files'][0]}, then "
     print(
         f"  {target}/: {data['bodies']} bodies, {data['joints']} joints{loops}, {len(data['active'])} driven; "

@@ -27,7 +27,7 @@ def add_sweeps(
         "  twin workspace my_robot/ --step-mm 2 --scheduler tcp://10.0.0.1:8786",
     )
     robot(sub)
-    sub.add_argument("--protocol", metavar="NAME", help="protocol that places the trocar, if the robot has one")
+    sub.add_argument("--protocol", metavar="NAME", help="protocol that gives the position of the trocar (if any)")
     sub.add_argument("--count", type=_count, default=1_000_000, metavar="N", help="total number of poses (default 1e6)")
     sub.add_argument("--step-mm", type=float, metavar="MM", help="distance between positions, instead of --count")
     sub.add_argument(
@@ -116,13 +116,13 @@ def add_sweeps(
     sub.add_argument(
         "--objective", metavar="NAMES", help="comma-separated list of volume, conditioning, margin, tolerance"
     )
-    sub.add_argument("--protocol", metavar="NAME", help="protocol that places the trocar, if the robot has one")
+    sub.add_argument("--protocol", metavar="NAME", help="protocol that gives the position of the trocar (if any)")
     sub.add_argument("--seed", type=int, default=0, help="random seed of the Latin hypercube (default 0)")
     _scheduler(sub)
     sub.add_argument(
         "--workers", type=int, metavar="N", help="number of worker processes (default one for each processor)"
     )
-    sub.add_argument("--parquet", action="store_true", help="write sweep.parquet too")
+    sub.add_argument("--parquet", action="store_true", help="also write sweep.parquet")
     sub.add_argument("--fresh", action="store_true", help="start from the beginning instead of reusing stored results")
     out(sub, "./twin-out/<robot>/sweep-<key>/, one for each sweep")
 

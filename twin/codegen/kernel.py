@@ -92,7 +92,7 @@ class Kernel:
             ValueError: an array has a wrong shape, or an array of `out` is not contiguous float64.
         """
         if len(arrays) != len(self.inputs):
-            raise ValueError(f"{len(arrays)} arrays for {', '.join(self.inputs)}")
+            raise ValueError(f"{len(arrays)} arrays given, expected one for each of {', '.join(self.inputs)}")
         k = arrays[0].shape[-1] if arrays else 0
         given = []
         for (name, count), a in zip(self.inputs.items(), arrays, strict=True):
@@ -197,7 +197,7 @@ class Kernel:
         ins, outs = _pointers(given), _pointers(results)
         start = None if carry is None else carry.ctypes.data
         if self._carried and carry is None:
-            raise ValueError(f"no carry value for {', '.join(self._carried)}")
+            raise ValueError(f"argument `carry` is missing for {', '.join(self._carried)}")
         if carry is not None and (carry.dtype != np.float64 or carry.size != sum(self._carried.values())):
             raise ValueError(f"argument `carry` has {carry.size} numbers; expected {sum(self._carried.values())}")
         if self._carried or threads == 1 or end - begin <= _CHUNK:
@@ -218,7 +218,7 @@ class Kernel:
 
 
 def _share(work: Callable[[], None], most: int, seconds: float) -> None:
-    """Run `work` in this thread and, if worthwhile, in others at the same time.
+    """Run `work` in this thread and, if the computing time is long enough, in other threads at the same time.
 
     Args:
         work: function that processes chunks until none are left.

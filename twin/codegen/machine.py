@@ -97,7 +97,7 @@ def _cached(key: str) -> bytes | None:
 
 def _keep(key: str, code: bytes) -> None:
     folder = cache_folder("kernels")
-    with contextlib.suppress(OSError, OutputError):  # not being able to write the cache is not an error
+    with contextlib.suppress(OSError, OutputError):  # a cache that cannot be written is not an error
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         for old in sorted(folder.glob("*.o"), key=lambda p: p.stat().st_mtime)[:-_CACHED]:
             old.unlink()

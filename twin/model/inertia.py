@@ -50,7 +50,7 @@ class Inertia:
     def pseudo(self) -> Array:
         """Return the pseudo-inertia (4, 4) about the origin of the frame: [[Sigma, h], [h', m]].
 
-        Sigma (kg m2) holds the second moments of mass, tr(I) / 2 - I about the origin; h (kg m) is the first moment.
+        Sigma (kg m2) contains the second moments of mass, tr(I) / 2 - I about the origin; h (kg m) is the first moment.
         The matrix is positive definite exactly for physically possible mass distributions.
 
         Source: P. M. Wensing, S. Kim, J.-J. E. Slotine, Linear matrix inequalities for physically consistent inertial
@@ -73,7 +73,7 @@ class Inertia:
             bad.append(f"smallest principal moment {moments[0]:.3g} kg m2 is not positive")
         if moments[2] > (moments[0] + moments[1]) * (1 + 1e-6):
             bad.append(
-                f"principal moments {moments[0]:.3g}, {moments[1]:.3g}, {moments[2]:.3g} kg m2 break the "
-                "triangle inequality: no distribution of mass has them"
+                f"principal moments {moments[0]:.3g}, {moments[1]:.3g}, {moments[2]:.3g} kg m2 violate the "
+                "triangle inequality: no mass distribution has such moments"
             )
         return bad

@@ -347,9 +347,10 @@ class Mechanism:
 
     @property
     def driven(self) -> tuple[list[tuple[str, bool]], Array, Array | None]:
-        """(joints, T_base_tool, q): (name, whether an angle) of each joint that moves the tool; (4, 4); (n,) or None.
+        """(joints, T_base_tool, q) of the active joints that move the tool.
 
-        q is None if the mechanism has no posture.
+        `joints`: (name, is_angle) of each joint; `T_base_tool`: (4, 4) at the rest pose; `q`: (n,) in m or rad, or None
+        if the mechanism has no posture.
         """
         tool, joints = self.frame(self.tool), [j for j in self.active if j not in self.auxiliary]
         q = np.array([self._drawn(j) for j in joints]) if self.postures else None
@@ -370,7 +371,7 @@ class Mechanism:
             if key not in known:
                 color = _hex(mesh.color_rgba)
                 made_of = mesh.finish.material.removesuffix(f"_{color}") or "color"
-                # numbered: another finish, or colours that are equal in 8 bits
+                # a number is added for a different finish, or for colours that are equal in 8 bits
                 names = (f"{made_of}_{color}", *(f"{made_of}_{n}_{color}" for n in range(2, len(taken) + 3)))
                 name = next(n for n in names if n not in taken)
                 taken.add(name)
@@ -395,7 +396,7 @@ class Mechanism:
         tool, it = self.frame(self.tool), self.frame(name)
         if tool.body != it.body:
             raise MechanismError(
-                f"frame '{name}' is on body '{it.body}', the tool on '{tool.body}': it moves relative to the tool"
+                f"frame '{name}' is on body '{it.body}', the tool is on '{tool.body}': the frame moves relative to it"
             )
         return spatial.inverse(tool.T_body_frame) @ it.T_body_frame
 
@@ -480,7 +481,7 @@ class Mechanism:
         return out
 
     def shaft_through(self, name: str = "") -> Frame | None:
-        """Return the instrument frame whose z axis is the shaft axis; None if nothing slides in the trocar.
+        """Return the instrument frame whose z axis is the shaft axis; None if no body slides in the trocar.
 
         The sliding joint is on the trocar's body, or on a body that revolute joints connect to it (a gimbal ring).
         """
@@ -511,7 +512,7 @@ def _find(kind: str, items, name: str):
 
 
 def reversed_joint(joint: Joint) -> Joint:
-    """Return the joint with parent and child swapped; turning both frames by 180 deg about x keeps the sign of q.
+    """Return the joint with parent and child swapped; both frames are rotated by 180 deg about x to keep the sign of q.
 
     T_child_parent = T_child_joint @ inverse(motion(q)) @ inverse(T_parent_joint), and a half turn H about x
     gives H @ motion(q) @ H = inverse(motion(q)) for motion along or about z.
@@ -547,7 +548,7 @@ def _check(m: Mechanism) -> None:
             fail(f"{count} {kind}; the limit is {BODIES}")
     freedoms = sum(len(FREE_AXES.get(j.type, ())) for j in m.joints)
     if freedoms > FREEDOMS:
-        fail(f"its joints have {freedoms} degrees of freedom together; the limit is {FREEDOMS}")
+        fail(f"its joints have {freedoms} degrees of freedom in total; the limit is {FREEDOMS}")
     names = {b.name for b in m.bodies}
     if m.base not in names:
         fail(f"base: {unknown('body', m.base, names)}")
@@ -556,7 +557,7 @@ def _check(m: Mechanism) -> None:
             if body not in names:
                 fail(f"joint '{joint.name}', {end}: {unknown('body', body, names)}")
         if joint.parent == joint.child:
-            fail(f"joint '{joint.name}' joins body '{joint.parent}' to itself")
+            fail(f"joint '{joint.name}' connects body '{joint.parent}' to itself")
         if joint.type not in FREE_AXES:
             fail(f"joint '{joint.name}': {unknown('joint type', joint.type, FREE_AXES)}")
         for label, T in (("parent", joint.T_parent_joint), ("child", joint.T_child_joint)):
@@ -576,14 +577,14 @@ def _check(m: Mechanism) -> None:
             if name not in single:
                 fail(f"coupling '{coupling.name}': {unknown('joint with one coordinate', name, single)}")
         if len({single[n].is_angle for n in coupling.joints}) > 1:
-            fail(f"coupling '{coupling.name}' joins angles and lengths: their sum has no unit")
+            fail(f"coupling '{coupling.name}' combines angles and lengths: their sum has no unit")
         if len(coupling.ratios) != len(coupling.joints) or not all(coupling.ratios):
-            fail(f"coupling '{coupling.name}' needs one ratio, not zero, for each of its joints")
+            fail(f"coupling '{coupling.name}' needs one nonzero ratio for each of its joints")
     for name in m.trocars:
         if next((j.parent for j in m.joints if j.name == name), None) != m.base:
             fail(f"trocar: the parent of joint '{name}' must be the base '{m.base}'")
         if m.trocars.count(name) > 1:
-            fail(f"trocar '{name}' is named twice")
+            fail(f"trocar '{name}' is listed twice")
     for item in (*m.frames, *m.points):
         if item.body not in names:
             fail(f"'{item.name}': {unknown('body', item.body, names)}")
@@ -597,10 +598,10 @@ def _check(m: Mechanism) -> None:
         if name in names and not spatial.is_pose(T, 1e-6):
             fail(f"body '{name}': its rest pose is not rigid")
     if lost := ", ".join(sorted(names - {m.base} - {j.child for j in m.tree})):
-        fail(f"no joint leads from base '{m.base}' to: {lost}. Join them, or make them props.")
+        fail(f"no joints connect base '{m.base}' to: {lost}. Add joints, or move these bodies to the props of a scene.")
     for posture, values in m.postures.items():
         if wrong := sorted(set(values) ^ set(active)):
-            fail(f"posture '{posture}' must give each active joint once; check: {', '.join(wrong)}")
+            fail(f"posture '{posture}' must have exactly one value for each active joint; check: {', '.join(wrong)}")
         for name, value in ((n, v) for n, v in values.items() if not np.isfinite(v)):
             fail(f"posture '{posture}': {name} = {value} is not finite")
     for joint in m.loops:

@@ -52,7 +52,7 @@ class RobotTable(Table):
 
 
 class CameraTable(Table):
-    """A camera on a robot frame: it looks along the frame's z axis with -y up, then turned by `roll_deg` about z."""
+    """A camera on a robot frame: it looks along the frame's z axis, with -y up, rotated by `roll_deg` about z."""
 
     robot: Identifier
     frame: Identifier
@@ -68,7 +68,7 @@ class CameraTable(Table):
 
 
 class ConsoleTable(Table):
-    """A surgeon's console: the robots of each hand, in the order in which taps select them, and the shared camera.
+    """A surgeon's console: robots of each hand, in the order of selection by clutch taps, and the shared camera.
 
     `tip` is the frame of these robots that touches targets and whose path is measured; default: the tool frame.
     """
@@ -111,7 +111,7 @@ class TaskTable(Table):
 
 
 class SceneTable(Table):
-    """The scene file. `props` is a description like a robot's, without driven joints, in the world frame."""
+    """The scene file. `props` names a description like that of a robot, in the world frame, without driven joints."""
 
     name: Identifier
     title: str
@@ -218,8 +218,8 @@ class Scene:
         if not self.plays:
             lacking = ", ".join(p.name for p in self.places if not p.protocol)
             raise TwinError(
-                f"scene '{self.name}' plays nothing: {lacking} have no protocol in {self.file.name}. "
-                f"It is led from its console: `twin serve {self.name}` or `twin view {self.name}`"
+                f"scene '{self.name}' cannot be played: {lacking} have no protocol in {self.file.name}. "
+                f"Operate it from its console: `twin serve {self.name}` or `twin view {self.name}`"
             )
 
 

@@ -57,7 +57,7 @@ class Actuator:
 class Transmission:
     """A linear map from the coordinates of n actuators to the coordinates of n active joints.
 
-    A `Coupling`, by contrast, constrains joints among themselves and has no motor.
+    A `Coupling`, by contrast, is a constraint between joints and has no motor.
 
     Attributes:
         name: identifier.

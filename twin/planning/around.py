@@ -58,18 +58,18 @@ def around(
         corners, count = search(space, start, goal, box, samples, rng, progress)
         drawn += count
         if corners is None:
-            tried.append(f"{count} within {100 * beyond:.0f} % of the limits")
+            tried.append(f"{count} up to {100 * beyond:.0f} % of the joint range beyond start and goal")
             continue
         for way in (shortened(space, corners, rng), corners):
             for width in _WIDTHS:
                 curve = rounded(way, space.weights, width)
                 if space.free_along(curve):
                     return curve
-        tried.append(f"{count} within {100 * beyond:.0f} % of the limits (a way with corners that no curve can round)")
+        tried.append(f"{count} up to {100 * beyond:.0f} % beyond (a path was found, but its corners cannot be rounded)")
     raise ProtocolError(
-        f"no way was found around what is in the way: the straight path is not free, nor is any through {drawn} free "
-        f"places drawn at random, {', '.join(tried)} around start and goal. Lower clearance_mm, change seed, or go by "
-        "a waypoint between them"
+        f"no path around the obstacles was found: the straight path is not free, and no path was found through {drawn} "
+        f"free random configurations ({', '.join(tried)}). Lower clearance_mm, change seed, or add a waypoint between "
+        "start and goal"
     )
 
 

@@ -21,9 +21,7 @@ AGAIN = "plan the protocol again: these samples differ from the planned ones"
 """Suggestion for samples that differ from the planned ones."""
 
 
-_MISSED = Kind(
-    "rcm.missed", "disagreement", 'pivot with rcm = "enforced" to a waypoint with depth_mm', word="tolerance"
-)
+_MISSED = Kind("rcm.missed", "disagreement", 'use rcm = "enforced" and a waypoint with depth_mm', word="tolerance")
 _KEPT = Kind("rcm.kept", "info", word="tolerance")
 _BENT = Kind("insertion.bent", "disagreement", AGAIN, word="tolerance")
 _STRAIGHT = Kind("insertion.straight", "info", word="tolerance")
@@ -172,7 +170,7 @@ def _over(
 ) -> list[Finding]:
     if size.value <= limit.value * (1 + OVER):
         return []
-    way = "give the phase a lower limit or more time, or the robot a higher limit"
+    way = "lower the limit of the phase, or raise the limit of the robot"
     return [disagreement(code, where, f"{what} exceeds its limit", size, limit, way, when=_when(trajectory, sample))]
 
 
@@ -332,7 +330,7 @@ def _reach(trajectory: Trajectory, kinematics: PathKinematics) -> list[Finding]:
     out = []
     for name, margin in kinematics.reach(trajectory.Ts_base_tool).items():
         k = int(np.argmin(margin))
-        what = f"minimum reach left at {name}"
+        what = f"minimum remaining reach of {name}"
         severity = "info" if margin[k] >= 0 else "error"
         when = _when(trajectory, k)
         out.append(finding(severity, "margin.reach", name, what, mm(margin[k]), 0, when=when, word="required"))

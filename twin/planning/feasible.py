@@ -18,7 +18,7 @@ _PROBES = 401
 """Number of points of a phase that are checked; the 1 kHz samples are checked again after timing."""
 
 Margins = dict[tuple[Cause, str], Array]
-"""Margins (k,) in m or rad, by (cause, name); negative where a pose is unreachable."""
+"""Margins (k,) in m or rad by (cause, name); they are negative where a pose is unreachable."""
 
 
 def require_feasible(path: PhasePath, kinematics: PathKinematics, frame: str, protocol: str) -> None:
@@ -80,7 +80,7 @@ def pose_margins(kinematics: PathKinematics, Ts: Array, q: Array) -> Margins:
 
 @dataclass(frozen=True)
 class Anchor:
-    """Working mode and signs of the singularity measures at the start of a phase; empty and None if unknown."""
+    """Signs of the singularity measures and working mode at the start of a phase; if unknown, empty and None."""
 
     signs: Mapping[str, float]
     branch: object
@@ -145,12 +145,12 @@ def _cause(kinematics: PathKinematics, cause: Cause, name: str, size: float) -> 
         unit, factor = kinematics.unit(gap.i)
         need, left = gap.smallest / factor, (gap.smallest - size) / factor
         text = f"gap {name} would shrink to {left:.2f} {unit}"
-        return f"{text}, {size / factor:.2f} {unit} less than the {need:g} {unit} that it needs"
+        return f"{text}, {size / factor:.2f} {unit} less than the required {need:g} {unit}"
     if cause == "reach":
         return f"{name} is too short by {size / MM:.2f} mm"
     if cause == "singularity":
         return f"it would cross a singularity: the measure {name} changes its sign"
-    return "the working mode changes" if cause == "branch" else "the inverse kinematics has no answer"
+    return "the working mode changes" if cause == "branch" else "the inverse kinematics has no solution"
 
 
 def _reachable(path: PhasePath, s: float, nothing: bool) -> str:

@@ -1,4 +1,4 @@
-"""FMT* (Fast Marching Tree): search the shortest path between two points through random collision-free samples.
+"""FMT* (Fast Marching Tree): search for the shortest path between two points through random collision-free samples.
 
 L. Janson, E. Schmerling, A. Clark, M. Pavone, "Fast Marching Tree: a fast marching sampling-based method for optimal
 motion planning in many dimensions", Int. J. Robotics Research 34(7), 2015: algorithm 1, radius of theorem 4.1. A tree

@@ -1,4 +1,4 @@
-"""Paths determined by the mechanism: given by its driven joints, or along a line in its free directions.
+"""Paths that the mechanism determines: paths of its driven joints, or lines in its free directions.
 
 A robot with fewer than six freedoms cannot reach every pose, and cannot follow every straight line between two poses.
 Therefore only as many directions as it has freedoms are controlled, positions before rotations; the others follow from
@@ -29,10 +29,10 @@ _STATIONS = 33
 """Number of points of a phase at which the mechanism is evaluated before fitting."""
 
 _STILL = 1e-12
-"""Change (in m, or of a matrix entry) along a phase up to which it is rounding."""
+"""Maximum change (in m, or of a matrix entry) along a phase that counts as rounding."""
 
 _NONE = 1e-9
-"""Change (m, rad) of all driven joints below which a phase has no length."""
+"""Change (m, rad) of all driven joints below which a phase counts as having no length."""
 
 _LENGTH = 0.1
 """Length in m that is equivalent to 1 rad in comparisons of directions."""
@@ -166,7 +166,7 @@ class Follower:
         if self._protocol.waypoints[name].joints is not None:
             goal = self.goal(name)
             if np.abs(goal - self.q).max() < _NONE:
-                raise ProtocolError(f"{where}: it has no length: {self._unmoved(name)}")
+                raise ProtocolError(f"{where}: the phase has no length: {self._unmoved(name)}")
         elif isinstance(path.phase, Free):
             goal = self._led_to(path, name, where)
         else:
@@ -176,7 +176,7 @@ class Follower:
         try:
             _, Ts = self._carrier.carry(line(self.q, goal)(np.linspace(0.0, 1.0, _STATIONS)), self._state)
         except AssemblyError as error:
-            raise ProtocolError(f"{where}: no way to its goal is known on which the loops close: {error}") from error
+            raise ProtocolError(f"{where}: no path to its goal was found with closed loops: {error}") from error
         return way(path.phase, self._kinematics, (self.q, goal), Ts[[0, -1]], where, self._progress)
 
     def _led_to(self, path: PhasePath, name: str, where: str) -> Array:
@@ -187,7 +187,7 @@ class Follower:
         try:
             _, q, Ts = self._carrier.follow(goal, directions, lever, self._state)
         except AssemblyError as error:
-            text = f"{where}: joint values at waypoint '{name}' are not known, give it by joints"
+            text = f"{where}: joint values at waypoint '{name}' are not known; give the waypoint by joints"
             raise ProtocolError(f"{text}: {error}") from error
         self._outside(name, path.T_tool_frame, Ts[-1], directions)
         return q[-1]
@@ -206,8 +206,8 @@ class Follower:
         unit, factor = ("deg", DEG) if self._angles[i] else ("mm", MM)
         near = self.q[i] / factor + (5 if self._angles[i] else 10)
         return (
-            f"the driven joints are at waypoint '{name}' already. Move one, as in joints = {{ {self._names[i]}_{unit} "
-            f"= {near:.6g} }} of that waypoint, within its limits"
+            f"the driven joints are already at waypoint '{name}'. Change a joint value of the waypoint within limits, "
+            f"such as joints = {{ {self._names[i]}_{unit} = {near:.6g} }}"
         )
 
     def _directions(self, lever: Array) -> np.ndarray:
@@ -234,9 +234,9 @@ class Follower:
         k = int(np.argmax(over.max(axis=1)))
         if over[k].max() > 1:
             raise ProtocolError(
-                f"{where} cannot be carried out: {100 * k / (len(Ts) - 1):.0f} % along it the mechanism is off by "
-                f"{_words(off[k], directions & (over[k] > 1))}: outside the freedoms of the robot. Use its joints "
-                f'(type = "joints"), or leave what it need not keep to the mechanism, as in free = '
+                f"{where} cannot be carried out: at {100 * k / (len(Ts) - 1):.0f} % of the phase, the tool is "
+                f"{_words(off[k], directions & (over[k] > 1))} from its path, outside the freedoms of the robot. Use a "
+                f'phase with type = "joints", or declare directions as free, with free = '
                 f"{_names(directions & (over[k] > 1))}"
             )
 
@@ -260,9 +260,9 @@ class Follower:
         count = int(directions.sum())
         raise ProtocolError(
             f"{self._protocol.name}: waypoint '{name}' is not reachable by this robot, which has {count} "
-            f"freedom{'s' if count != 1 else ''} to lead there: with {_list(directions)} as written, the mechanism has "
-            f"{self._protocol.frame} off by {_words(off, bad)}. Write the pose that it takes: position_mm = "
-            f"{_numbers(at / MM)}, angles_deg = {_numbers(turned / DEG)}; or leave what follows to the mechanism, "
+            f"degree{'s' if count != 1 else ''} of freedom there: with {_list(directions)} as written, "
+            f"{self._protocol.frame} deviates by {_words(off, bad)}. Write the reachable pose: position_mm = "
+            f"{_numbers(at / MM)}, angles_deg = {_numbers(turned / DEG)}; or declare the other directions as free, "
             f"with free = {_names(~directions)} above the tables of the protocol; or give the waypoint by joints."
         )
 
@@ -318,13 +318,13 @@ def freed(
             where, both = f"{protocol}: phase '{path.phase.name}' ({path.phase.type})", np.array([0.0, 1.0])
             q, carrier = path.joints(both, kinematics), kinematics.carrier
             if carrier is None:
-                raise ProtocolError(f"{where}: a free motion needs the mechanism, but there is none")
+                raise ProtocolError(f"{where}: a free motion requires a mechanism, but there is none")
             course = way(path.phase, kinematics, (q[0], q[1]), path.motion(both).Ts_base_tool, where, progress)
             x, drawn = carrier.drawn()
             try:
                 X, _ = carrier.carry(line(drawn, q[0])(np.linspace(0.0, 1.0, _STATIONS)), x)
             except AssemblyError as error:
-                raise ProtocolError(f"{where}: its start is not reached from the drawn pose: {error}") from error
+                raise ProtocolError(f"{where}: its start cannot be reached from the CAD pose: {error}") from error
             path, _ = carried(path, course, carrier, X[-1], where)
         out.append(path)
     return tuple(out)
@@ -363,7 +363,7 @@ def moved(q: Array, phase: Auxiliary, names: tuple[str, ...], angles: tuple[bool
     """
     out = placed(q, phase.joints, phase.angle_joints, names, angles, where)
     if np.abs(out - q).max() < _NONE:
-        raise ProtocolError(f"{where}: it has no length: the joints are already there; remove it")
+        raise ProtocolError(f"{where}: the phase has no length: the joints already have these values; remove the phase")
     return out
 
 
@@ -384,7 +384,7 @@ def with_auxiliary(paths: Sequence[PhasePath], kinematics: PathKinematics, proto
             if foreign := [n for n in phase.joints if n in names and n not in kinematics.auxiliary]:
                 raise ProtocolError(
                     f"{where}: joint '{foreign[0]}' moves the tool; auxiliary joints of this robot: "
-                    f"{', '.join(kinematics.auxiliary) or 'none'}. Use a positioning, or a waypoint of joint values"
+                    f"{', '.join(kinematics.auxiliary) or 'none'}. Use a positioning, or a waypoint with joint values"
                 )
             after = moved(q, phase, names, kinematics.revolute, where)
         out.append(replace(path, extra_joints=tuple((i, float(q[i]), float(after[i])) for i in places)))

@@ -43,7 +43,7 @@ def way(
     from twin.planning.around import around  # imports scipy, which loads slowly
 
     if kinematics.space is None:
-        raise ProtocolError(f"{where}: a free motion needs the mechanism, but there is none")
+        raise ProtocolError(f"{where}: a free motion requires a mechanism, but there is none")
     anchor = Anchor.at(kinematics, Ts[:1], ends[0][None])
     for name, q, T in zip(("start", "goal"), ends, Ts, strict=True):
         if reason := said(kinematics, margins_at(kinematics, T[None], q[None], anchor)):
@@ -53,7 +53,7 @@ def way(
         return np.all([m >= 0 for m in margins_at(kinematics, Ts, q, anchor).values()], axis=0)
 
     def report(fraction: float) -> None:
-        progress(f"{phase.name}: way around obstacles, {100 * fraction:.0f} %")
+        progress(f"{phase.name}: path around obstacles, {100 * fraction:.0f} %")
 
     try:
         space = kinematics.space(phase.scene, phase.clearance, keep)

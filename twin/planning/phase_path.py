@@ -19,7 +19,7 @@ from twin.planning.smooth import fit
 from twin.planning.trajectory import PathKinematics
 
 _NO_LENGTH = 1e-9
-"""Change in m and rad below which a phase has no length."""
+"""Change in m and rad below which a phase counts as having no length."""
 
 _ROUGH = 1e-6
 """Largest accepted truncation error (m, rad) of a joint's series; a larger one means that the path is not smooth."""
@@ -107,8 +107,8 @@ def build(protocol: Protocol, T_tool_frame: Array, guide: Guide | None = None) -
         missed = spatial.point_to_line(rcm, tip, rotation(angles, protocol.rotation) @ n_tool)
         if missed > protocol.tolerances.rcm:
             raise ProtocolError(
-                f"{protocol.name}: rcm_mm is registered from the start, but the shaft of '{protocol.start}' passes it "
-                f"at {missed / MM:.3f} mm (allowed: {protocol.tolerances.rcm / MM:g} mm)"
+                f"{protocol.name}: rcm_mm is registered from the start, but the shaft at '{protocol.start}' misses it "
+                f"by {missed / MM:.3f} mm (allowed: {protocol.tolerances.rcm / MM:g} mm)"
             )
     paths: list[PhasePath] = []
     for phase in protocol.phases:

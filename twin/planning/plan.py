@@ -79,7 +79,7 @@ def plan(
 
 
 def _guide(protocol: Protocol, kinematics: PathKinematics, T_tool_frame: Array, progress: Progress) -> Follower | None:
-    """Return a follower if the mechanism determines the path of the protocol; None if the equations do."""
+    """Return a follower if the mechanism determines the path of the protocol; None if the equations determine it."""
     by_joints = any(w.joints is not None for w in protocol.waypoints.values())
     if not by_joints and protocol.free is None:
         if kinematics.takes is None:
@@ -89,7 +89,7 @@ def _guide(protocol: Protocol, kinematics: PathKinematics, T_tool_frame: Array, 
         if kinematics.takes(np.concatenate(Ts)):
             return None
     if kinematics.carrier is None:
-        raise ProtocolError(f"{protocol.name}: joint values and free directions need the mechanism, but there is none")
+        raise ProtocolError(f"{protocol.name}: joint values and free directions require a mechanism, but there is none")
     return Follower(protocol, kinematics, kinematics.carrier, progress)
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from twin.core.spatial import Array
 
 Samples = tuple[Array, Array, Array, Array]
-"""(t, s, ds/dt, d2s/dt2), each (k,); t in s."""
+"""(t, s, ds/dt, d2s/dt2), each (k,): time t in seconds, path parameter s and its derivatives."""
 
 
 def sample(grid: Array, rates: Array, steps: int, dt: float, window: int = 0) -> Samples:

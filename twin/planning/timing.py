@@ -143,7 +143,7 @@ def time_path(
             v, a = (float(np.max(x)) for x in judge(*samples[1:]))
             if max(v, a) <= 1.0 + OVER:
                 return samples, jerk(*samples[1:]) if jerk else 0.0
-            slower *= max(v, np.sqrt(a))  # the path is so sharp that the grid missed its worst point
+            slower *= max(v, np.sqrt(a))  # the curvature of the path is so large that the grid missed its worst point
         raise TimingError(f"a sample exceeds its limit by {100 * (max(v, a) - 1):.2g} % even after slowing down")
 
     samples, excess = paced(0, slower)
@@ -167,7 +167,7 @@ def _averaged(paced: Callable[[int, float], tuple[Samples, float]], slower: floa
                 return samples
             low, high, least = high, 2 * high, min(least, excess)
         slower *= max(float(np.cbrt(least)), 1.02)
-    raise TimingError(f"the jerk stays {least:.3g} times its limit, however slow the motion")
+    raise TimingError(f"the jerk is at least {least:.3g} times its limit, even for a very slow motion")
 
 
 def _plain_load(derivatives: Derivatives, max_speed: Array, max_acceleration: Array) -> Load:

@@ -30,7 +30,7 @@ class Gap:
 
 
 class Carrier(Interface):
-    """Interface of the mechanism that is moved along a path; a state (nq,) is only passed on to continue from it.
+    """Interface of a mechanism that moves along a path; a state (nq,) is the start from which the next call continues.
 
     Every method raises `AssemblyError` if the mechanism cannot follow.
     """
@@ -129,8 +129,8 @@ class PathKinematics:
         space: (scene or "", clearance in m, additional test) -> joint space in which the path of a free phase is
             searched; None: not available.
         auxiliary: values of the auxiliary joints as drawn, in m or rad, by name; `inverse` returns these.
-        takes: T_base_tool (k, 4, 4) -> whether the robot can certainly assume all these poses; None: always. If not
-            (fewer than six freedoms, no equations), the mechanism determines the path; see `following`.
+        takes: T_base_tool (k, 4, 4) -> whether the robot can certainly assume all these poses; None: always true. If
+            false (fewer than six freedoms, no equations), the mechanism determines the path; see `following`.
     """
 
     joint_names: tuple[str, ...]

@@ -1,8 +1,8 @@
-"""One file per robot: its published equations, and how such files are found and loaded.
+"""Published equations of the built-in robots, one file for each robot; functions that find and load such files.
 
-A file here and a user's `formula.py` elsewhere obey the same contract (`twin.formula.contract`) and load the same way;
-either may hold plain functions instead, `inverse(pose)` and `forward(q)` (`twin.formula.plain`). Loading a formula runs
-its file. Importing this package imports no CasADi; loading a formula does.
+A file of this package and a user's `formula.py` follow the same contract (`twin.formula.contract`) and are loaded in
+the same way. Both may define the plain functions `inverse(pose)` and `forward(q)` instead (`twin.formula.plain`).
+Loading a formula runs its file. Importing this package does not import CasADi; loading a formula does.
 """
 
 from __future__ import annotations
@@ -31,11 +31,11 @@ _FOLDER = Path(__file__).resolve().parent
 _said: set[Path] = set()
 
 NO_CODE = "TWIN_NO_CODE"
-"""Environment variable: while it is set, no Python of a robot's folder is run, in child processes either."""
+"""Environment variable; if it is set, no Python code of a robot folder is run, not even in child processes."""
 
 
 def names() -> list[str]:
-    """Return the names of the robots that have a formula here."""
+    """Return the names of the robots that have a formula in this package."""
     return sorted(p.stem for p in _FOLDER.glob("*.py") if not p.stem.startswith("_"))
 
 
@@ -50,15 +50,15 @@ def load_formula(
 
     Args:
         robot: name or path.
-        name: of the robot, for a plain formula; default the name of its folder.
-        driven: called for a plain formula: returns active joints in order and whether each is an angle; a tool pose
-            (4, 4) of the robot, and q there or None, for solvers to begin at.
-        trial: a copy of a file that runs already; for any other, a notice is logged once that its code is run.
-        read: gives the bytes of a file that is not of this package.
+        name: name of the robot, for a plain formula; default: the name of its folder.
+        driven: function called for a plain formula. It returns ((name, is_angle) of each active joint in order, a tool
+            pose (4, 4), q at this pose or None); solvers start at this pose.
+        trial: whether the file is a copy of a file that was run before; else a notice that its code is run is logged.
+        read: function that returns the bytes of a file outside this package.
 
     Raises:
-        KinematicsError: if there is no such file, it cannot be imported (file and line are named), it has no FORMULA
-            and no plain functions, or breaks the contract.
+        KinematicsError: the file does not exist, cannot be imported (the message gives file and line), has neither a
+            FORMULA nor plain functions, or violates the contract.
         CodeRefusedError: the file is outside this package, and the environment variable TWIN_NO_CODE is set.
     """
     path = _FOLDER / f"{robot}.py" if str(robot) in names() else Path(robot)
@@ -73,12 +73,12 @@ def load_formula(
     formula = getattr(module, "FORMULA", None)
     if formula is None and is_plain(module):
         if driven is None:
-            raise KinematicsError(f"{path}: a plain formula needs the robot's joints: load the robot, not the file.")
+            raise KinematicsError(f"{path}: a plain formula requires the robot's joints: load the robot, not the file.")
         joints, T, q = driven()
         formula = plain_formula(module, path.resolve(), name or path.resolve().parent.name, joints, (T, q))
     elif formula is None:
         raise KinematicsError(
-            f"{path}: it defines no FORMULA and no plain functions: write inverse(pose), forward(q) or both."
+            f"{path}: it defines neither FORMULA nor plain functions: write inverse(pose), forward(q) or both."
         )
     try:
         check_formula(formula)
@@ -97,7 +97,7 @@ def _import(path: Path, trial: bool, read: Read) -> ModuleType:
         if os.environ.get(NO_CODE):
             raise CodeRefusedError(
                 f"{path}: reading these equations runs this file, which --no-code (or {NO_CODE} in the environment) "
-                "forbids. Read the file, then omit that option; `twin audit` and USD stages need no equations."
+                "forbids. Inspect the file, then omit that option; `twin audit` and USD stages need no equations."
             )
         if not trial and path not in _said:  # warn once before code of an untrusted folder runs
             _said.add(path)
@@ -111,7 +111,7 @@ def _import(path: Path, trial: bool, read: Read) -> ModuleType:
 
             spec.loader = Loader(name, path, read(path, "text"))
         module = importlib.util.module_from_spec(spec)
-        sys.modules[name] = module  # dataclasses look their module up while it runs
+        sys.modules[name] = module  # dataclasses look up their module while its code runs
         spec.loader.exec_module(module)
     except Exception as error:
         sys.modules.pop(name, None)

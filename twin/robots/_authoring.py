@@ -1,4 +1,4 @@
-"""What equations of several robots share: rows of a Denavit-Hartenberg table, parameters in mm, pose coordinates."""
+"""Shared by the equations of several robots: rows of a Denavit-Hartenberg table, parameters in mm, pose coordinates."""
 
 from __future__ import annotations
 

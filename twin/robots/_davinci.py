@@ -1,7 +1,7 @@
 """Shared by the arms of the da Vinci: yaw, pitch and insertion about the RCM.
 
 Base frame of dVRK: origin at the RCM, z up. With all joints at zero the shaft points along -z; yaw turns about -y,
-pitch about -x. No joint is at the RCM: the linkage holds it, and the equations do not need the linkage.
+pitch about -x. No joint is at the RCM: the linkage keeps it fixed, and the equations do not need the linkage.
 """
 
 from __future__ import annotations

@@ -22,7 +22,7 @@ _SIGMA = np.array([1.0, -1.0, 1.0])
 def branches(q: Array, p: Mapping[str, float], variants: Mapping[str, str]) -> list[Array]:
     """Return the poses (4, 4) of all assemblies at q (6,), for a rigid platform; unsorted, before Newton iterations.
 
-    Bars that lean inwards past the pivot (rho < l_0) are left out: the carriages stop long before.
+    Bars that lean inwards beyond the pivot (rho < l_0) are left out: the carriages cannot reach such states.
     """
     if variants["eq2"] == "literal":
         return []  # its carriage gap does not give rho back in closed form
@@ -56,8 +56,8 @@ def branches(q: Array, p: Mapping[str, float], variants: Mapping[str, str]) -> l
         return np.linalg.norm(S2 - S3, axis=1) - p["l_p"]
 
     grid = np.linspace(-np.pi, np.pi, _GRID + 1)
-    # Two sign branches meet where a circle is just touched; a root there lies between the last grid angle
-    # and the edge, so the edges join the grid.
+    # Two sign branches meet where a circle is only touched; a root there is between the last grid angle
+    # and the edge, so the edges are added to the grid.
     grid = np.unique(np.concatenate([grid, _edges(grid, lambda x: np.isfinite(gap(x, 1, 1)))]))
     poses = []
     for s2 in (1, -1):

@@ -3,7 +3,7 @@
 The paper gives the structure (7 revolute joints, 5 driven and 2 passive, trocar between 5 and 6) but no dimension.
 Everything else is ASSUMED: the table below in Khalil and Kleinfinger's form.
 
-The five driven joints set the position P_7 of the shaft's end, the roll of the image and the tilt of the tip. The
+The five driven joints determine the position P_7 of the shaft's end, the roll of the image and the tilt of the tip. The
 direction of the shaft follows from P_7 and the trocar: a pose with another direction has no solution.
 """
 
@@ -48,7 +48,7 @@ def _to_elbow(q1, q2, q3, a, h):
 
 @equation("inverse", "shaft -> passive q4, q5", gives="q4 q5")
 def gimbal(u, q1, q2, q3, a, h):
-    """Passive joints that lead the shaft through the trocar."""
+    """Passive joint angles for which the shaft passes through the trocar."""
     s = _to_elbow(q1, q2, q3, a, h)[0:3, 0:3].T @ -u
     return atan2(s[1], s[0]), asin(s[2])
 

@@ -4,8 +4,8 @@ The paper gives the structure (9 joints: the first prismatic, 6 driven and 3 pas
 dimension. Everything else is ASSUMED: the table below in Khalil and Kleinfinger's form, and a belt that keeps the
 azimuth of the passive joints, q2 + q3 + q4 = 0; without it one freedom would be undetermined.
 
-The trocar P_tr fixes the shaft: u is the direction from the inner wrist P_in to the trocar, and the outer point W lies
-r7 along it.
+The trocar P_tr determines the shaft: u is the direction from the inner wrist P_in to the trocar. The outer point W is
+at distance r7 from P_in along u.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ def arm(W, a, b):
 
 @equation("inverse", "shaft -> passive q4, q5, q6", gives="q4 q5 q6")
 def gimbal(u, q2, q3):
-    """Passive joints: the belt keeps q4, the trocar sets q5 and q6."""
+    """Passive joints: the belt determines q4, the trocar determines q5 and q6."""
     return -(q2 + q3), atan2(-u[0], u[2]), asin(-u[1])
 
 
@@ -60,7 +60,7 @@ def instrument(T_base_tool, q1, q2, q3, q4, q5, q6, a, b, r7):
 
 @equation("forward", "driven arm and trocar -> shaft", gives="u_out")
 def outer(q1, q2, q3, a, b, r7, trocar_x, trocar_y, trocar_z):
-    """Outer point W from the driven arm, and the direction from the trocar to it; NaN if the shaft is too short."""
+    """Direction from the trocar to the outer point W of the driven arm; NaN if the shaft is too short."""
     W = vertcat(a * cos(q2) + b * cos(q2 + q3), a * sin(q2) + b * sin(q2 + q3), q1)
     u = W - vertcat(trocar_x, trocar_y, trocar_z)
     length = norm_2(u)

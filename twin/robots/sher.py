@@ -6,7 +6,7 @@ those of the published derivation, github.com/zhaob5/sher3-kinematics (MIT), "[A
 Frames: {b} base, z up along the slides, origin at the centre of the base joint circle at q = 0. {p} at the centre of
 the platform joint circle; it never rotates. {r} on the roll axis, x along it. {a} at pin A, linkage plane x-y. {t} at
 P, the intended RCM, y along the tool towards its handle: the tool points along -y. {t} is the tool frame. Five joints
-hold five freedoms: position of P and direction of the tool. The spin about the tool follows.
+control five freedoms: the position of P and the direction of the tool; the rotation about the tool follows.
 """
 
 from __future__ import annotations
@@ -108,7 +108,7 @@ def tilt_forward_drawn(y_AR):
 
 @equation("forward", "T_p^b", gives="T_b_p", source=f"{_PAPER}, eq. (1)")
 def eq1(r_x, r_y, r_z):
-    """T_p^b: the platform never turns."""
+    """T_p^b: the platform never rotates."""
     return symbolic.pose(symbolic.rotation_x(0), vertcat(r_x, r_y, r_z))
 
 
@@ -195,7 +195,7 @@ def delta_inverse(r_x, r_y, r_z, r_b, r_p, l):  # noqa: E741
     return tuple(r_z - sqrt(l**2 - (r_x - rho * cos(a)) ** 2 - (r_y - rho * sin(a)) ** 2) for a in _AZIMUTHS)
 
 
-# ------------------------------------------------------------------- what no printed equation names
+# ------------------------------------------------------------------- quantities without a printed equation
 
 
 @equation("helper", "tilt angle -> angles of the links", gives="th1 th2 al")
@@ -235,7 +235,7 @@ def points(T_base_tool, psi, r_x, r_y, r_z, th1, th2, al, AB, CD, DA, AQ, QR, ph
 
 @equation("helper", "angles of rods and pins", gives=(*_LEGS, *_PINS), name="passive")
 def passive_joints(r_x, r_y, r_z, q1, q2, q3, r_b, r_p, th1, th2, al, AB, CD, DA, AQ, QR, phi1, y_AR):
-    """Cross and rod of each leg (both rods of a pair alike), then the pins of the tilt linkage."""
+    """Angles of cross and rod of each leg (both rods of a pair are equal), then of the pins of the tilt linkage."""
     out = []
     for a, leg in zip(_AZIMUTHS, _legs(r_x, r_y, r_z, r_b, r_p, (q1, q2, q3)), strict=True):
         out_, along = cos(a) * leg[0] + sin(a) * leg[1], -sin(a) * leg[0] + cos(a) * leg[1]
@@ -257,9 +257,9 @@ def margins(r_x, r_y, r_z, q1, q2, q3, r_b, r_p, l, th1, al, AB, BC, CD, DA, AQ,
     volume = dot(legs[0], cross(legs[1], legs[2])) / l**3
     BD = sqrt(AB**2 + DA**2 - 2 * AB * DA * cos(phi1 - th1))
     across = AQ * sin(al) - y_AR
-    # BC against CD: where they are in line, the coupler turns with the crank held.
+    # Angle between BC and CD: if they are in line, the coupler can rotate although the crank is locked.
     cosine = (BC**2 + CD**2 - BD**2) / (2 * BC * CD)
-    # AQ against QR: where QR is perpendicular to its rail the slider is at rest while the crank turns.
+    # Angle between QR and its rail: if it is a right angle, the slider is at rest while the crank rotates.
     return (
         *lateral,
         BC + CD - BD,
@@ -290,7 +290,7 @@ _U = np.array([[np.cos(a), np.sin(a)] for a in _AZIMUTHS])
 def platforms(q: Array, p: Mapping[str, float]) -> list[Array]:
     """Return the platform centres (3,) in m at slides q (3,): the upper solution, then the lower; or none.
 
-    The points at distance l from three centres, on both sides of the plane through these.
+    These are the points at distance l from three centres, one on each side of the plane through the centres.
     """
     c = np.column_stack([(p["r_b"] - p["r_p"]) * _U, q])
     d = np.linalg.norm(c[1] - c[0])
@@ -317,7 +317,7 @@ def branches(q: Array, p: Mapping[str, float], variants: Mapping[str, str]) -> l
         return []
     T = compile_formula(FORMULA, dict(variants), p).forward(q)
     out = []
-    for r in centres:  # the rest of the chain is the same, moved with the platform
+    for r in centres:  # the other links are the same; they move with the platform
         moved = T.copy()
         moved[:3, 3] += r - centres[0]
         out.append(moved)

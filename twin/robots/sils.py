@@ -6,8 +6,8 @@ Paper: Ro. J. Techn. Sci. - Appl. Mech. 68(1), 3-18, 2023, DOI 10.59277/RJTS-AM.
 towards rail 3, X out of the portal towards the patient. Tool frame: centroid of the three ball centres,
 z_p up from the platform, R = Rz(psi) Ry(theta) Rx(phi).
 
-Every printed row is one assignment with the symbols of the paper. The odd and even rows of eq. (2) name each other (q1
-is on both sides of its row); they are written in this form, and the compiler solves them.
+Every printed row is one assignment with the symbols of the paper. The odd and even rows of eq. (2) refer to each
+other (q1 is on both sides of its row); they are written in this form, and the compiler solves them.
 
 Limb i turns about its rail (direction e_a) by alpha_i; e_r points from the rail to the ball, t = e_a x e_r.
 The bar runs from its carriage along sin(beta) e_r - sigma cos(beta) e_a, the strut from its carriage along
@@ -124,8 +124,8 @@ def eq2_printed(Z_S1, Y_S2, Z_S3, q1, q2, q3, q4, q5, q6, l_1, l_2):
     "literal",
     of=eq2_printed,
     why="Radicals exactly as in our text of the paper: the root ends before 2 l_0 sqrt(...) (q2, q4, q6) and before "
-    "-(L_V - Z_S2)^2, -(L_H - Y_S3)^2 (q4, q6). Carriage gaps are then off by up to 0.55 m. Perhaps damage of "
-    "transcription, therefore a separate variant.",
+    "-(L_V - Z_S2)^2, -(L_H - Y_S3)^2 (q4, q6). Carriage gaps are then wrong by up to 0.55 m. This may be an error "
+    "of transcription; therefore it is a separate variant.",
 )
 def eq2_literal(X_S1, Y_S1, X_S2, Z_S2, X_S3, Y_S3, q1, q3, q5, l_0, l_1, l_2, L_H, L_V):
     """Joints with the radicals exactly as in the text that we have: the roots end too early."""
@@ -135,7 +135,7 @@ def eq2_literal(X_S1, Y_S1, X_S2, Z_S2, X_S3, Y_S3, q1, q3, q5, l_0, l_1, l_2, L
     return q2, q4, q6
 
 
-# ------------------------------------------------------------------- what no printed equation names
+# ------------------------------------------------------------------- quantities without a printed equation
 
 _LIMB = ("rho", "h", "alpha", "beta", "reach", "cos_beta", "sin_beta", "radius")
 
@@ -148,7 +148,7 @@ _LIMB = ("rho", "h", "alpha", "beta", "reach", "cos_beta", "sin_beta", "radius")
 def limbs(X_S1, Y_S1, Z_S1, X_S2, Y_S2, Z_S2, X_S3, Y_S3, Z_S3, l_0, l_1, l_2, L_H, L_V):
     """Angles and margins of each limb from its ball centre alone.
 
-    rho: ball to rail axis. h: ball to bar pivot along the rail. alpha: limb about its rail. beta: bar from the rail.
+    rho: distance ball to rail axis. h: ball to bar pivot, along the rail. alpha, beta: angles of limb and bar.
     These hold for every variant of eq. (2), which only computes the carriages.
     """
     L = l_1 + l_2
@@ -182,7 +182,7 @@ _PASSIVE = (
     "helper", "limb angles -> passive joints", gives=_PASSIVE, source="DERIVED; numbering ASSUMED", name="passive"
 )
 def passive_joints(alpha1, alpha2, alpha3, beta1, beta2, beta3):
-    """Passive joint angles; bar and strut about t, counted from e_r.
+    """Passive joint angles; those of bar and strut are about t, measured from e_r.
 
     With y = t x e_r = -e_a, the bar lies at atan2(sigma cos(beta), sin(beta)), the strut at minus that.
     """
@@ -194,7 +194,7 @@ def passive_joints(alpha1, alpha2, alpha3, beta1, beta2, beta3):
 
 @equation("helper", "ball centres -> apex joints", gives="A1 A2 A3")
 def apexes(X_S1, Y_S1, Z_S1, X_S2, Y_S2, Z_S2, X_S3, Y_S3, Z_S3, alpha1, alpha2, alpha3, beta1, beta2, beta3, l_2):  # fmt: skip
-    """Apex joints: l_2 back along the bar from the ball centres, l_1 from the bar pivots."""
+    """Apex joints, on the bars: at distance l_2 from the ball centres and l_1 from the bar pivots."""
     balls = (vertcat(X_S1, Y_S1, Z_S1), vertcat(X_S2, Y_S2, Z_S2), vertcat(X_S3, Y_S3, Z_S3))
     out = []
     for S, sigma, beta, (e_a, e_r) in zip(
@@ -206,7 +206,7 @@ def apexes(X_S1, Y_S1, Z_S1, X_S2, Y_S2, Z_S2, X_S3, Y_S3, Z_S3, alpha1, alpha2,
 
 @equation("helper", "type II singularity measure", gives="D z_up")
 def type2(X_S1, Y_S1, Z_S1, X_S2, Y_S2, Z_S2, X_S3, Y_S3, Z_S3, alpha1, alpha2, alpha3, theta, phi, l_p):
-    """D is zero where the platform can move with all carriages at rest. Also the z component of z_p."""
+    """D, which is zero where the platform can move with all carriages at rest, and the z component of z_p."""
     S1, S2, S3 = vertcat(X_S1, Y_S1, Z_S1), vertcat(X_S2, Y_S2, Z_S2), vertcat(X_S3, Y_S3, Z_S3)
     t1, t2, t3 = (cross(e_a, e_r) for e_a, e_r in _axes(alpha1, alpha2, alpha3))
     u12, u23, u13 = (S1 - S2) / l_p, (S2 - S3) / l_p, (S1 - S3) / l_p

@@ -162,7 +162,7 @@ def _problem(item: Any, keys: Keys, value: Any, nodes: list[dict], data: Any) ->
     if kind in ("too_long", "too_short"):
         return f"the list has {len(value)} values{also}"
     if kind == "string_pattern_mismatch":
-        return "must begin with a small letter and hold only small letters, digits and _"
+        return "must begin with a lower-case letter and contain only lower-case letters, digits and _"
     if kind in ("at_key", "swapped"):
         return context["text"]
     return item["msg"].removeprefix("Value error, ") + also

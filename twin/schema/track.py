@@ -23,14 +23,14 @@ class Track(Table):
     robot: str
     protocol: str
     title: str
-    model_hash: Annotated[str, Field(pattern="^sha256:[0-9a-f]{64}$", description="name of the robot")]
+    model_hash: Annotated[str, Field(pattern="^sha256:[0-9a-f]{64}$", description="hash of the robot's model")]
     frame: Literal["z-up right-handed"]
     length_unit: Literal["m"]
     angle_unit: Literal["rad"]
     quaternion_order: Literal["xyzw"]
     rate: Annotated[float, Field(gt=0, description="keys per second; the last interval may be shorter")]
-    frames: Annotated[int, Field(ge=1, description="how many keys")]
-    times: Annotated[list[float], Field(description="s, frames")]
+    frames: Annotated[int, Field(ge=1, description="number of keys")]
+    times: Annotated[list[float], Field(description="frames, s: time of each key")]
     links: Annotated[list[Identifier], Field(description="names of the links, in the order of poses")]
     poses: Annotated[
         list[float], Field(description="frames x links x 7, pose of each link in the world (the base frame)")
@@ -50,8 +50,8 @@ class Track(Table):
     joint_upper: Annotated[list[float], Field(description="m or rad; 1e30: no limit")]
     positions: Annotated[list[float], Field(description="frames x joints, m or rad")]
     phases: Annotated[list[Identifier], Field(description="names of the phases, in order")]
-    phase_start: Annotated[list[float], Field(description="s")]
-    phase_end: Annotated[list[float], Field(description="s")]
+    phase_start: Annotated[list[float], Field(description="s, start of each phase")]
+    phase_end: Annotated[list[float], Field(description="s, end of each phase")]
     phase_has_rcm: Annotated[
         list[Flag], Field(description="1: the phase has a remote centre of motion (RCM); 0: it has none")
     ]

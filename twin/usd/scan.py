@@ -333,7 +333,7 @@ def _freedom(prim: Usd.Prim) -> tuple[str, frozenset[int], str, str]:
         if free == list(FREE_AXES[kind]):
             return kind, frozenset(free), "Z", ""
     names = ", ".join(DIRECTIONS[a] for a in free)
-    return "", frozenset(free), "Z", f"a joint free in {names} is not supported; split it in two joints"
+    return "", frozenset(free), "Z", f"a joint that is free in {names} is not supported; split it into two joints"
 
 
 def _coordinate(prim: Usd.Prim, kind: str, free: frozenset[int]) -> tuple[str, tuple[float, float] | None]:

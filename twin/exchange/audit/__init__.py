@@ -1,4 +1,4 @@
-"""Read files that describe moving robots and report their faults. Shares no code with a writer.
+"""Read exported files of robots and their motions, and report faults. The package shares no code with the writers.
 
 poses       quaternions and matrices, implemented independently of the writers
 motion      the common result of the readers: clips of link poses in the world frame
@@ -9,7 +9,7 @@ compare     compare the pose of every link at every key between files
 compare_physics    compare joints, drives, masses, frames, surfaces, colours between files and with the mechanism
 claims      check what files state about themselves: errors between keys, assumptions, README.txt
 unity, proof                       check the other contents of a bundle
-diagnose    find the common mistake that explains a difference
+diagnose    find a common mistake that explains a difference
 scene       an exported scene: each robot's folder, and the scene's stages against them
 """
 
@@ -132,7 +132,7 @@ def _read(found: Found, tell: Progress) -> Iterator[tuple[Ledger, Content | None
     """Yield (ledger, content) for each file; content is None if the file could not be read."""
     stages = (*found.stages, *found.usdz)
     if stages:
-        tell("try the stages", 0)
+        tell("test whether the stages can be opened", 0)
     admitted = admit_together(stages)
     jobs: list[tuple[Callable[[Path, Ledger], Content | None], Path]] = [
         *((_tracks, p) for p in (*found.tracks, *found.csv)),
@@ -277,7 +277,7 @@ def _tree(path: Path, ledger: Ledger, tracks: list[Content], models: Sequence[st
         low, high = track.extra.get("lower", {}), track.extra.get("upper", {})
         tree.check_limits(track.file, low, high)
     if not tracks:
-        text = "there is no track for this file: its joints are checked only at the values in the file."
+        text = "there is no track for this file: its joints are not moved."
         ledger.add("compare.no_track", "info", text)
     return tree.content
 

@@ -28,7 +28,7 @@ class Loss:
 
 
 def halved(clip: Clip, shapes: Mapping[str, Shape], joints: Sequence[Joint]) -> Loss | None:
-    """Return the interpolation error at every second key with these keys removed; None if there are too few keys."""
+    """Remove every second key, and return the interpolation errors at these keys; None if there are too few keys."""
     t = clip.times
     inner = np.arange(1, len(t) - 1, 2)
     inner = inner[np.abs(t[inner + 1] + t[inner - 1] - 2 * t[inner]) < 1e-6] if len(inner) else inner

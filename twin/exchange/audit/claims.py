@@ -14,7 +14,7 @@ from twin.exchange.audit.physics import Joint, Physics
 from twin.exchange.audit.report import Ledger, quantity
 
 TOO_GOOD = 3.0
-"""Maximum ratio of the estimated error to the stated error; above it, the stated error is too small."""
+"""Maximum ratio of the estimated error to the stated error; at higher ratios the stated error is too small."""
 
 TOO_BAD = 20.0
 """Maximum ratio of the stated error to the estimated error.
@@ -156,7 +156,7 @@ STATEMENTS: tuple[tuple[str, str, tuple[str, ...]], ...] = (
     ("up axis of GLB and USDZ", r"GLB and USDZ are (\S+) up", ("y",)),
     ("rotation of the root", r"(\S+) degrees about (\w)", ("-90", "x")),
     ("order of quaternions", r"Quaternions are (\w \w \w \w) \(USD: (\w \w \w \w)\)", ("x y z w", "w x y z")),
-    ("Unity's hand", r"Unity is (\w+)-handed", ("left",)),
+    ("handedness of Unity", r"Unity is (\w+)-handed", ("left",)),
     (
         "pose conversion of a glTF importer",
         r"\(x, y, z\) becomes (\([^)]*\)), the quaternion (\([^)]*\))",
@@ -235,10 +235,10 @@ def _check_motions(text: str, contents: Sequence[Content], ledger: Ledger) -> No
         ):
             digits = len(value.partition(".")[2])
             if isinstance(real, int | float) and abs(float(value) - real) > 0.51 * 10.0**-digits:
-                message = f"motion '{name}': {what} is {value}, by {track.file} {real:.{max(digits, 1)}f}."
+                message = f"motion '{name}': {what} is {value}; in {track.file} it is {real:.{max(digits, 1)}f}."
                 ledger.add("readme.motion", "disagreement", message, where=name)
         if str(data.get("title", m["title"])) != m["title"]:
-            message = f"motion '{name}' is called '{m['title']}', in {track.file} '{data.get('title')}'."
+            message = f"motion '{name}' has the title '{m['title']}'; in {track.file} it is '{data.get('title')}'."
             ledger.add("readme.motion", "disagreement", message, where=name)
 
 
@@ -299,5 +299,5 @@ def check_proof_clips(path: Path, contents: Iterable[Content], ledger: Ledger) -
         ):
             said = row.get(key)
             if isinstance(real, int | float) and isinstance(said, int | float) and abs(said - real) > 1e-5 * abs(real):
-                text = f"clip '{row['protocol']}': {key} is {said:g}, in {track.file} {real:g}."
+                text = f"clip '{row['protocol']}': {key} is {said:g}; in {track.file} it is {real:g}."
                 ledger.add("proof.clip", "disagreement", text, where=key)

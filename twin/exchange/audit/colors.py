@@ -27,7 +27,7 @@ class Palette:
         own[r, g, b, a] = own.get((r, g, b, a), 0.0) + area
 
     def shares(self) -> dict[str, dict[Rgba, float]]:
-        """Return by link the fraction (0..1) of its area that has each colour; links without area are omitted."""
+        """Return for each link the fraction (0..1) of its area in each colour; links without area are omitted."""
         out = {}
         for link, areas in self._areas.items():
             total = sum(areas.values())

@@ -17,7 +17,7 @@ TIME_TOL = 1e-5
 """Maximum difference in s between the times of the same key in two files: glTF stores times in single precision."""
 
 BETWEEN_TOL = 1e-5
-"""Maximum deviation, in m or tenths of a rad, of a pose halfway between two keys from linear interpolation."""
+"""Maximum error of a pose halfway between two keys: position error in m, and a tenth of the rotation error in rad."""
 
 BOX_TOL = 2e-5
 """Maximum difference in m between the bounding boxes of one link's meshes in two files."""
@@ -56,7 +56,7 @@ def compare(contents: Sequence[Content], refs: Mapping[str, Reference]) -> None:
             name = _counterpart(content, clip, refs)
             if name is None:
                 if len(contents) > 1 and refs:
-                    text = f"clip '{clip.name}' has no counterpart; known are {', '.join(sorted(refs))}."
+                    text = f"clip '{clip.name}' has no counterpart; known clips: {', '.join(sorted(refs))}."
                     content.ledger.add("compare.clip", "warning", text, where=clip.name)
                 continue
             ref = refs[name]
@@ -148,7 +148,7 @@ def _compare_clip(content: Content, clip: Clip, ref: Reference, name: str) -> No
         ledger.add(
             "compare.pose",
             "disagreement",
-            f"{label}: link '{n}' is {quantity(p, 'm')} and {np.degrees(r):.4g} deg off {ref.source}"
+            f"{label}: link '{n}' differs by {quantity(p, 'm')} and {np.degrees(r):.4g} deg from {ref.source}"
             + (f": {reason}." if reason else "."),
             where=n,
             when=_at(times[i if by_place else j]),
@@ -163,23 +163,23 @@ def _compare_clip(content: Content, clip: Clip, ref: Reference, name: str) -> No
 
 
 def _times_apart(clip: Clip, ref: Reference, mine: Array, its: Array) -> str:
-    """Return a text on the keys that only one of the two clips has: single keys, or the end of a longer clip."""
+    """Return a text on keys that only one of the two clips has; if the durations differ, a text on the durations."""
     if abs(clip.duration - ref.clip.duration) > TIME_TOL:
         ratio = clip.duration / ref.clip.duration if ref.clip.duration else float("nan")
         here, there = told_apart(clip.duration, ref.clip.duration)
         return (
-            f"the clip lasts {here} s, in {ref.source} {there} s (x {ratio:.6g}); {len(mine)} "
-            f"of its {len(clip.times)} keys are at the times of the {len(ref.clip.times)} there"
+            f"the clip lasts {here} s; in {ref.source} it lasts {there} s (ratio {ratio:.6g}); {len(mine)} "
+            f"of its {len(clip.times)} key times are among the {len(ref.clip.times)} key times there"
         )
     said = []
     for times, shared, text in (
-        (ref.clip.times, its, f"of {ref.source} it lacks"),
-        (clip.times, mine, f"{ref.source} lacks"),
+        (ref.clip.times, its, f"keys of {ref.source} missing in this clip:"),
+        (clip.times, mine, f"keys missing in {ref.source}:"),
     ):
         lacking = np.setdiff1d(np.arange(len(times)), shared)
         if len(lacking):
             keys = "one key" if len(lacking) == 1 else f"{len(lacking)} keys"
-            said.append(f"{text} {keys}, {'that' if len(lacking) == 1 else 'first that'} at {times[lacking[0]]:.6g} s")
+            said.append(f"{text} {keys}, {'' if len(lacking) == 1 else 'the first '}at {times[lacking[0]]:.6g} s")
     return "; ".join(said) + f" (both last {clip.duration:.6g} s)"
 
 
@@ -199,14 +199,14 @@ def _compare_middle(content: Content, clip: Clip, ref: Reference, name: str) -> 
         content.ledger.add(
             "compare.between",
             "disagreement",
-            f"clip '{name}': halfway between two keys link '{where}' is {quantity(worst, 'm')} off the linear "
-            f"interpolation of {ref.source}.",
+            f"clip '{name}': halfway between two keys, link '{where}' differs by {quantity(worst, 'm')} from the "
+            f"linear interpolation of {ref.source}.",
             where=where,
             when=_at(float(clip.times[k])),
             size=worst * 1e6,
             unit="um",
             limit=BETWEEN_TOL * 1e6,
-            suggestion="interpolate LINEAR between the keys",
+            suggestion="use LINEAR interpolation between the keys",
         )
 
 
@@ -226,14 +226,14 @@ def _compare_joints(content: Content, clip: Clip, ref: Reference, name: str, min
             got = float(clip.joints[n][mine][k])
             ratio = got / meant if meant else 0.0
             hint = (
-                " degrees against radians."
+                " The ratio suggests degrees instead of radians, or the reverse."
                 if min(abs(ratio * np.pi / 180 - 1), abs(ratio * 180 / np.pi - 1)) < 1e-3
                 else ""
             )
             content.ledger.add(
                 "compare.joint",
                 "disagreement",
-                f"clip '{name}': joint '{n}' is {got:.6g}, in {ref.source} {meant:.6g}.{hint}",
+                f"clip '{name}': joint '{n}' is {got:.6g}; in {ref.source} it is {meant:.6g}.{hint}",
                 where=n,
                 when=_at(clip.times[mine][k]),
                 size=float(off[k]),
@@ -302,7 +302,7 @@ def _check_missing(contents: Sequence[Content], refs: Mapping[str, Reference]) -
         group = [c for c in contents if c.format in kinds and c.clips]
         have = {_counterpart(c, clip, refs) for c in group for clip in c.clips}
         if len(group) and (missing := sorted(set(refs) - have)):
-            text = f"no file of this format holds clip '{missing[0]}' of {refs[missing[0]].source}."
+            text = f"no file of this format contains clip '{missing[0]}' of {refs[missing[0]].source}."
             group[0].ledger.add("compare.missing_clip", "disagreement", text, where=missing[0])
 
 
@@ -326,7 +326,10 @@ def compare_rest(contents: Sequence[Content]) -> None:
             text = f"its rest pose is the first pose of clip '{clip}', not the rest pose of {first.file}."
             content.ledger.add("compare.rest", "info", text, where=clip)
         elif apart[far] > POSITION_TOL or turn[turned] > ROTATION_TOL:
-            text = f"at rest link '{far}' is {quantity(apart[far], 'm')} off {first.file}, '{turned}' turned."
+            text = (
+                f"rest poses differ from {first.file}: by {quantity(apart[far], 'm')} at link '{far}', most in "
+                f"rotation at link '{turned}'."
+            )
             content.ledger.add("compare.rest", "disagreement", text, where=far, size=apart[far] * 1e6, unit="um")
 
 
@@ -354,9 +357,8 @@ def compare_shapes(contents: Sequence[Content]) -> None:
                 content.ledger.add(
                     "compare.shape",
                     "disagreement",
-                    f"the meshes of link '{name}' have another bounding box than in {first.file}: {off * 1e3:.4g} mm "
-                    "off, its "
-                    f"diagonal {float(np.linalg.norm(a.high - a.low)):.4g} m against {size:.4g} m.",
+                    f"the bounding box of the meshes of link '{name}' differs by {off * 1e3:.4g} mm from {first.file}; "
+                    f"its diagonal is {float(np.linalg.norm(a.high - a.low)):.4g} m, there it is {size:.4g} m.",
                     where=name,
                     size=off * 1e3,
                     unit="mm",
@@ -367,7 +369,7 @@ def compare_shapes(contents: Sequence[Content]) -> None:
                 content.ledger.add(
                     "compare.volume",
                     "disagreement",
-                    f"the meshes of link '{name}' hold {a.volume:.4g} m3, in {first.file} {b.volume:.4g} m3.",
+                    f"the volume of link '{name}' is {a.volume:.4g} m3; in {first.file} it is {b.volume:.4g} m3.",
                     where=name,
                     size=a.volume,
                     unit="m3",

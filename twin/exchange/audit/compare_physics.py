@@ -1,4 +1,4 @@
-"""Compare the mechanism data of files: all quantities of one table with the same method.
+"""Compare the mechanism data of files, with one table of quantities and their tolerances.
 
 Each format counts as one independent source, because several files of a format may share data (five stages may share
 one layer). The value in most sources is taken as correct. If a mechanism is given, its value is taken as correct.
@@ -72,7 +72,7 @@ def _sense(a: tuple[Array, bool], b: tuple[Array, bool]) -> float:
 
 
 def _line(a: tuple[Array, Array | None], b: tuple[Array, Array | None]) -> float:
-    """Return the distance in m of b's point from line a; between the two points if a has no direction."""
+    """Return the distance in m of b's point from line a, or from a's point if a has no direction."""
     off = b[0] - a[0]
     if a[1] is None or b[1] is None:
         return float(np.linalg.norm(off))
@@ -204,7 +204,7 @@ def compare_physics(contents: Sequence[Content], truth: Physics | None = None) -
     for view in views:
         _state(view, canonical, known, movable)
         if view.format == "mjcf" and any(view.file.startswith(f"{s}_") for s in stems):
-            # The file is for one motion with its own trocars. The audit computes that motion, which shows open loops.
+            # The file is for one motion with its own trocars; the computed motion shows whether its loops are closed.
             for key in [k for k in view.said if k[1] == "place" and k[0].endswith(_ends_on(view.physics.held))]:
                 del view.said[key]
     there = [s for s, name in dict.fromkeys(key for v in views for key in v.said) if name == "existence"]
@@ -485,11 +485,11 @@ def _text(subject: str, name: str, q: Compared, mine: Any, right: Any, others: s
         return f"{subject}: {name} is {mine:.6g} {q.unit}; in {others} it is {right:.6g} {q.unit}{ratio}."
     off = q.apart(mine, right)
     if name in ("mass centre", "place", "frame pose", "pose"):
-        return f"{subject}: {_WORDS.get(name, name)} is {quantity(off, 'm')} off {others}."
+        return f"{subject}: {_WORDS.get(name, name)} differs by {quantity(off, 'm')} from {others}."
     if name == "surface":
         return f"{subject}: a point of its mesh is {quantity(off, 'm')} from the mesh of {others}."
     if name == "colours":
-        return f"{subject}: {100 * off:.3g} % of its surface has another colour than in {others}."
+        return f"{subject}: {100 * off:.3g} % of its surface has a different colour in {others}."
     if name == "inertia":
         return f"{subject}: inertia differs from {others} by {100 * off:.3g} %."
     if name == "axis":

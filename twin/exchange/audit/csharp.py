@@ -1,4 +1,4 @@
-"""Interpret a small subset of C#, to check a script by running its static functions of numbers.
+"""Interpret a small subset of C#, to check a script by running its static numeric functions.
 
 Supported: constants, static methods with overloads by the types of their parameters, local variables, assignment,
 `if`, `return`, the conditional operator, arithmetic, casts of numbers, members and constructors of plain values,
@@ -105,7 +105,7 @@ class Script:
     def constant(self, name: str) -> float:
         """Return the value of a constant of the script."""
         if name not in self._constants:
-            raise CSharpError(f"'{name}' is not known")
+            raise CSharpError(f"there is no constant '{name}'")
         return _Run(self, self._constants[name], {}).expression()
 
 

@@ -72,7 +72,7 @@ def find(path: Path) -> Found:
             if suffix := _TEXT.get(file.suffix.lower()):
                 check_size(file, suffix)
         if len(files) > MOST_FILES:
-            raise TwinError(f"{path} holds more than {MOST_FILES} files: name the folder of one export")
+            raise TwinError(f"{path} contains more than {MOST_FILES} files: give the folder of one export")
     packages = [f.parent for f in files if f.name == "package.json" and _is_package(f)]
     out.unity = [p for p in packages if not any(p != q and p.is_relative_to(q) for q in packages)]
     for file in files:

@@ -1,4 +1,4 @@
-"""Read a glTF scene: nodes, clips, meshes and materials, and their faults. glTF is metres, y up."""
+"""Read a glTF scene: nodes, clips, meshes and materials, and report faults. glTF uses metres, with y up."""
 
 from __future__ import annotations
 

@@ -25,7 +25,7 @@ MOST_NUMBERS = 50_000_000
 
 
 class GltfError(Exception):
-    """The file cannot be read any further; `code` is the code of the finding."""
+    """A fault after which the file cannot be read further; `code` is the code of the finding."""
 
     def __init__(self, code: str, message: str) -> None:
         super().__init__(message)
@@ -84,7 +84,7 @@ class Gltf:
         count = natural(spec, "count", name, 0)
         if count * width > MOST_NUMBERS:
             raise GltfError(
-                "gltf.bounds", f"{name} asks for {count} elements of {width} numbers, more than the audit accepts"
+                "gltf.bounds", f"{name} has {count} elements of {width} numbers, more than the audit accepts"
             )
         dtype = np.dtype(kind)
         if "bufferView" in spec:
@@ -143,7 +143,7 @@ class Gltf:
         """Compare an accessor's min and max with its numbers; viewers use them for framing, culling and timing."""
         name = f"accessor {index}"
         if not np.all(np.isfinite(values)):
-            self.ledger.add("gltf.finite", "disagreement", f"{name} holds numbers that are not finite.", where=name)
+            self.ledger.add("gltf.finite", "disagreement", f"{name} contains numbers that are not finite.", where=name)
             return
         if not len(values) or spec.get("normalized"):
             return
@@ -162,7 +162,7 @@ class Gltf:
                 self.ledger.add(
                     "gltf.minmax",
                     "disagreement",
-                    f"{name}: its {key} is stated as {told[k]:.7g} and is {real[k]:.7g}.",
+                    f"{name}: its stated {key} is {told[k]:.7g}, but its actual {key} is {real[k]:.7g}.",
                     where=name,
                     size=float(told[k]),
                     limit=float(real[k]),
@@ -211,10 +211,10 @@ def open_gltf(path: Path, ledger: Ledger) -> Gltf:
 
 def _chunks(data: bytes, ledger: Ledger) -> tuple[bytes, bytes | None]:
     if len(data) < 20:
-        raise GltfError("gltf.header", f"it ends after {len(data)} bytes")
+        raise GltfError("gltf.header", f"the file ends after {len(data)} bytes")
     magic, version, length = struct.unpack_from("<III", data)
     if magic != _MAGIC or version != 2:
-        raise GltfError("gltf.version", f"its header says version {version}, not 2")
+        raise GltfError("gltf.version", f"its header states version {version}, not 2")
     if length > len(data):
         raise GltfError(
             "gltf.header", f"its header states {length} bytes, but it has {len(data)}: the file is truncated"

@@ -60,7 +60,7 @@ def check_mesh(
         ledger.add(
             f"{code}.winding",
             "disagreement",
-            f"mesh '{where}' is inside out (volume {volume:.3g} m3): viewers show its back.",
+            f"mesh '{where}' is inside out (volume {volume:.3g} m3): viewers show its inner side.",
             where=where,
             size=volume,
             unit="m3",
@@ -120,7 +120,7 @@ def _check_normals(ledger: Ledger, where: str, vertices: Array, triangles: Array
             where=where,
             size=against / total,
             limit=AGAINST,
-            suggestion="make normals and winding agree",
+            suggestion="reverse the normals or the winding",
         )
 
 

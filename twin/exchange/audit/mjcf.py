@@ -21,7 +21,7 @@ from twin.exchange.audit.report import Ledger, quantity
 from twin.exchange.audit.urdf import named_mesh, numbers, parse_xml
 
 LOOP_TOL = 1e-6
-"""Maximum residual in m (for the rotation of a weld in rad) of an equality constraint at joint values of a track."""
+"""Maximum residual of an equality constraint at joint values of a track, in m (rotation of a weld: in rad)."""
 
 LIMIT_TOL = 1e-5
 """Relative difference between limits that counts as rounding: MuJoCo saves models with six digits."""

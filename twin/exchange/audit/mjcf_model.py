@@ -42,7 +42,7 @@ def _check_key(m: mujoco.MjModel, d: mujoco.MjData, k: int, ledger: Ledger) -> N
         ledger.row(f"loops at keyframe '{name}'", worst, "m", KEY_GAP)
     if worst > KEY_GAP:
         where = m.equality(int(d.efc_id[int(np.argmax(gaps))])).name
-        text = f"keyframe '{name}': equality '{where}' is {quantity(worst, 'm')} open."
+        text = f"keyframe '{name}': equality '{where}' is open by {quantity(worst, 'm')}."
         ledger.add("mjcf.keyframe", "disagreement", text, where=name, size=worst, unit="m", limit=KEY_GAP)
     for j in range(m.njnt):
         q = float(d.qpos[m.jnt_qposadr[j]])

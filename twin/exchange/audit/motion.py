@@ -20,7 +20,7 @@ UNIT_TOL = 1e-4
 """Deviation of a quaternion's length from 1 that counts as rounding of single precision."""
 
 MAX_STEP = np.radians(120)
-"""Maximum rotation in rad between two keys: players use the shorter rotation, so that large ones may be reversed."""
+"""Maximum rotation in rad between two keys: players use the shorter rotation and may reverse a larger one."""
 
 START_TOL = 1e-9
 """Maximum start time in s of a clip: if a clip starts later, players show the rest pose first."""
@@ -158,7 +158,7 @@ def check_times(ledger: Ledger, times: Array, clip: str, code: str) -> bool:
         ledger.add(
             f"{code}.start",
             "warning",
-            f"clip '{clip}' starts at {times[0]:.6g} s, not at 0: players wait before its start or cut it.",
+            f"clip '{clip}' starts at {times[0]:.6g} s, not at 0: players wait until then, or skip that time.",
             where=clip,
             size=float(times[0]),
             unit="s",
@@ -228,7 +228,7 @@ def check_quaternions(
             f"{code}.quaternion_sign",
             "warning" if code == "gltf" else "disagreement",  # glTF requires players to use the shorter rotation
             f"{where}: the quaternion changes sign {len(flips)} times, first between {times[k]:.4g} and "
-            f"{times[k + 1]:.4g} s: players that interpolate the numbers (Unity) glitch by up to 180 deg.",
+            f"{times[k + 1]:.4g} s: players that interpolate components (Unity) rotate the link by up to 180 deg.",
             where=where,
             when=f"t = {times[k]:.4g} s",
             size=float(len(flips)),

@@ -60,8 +60,8 @@ def _fits(folder: Path, row: dict[str, Any], ledger: Ledger) -> bool:
     ledger.add(
         "proof.hash",
         "disagreement",
-        f"'{name}' has changed since the proof was written: sha256 {real[:12]}…, in the proof "
-        f"{said[:12] or 'nothing'}….",
+        f"'{name}' has changed since the proof was written: its sha256 is {real[:12]}…, "
+        f"in the proof it is {said[:12] or 'nothing'}….",
         where=name,
         suggestion="export again; the measured values are those of the original file",
     )

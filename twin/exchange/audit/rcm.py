@@ -85,7 +85,7 @@ def check_rcm(data: dict[str, Any], clip: Clip, local: Array, ledger: Ledger) ->
             continue
         if missed > SHAFT and stay.enforced is None:
             text = (
-                f"phase '{stay.name}': the shaft (z of '{name}') passes the RCM {missed * 1e3:.4g} mm away; the "
+                f"phase '{stay.name}': the shaft (z of '{name}') misses the RCM by {missed * 1e3:.4g} mm; the "
                 "file does not state whether the RCM is enforced or only monitored there."
             )
             ledger.add("tracks.rcm_watched", "info", text, where=stay.name, when=at, size=missed * 1e3, unit="mm")
@@ -96,7 +96,7 @@ def check_rcm(data: dict[str, Any], clip: Clip, local: Array, ledger: Ledger) ->
             ledger.add(
                 "tracks.rcm",
                 "disagreement",
-                f"phase '{stay.name}': the shaft (z of '{name}') passes the RCM {quantity(missed, 'm')} away.",
+                f"phase '{stay.name}': the shaft (z of '{name}') misses the RCM by {quantity(missed, 'm')}.",
                 where=name,
                 when=at,
                 size=missed * 1e6,
@@ -114,7 +114,7 @@ def _stays(data: dict[str, Any], clip: Clip, local: Array, ledger: Ledger) -> li
     names, on, phases = data.get("frame_names", []), data.get("frame_links", []), data.get("phases", [])
     fits = len(local) == 7 * len(names) and len(on) == len(names) and len(point) == 3 * len(has)
     if not fits or len(has) > min(len(start), len(end), len(phases)):
-        ledger.add("tracks.shape", "disagreement", "frames or RCMs do not have one entry each.", where="frames_local")
+        ledger.add("tracks.shape", "disagreement", "lists of frames or RCMs have wrong lengths.", where="frames_local")
         return None
     enforced = data.get("phase_rcm_enforced")  # tracks of earlier versions lack this entry
     if enforced is not None and not (isinstance(enforced, list) and len(enforced) == len(has)):

@@ -20,7 +20,7 @@ ROTATION_TOL = 1e-4
 """Maximum angle in rad between equal poses of a link in two files."""
 
 MOST = 5
-"""Maximum number of findings of one code in one file; the last finding states the number of further ones."""
+"""Maximum number of findings of one code in one file; the last finding states how many were omitted."""
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,6 @@
 """Report physically impossible data in a file: masses, inertias, densities, gravity, drives.
 
-This check needs no second file; in a bundle it also shows which of two contradicting files is wrong.
+This check needs no second file; in a bundle, it can also show which of two contradicting files is wrong.
 """
 
 from __future__ import annotations
@@ -68,8 +68,8 @@ def _check_mass(ledger: Ledger, link: str, mass: Mass, shape: Shape | None) -> N
             wrong("inertia_impossible", text, float(moments[0]), "kg m2", 0.0)
         elif moments[2] > (moments[0] + moments[1]) * (1 + TRIANGLE):
             text = (
-                f"its principal moments of inertia {moments[0]:.4g}, {moments[1]:.4g} and {moments[2]:.4g} kg m2 break "
-                "the triangle inequality: no distribution of mass has them"
+                f"its principal moments of inertia {moments[0]:.4g}, {moments[1]:.4g} and {moments[2]:.4g} kg m2 "
+                "violate the triangle inequality: no mass distribution has such moments"
             )
             wrong("inertia_impossible", text, float(moments[2]), "kg m2", float(moments[0] + moments[1]))
     if shape is None:
@@ -88,16 +88,16 @@ def _check_mass(ledger: Ledger, link: str, mass: Mass, shape: Shape | None) -> N
     box = float(np.prod(np.maximum(shape.high - shape.low, 1e-4)))
     volume = shape.volume if shape.closed and shape.volume > 0 else box
     if mass.mass / volume > DENSEST:
-        text = f"{mass.mass:.4g} kg in {volume:.3g} m3 are {mass.mass / volume:.3g} kg/m3, more than any material"
+        text = f"{mass.mass:.4g} kg in {volume:.3g} m3 are {mass.mass / volume:.3g} kg/m3, denser than any material"
         wrong("density", text, mass.mass / volume, "kg/m3", DENSEST)
     elif mass.mass / box < LIGHTEST:
-        text = f"{mass.mass:.4g} kg in a box of {box:.3g} m3 are {mass.mass / box:.3g} kg/m3, less than air"
+        text = f"{mass.mass:.4g} kg in a box of {box:.3g} m3 are {mass.mass / box:.3g} kg/m3, lighter than air"
         wrong("density", text, mass.mass / box, "kg/m3", LIGHTEST)
 
 
 def _check_drive(ledger: Ledger, joint: str, drive: Drive) -> None:
     if drive.limits is not None and not drive.limits[0] <= drive.limits[1]:
-        text = f"joint '{joint}': lower limit {drive.limits[0]:g} lies above upper limit {drive.limits[1]:g}."
+        text = f"joint '{joint}': lower limit {drive.limits[0]:g} is above upper limit {drive.limits[1]:g}."
         ledger.add("physics.limits", "disagreement", text, where=joint, suggestion="swap them")
     for name, value, least in (
         ("stiffness", drive.stiffness, 0.0),
@@ -106,7 +106,7 @@ def _check_drive(ledger: Ledger, joint: str, drive: Drive) -> None:
         ("largest speed", drive.speed, 0.0),
     ):
         if value is not None and value < least:
-            text = f"joint '{joint}': its {name} is {value:g}, below zero."
+            text = f"joint '{joint}': its {name} is {value:g}, which is negative."
             ledger.add("physics.drive_negative", "disagreement", text, where=joint, size=value, limit=0.0)
 
 

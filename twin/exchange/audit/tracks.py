@@ -32,7 +32,7 @@ LIMIT_TOL = 1e-6
 
 
 class TrackError(Exception):
-    """The file cannot be read any further."""
+    """A fault after which the file cannot be read further."""
 
 
 def is_track(data: Any) -> bool:
@@ -81,7 +81,7 @@ def read_csv(path: Path, ledger: Ledger) -> Content:
         raise TrackError(text) from error
     if numbers.shape[1] != len(header) or header[0] != "time_s":
         raise TrackError(
-            f"its header names {len(header)} columns, first '{header[0]}'; its lines have {numbers.shape[1]}"
+            f"its header has {len(header)} columns, the first '{header[0]}'; its lines have {numbers.shape[1]} columns"
         )
     links, joints = _list(data, "links", str), _list(data, "joints", str)
     kinds = _list(data, "joint_types", str)
@@ -89,8 +89,8 @@ def read_csv(path: Path, ledger: Ledger) -> Content:
     expected = ["time_s", *(f"{j}_{u}" for j, u in zip(joints, units, strict=False))]
     expected += [f"{n}_{c}" for n in links for c in ("x_m", "y_m", "z_m", "qx", "qy", "qz", "qw")]
     if header != expected:
-        odd = next((f"'{a}' for '{b}'" for a, b in zip(header, expected, strict=False) if a != b), "")
-        text = f"its columns do not match its links and joints: {odd or f'{len(header)} for {len(expected)}'}."
+        odd = next((f"'{a}' instead of '{b}'" for a, b in zip(header, expected, strict=False) if a != b), "")
+        text = f"columns do not match links and joints: found {odd or f'{len(header)} instead of {len(expected)}'}."
         ledger.add("tracks.columns", "disagreement", text, where=odd)
         if len(header) != len(expected):
             raise TrackError(text)
@@ -120,14 +120,14 @@ def _content(data: dict[str, Any], kind: str, ledger: Ledger) -> Content:
         ledger.add("tracks.frame", "disagreement", text, where="moved_frame")
     for key, names in (("links", links), ("joints", joints)):
         if twice := {n for n in names if names.count(n) > 1}:
-            text = f"{key} holds '{min(twice)}' more than once."
+            text = f"{key} contains '{min(twice)}' more than once."
             ledger.add("tracks.duplicate_name", "disagreement", text, where=min(twice))
     times = _numbers(data, "times", ledger)
     shapes = {"poses": (len(times), len(links), 7), "positions": (len(times), len(joints))}
     rows = {key: _shaped(data, key, shape, ledger) for key, shape in shapes.items()}
     frames = data.get("frames", len(times))
     if frames != len(times):
-        text = f"frames is {frames}, times has {len(times)}."
+        text = f"entry 'frames' is {frames}, but 'times' has {len(times)} entries."
         ledger.add("tracks.shape", "disagreement", text, where="frames", size=float(len(times)))
     usable = check_times(ledger, times, name, "tracks")
     if usable and isinstance(data.get("rate"), int | float):
@@ -181,7 +181,7 @@ def _numbers(data: dict[str, Any], key: str, ledger: Ledger) -> Array:
     if out.ndim != 1:
         raise TrackError(f"'{key}' is nested: players (JsonUtility) read flat lists only")
     if not np.all(np.isfinite(out)):
-        ledger.add("tracks.finite", "disagreement", f"{key} holds numbers that are not finite.", where=key)
+        ledger.add("tracks.finite", "disagreement", f"{key} contains numbers that are not finite.", where=key)
     return out
 
 
@@ -218,7 +218,7 @@ def _check_phases(data: dict[str, Any], times: Array, ledger: Ledger) -> None:
         elif i and start[i] < end[i - 1] - slack:
             wrong = f"starts at {start[i]:.6g} s, before phase '{names[i - 1]}' ends at {end[i - 1]:.6g} s"
         elif start[i] < -slack or end[i] > last + slack:
-            wrong = f"runs from {start[i]:.6g} to {end[i]:.6g} s, the motion from 0 to {last:.6g} s"
+            wrong = f"lasts from {start[i]:.6g} to {end[i]:.6g} s, but the motion lasts from 0 to {last:.6g} s"
         if wrong:
             text = f"phase '{name}' {wrong}."
             ledger.add("tracks.phases", "disagreement", text, where=str(name), when=f"t = {start[i]:.4g} s")
@@ -253,12 +253,12 @@ def _check_limits(data: dict[str, Any], joints: list[str], clip: Clip, ledger: L
                 "tracks.limits",
                 "disagreement",
                 f"joint '{joint}' is at {q[k] * scale:.5g} {unit}, {breach[k] * scale:.4g} {unit} beyond its "
-                f"limits{'; read as degrees it would be inside' if inside else ''}.",
+                f"limits{'; interpreted in degrees, it is within them' if inside else ''}.",
                 where=joint,
                 when=f"t = {clip.times[k]:.4g} s",
                 size=float(breach[k] * scale),
                 unit=unit,
                 limit=LIMIT_TOL * scale,
-                suggestion="angles are radians, lengths metres",
+                suggestion="write angles in radians and lengths in metres",
             )
     ledger.row("joints beyond their limits", worst, "rad or m", LIMIT_TOL, where=where, when=when)

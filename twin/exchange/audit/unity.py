@@ -56,20 +56,20 @@ def _check_fields(folder: Path, data: dict[str, Any], ledger: Ledger) -> None:
         if not isinstance(data.get(key), str) or not data[key]:
             ledger.add("unity.package", "disagreement", f"package.json lacks '{key}'.", where="package.json")
     if isinstance(data.get("name"), str) and not _NAME.match(data["name"]):
-        text = f"package name '{data['name']}' is not like com.company.package."
+        text = f"package name '{data['name']}' does not have the form com.company.package."
         ledger.add("unity.package", "disagreement", text, where="package.json")
     if not re.match(r"^\d+\.\d+\.\d+", str(data.get("version", "0.0.0"))):
         ledger.add(
             "unity.package",
             "disagreement",
-            f"version {data['version']} is not of the form x.y.z.",
+            f"version {data['version']} does not have the form x.y.z.",
             where="package.json",
         )
     if not re.match(r"^\d+\.\d+$", str(data.get("unity", "2022.3"))):
         ledger.add(
             "unity.package",
             "disagreement",
-            f"unity {data['unity']} is not of the form year.release.",
+            f"unity {data['unity']} does not have the form year.release.",
             where="package.json",
         )
     for sample in data.get("samples", []):
@@ -98,7 +98,7 @@ def _check_metas(folder: Path, seen: list[Path], ledger: Ledger) -> dict[str, Pa
             ledger.add(
                 "unity.meta_missing",
                 "disagreement",
-                f"'{name}' has no .meta file: Unity ignores it, because an installed package is read-only.",
+                f"'{name}' has no .meta file: Unity ignores such files, because an installed package is read-only.",
                 where=name,
                 suggestion="write a .meta file with a constant GUID",
             )
@@ -168,7 +168,7 @@ def _check_scripts(folder: Path, seen: list[Path], ledger: Ledger) -> None:
             ledger.add("unity.asmdef", "disagreement", message, where=name)
         behaviours = _BEHAVIOUR.findall(_without_comments(text))
         if behaviours and script.stem not in behaviours:
-            message = f"{name} holds component {behaviours[0]}: Unity finds it only in a file of that name."
+            message = f"{name} contains component {behaviours[0]}: Unity requires a file with the same name."
             ledger.add("unity.script", "disagreement", message, where=name)
         outside = "Editor" not in script.relative_to(folder).parts and "#if UNITY_EDITOR" not in text
         if outside and "UnityEditor" in _without_comments(text):

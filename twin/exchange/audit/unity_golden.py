@@ -94,13 +94,13 @@ class _Vectors:
         return {"between_pose": max(_apart(got[:, :3], p), _turned(got[:, 3:], q))}
 
     def turns(self) -> dict[str, float]:
-        """Check interpolated rotations, which must be the shorter way."""
+        """Check interpolated rotations, which must be the shorter ones."""
         a, b = self.rows("turn_a", 4), self.rows("turn_b", 4)
         share = np.array(self.data["turn_share"], float)
         return {"turn_want": _turned(self.rows("turn_want", 4), poses.slerp(a, b, share))}
 
     def joints(self) -> dict[str, float]:
-        """Check joint values between keys, and drive targets: clipped to limits, with reversed sign, in degrees."""
+        """Check joint values between keys, and drive targets: clipped to the limits, sign reversed, in degrees."""
         names, table = self.track["joints"], np.array(self.track["positions"], float).reshape(len(self.times), -1)
         t = self.data["joint_time"]
         want = [np.interp(t, self.times, table[:, names.index(n)]) for n in self.data["joint_name"]]

@@ -25,7 +25,7 @@ KINDS = {"revolute": "turn", "continuous": "turn", "prismatic": "slide", "fixed"
 
 
 class UrdfError(Exception):
-    """The file cannot be read any further."""
+    """A fault after which the file cannot be read further."""
 
 
 @dataclass(frozen=True)
@@ -139,7 +139,7 @@ class Urdf:
             ends = zip(joint.limits, its, strict=True)
             off = max((abs(a - b) for a, b in ends if abs(b) < 1e29), default=0.0)  # a slide may have no limit
             if off > 1e-6:
-                text = f"joint '{joint.name}' has limits {joint.limits[0]:g} .. {joint.limits[1]:g}, in {name} "
+                text = f"joint '{joint.name}' has limits {joint.limits[0]:g} .. {joint.limits[1]:g}; in {name}: "
                 self._ledger.add(
                     "urdf.limits", "disagreement", text + f"{its[0]:g} .. {its[1]:g}.", where=joint.name, size=off
                 )
@@ -170,9 +170,9 @@ def numbers(text: str | None, n: int, default: tuple[float, ...]) -> Array:
     try:
         out = np.array(text.split(), float)
     except ValueError as error:
-        raise UrdfError(f"'{text[:40]}' are not numbers") from error
+        raise UrdfError(f"'{text[:40]}' is not a list of numbers") from error
     if out.shape != (n,) or not np.all(np.isfinite(out)):
-        raise UrdfError(f"'{text[:40]}' are not {n} finite numbers")
+        raise UrdfError(f"'{text[:40]}' is not a list of {n} finite numbers")
     return out
 
 
@@ -200,7 +200,7 @@ def _joint(element: ET.Element, links: list[str], ledger: Ledger) -> UrdfJoint |
     if limit is not None and limit.get("lower") is not None and kind != "continuous":
         limits = (float(limit.get("lower", "0")), float(limit.get("upper", "0")))
         if not limits[0] <= limits[1]:
-            text = f"joint '{name}': lower limit {limits[0]:g} lies above upper limit {limits[1]:g}."
+            text = f"joint '{name}': lower limit {limits[0]:g} is above upper limit {limits[1]:g}."
             ledger.add("urdf.limits", "disagreement", text, where=name, suggestion="swap them")
     follows, mimic = element.find("mimic"), None
     if follows is not None:

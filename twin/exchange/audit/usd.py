@@ -29,7 +29,7 @@ GAP_TOL = 1e-5
 
 
 class UsdError(Exception):
-    """The stage cannot be read any further."""
+    """A fault after which the stage cannot be read further."""
 
 
 def read_usd(path: Path, ledger: Ledger) -> Content:
@@ -108,7 +108,7 @@ class World:
         return poses.pose(self._R) @ T
 
     def along(self, prims: dict[str, Usd.Prim], codes: Array) -> dict[str, Array]:
-        """Return T_world_prim (k, 4, 4) by name; all prims in one loop over time, because each step clears a cache."""
+        """Return T_world_prim (k, 4, 4) by name; the outer loop is over time, because each time step clears a cache."""
         moving = {n: p for n, p in prims.items() if len(_codes(p))}
         raw = {n: np.zeros((len(codes), 4, 4)) for n in moving}
         for k, code in enumerate(codes.tolist()):

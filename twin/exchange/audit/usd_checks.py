@@ -67,7 +67,7 @@ def _counts(f: Finding, physics: bool) -> bool:
 
 
 def _is_choice(f: Finding, physics: bool) -> bool:
-    """Return whether the finding may be intended by the author of the file; it is then reported as a note."""
+    """Return whether the reported value may be intended by the author; the finding is then reported as a note."""
     authored = f.severity == "warning"  # a missing value has the severity "disagreement"
     return f.code == "stage.empty" or (f.code in ("stage.up_axis", "stage.meters_per_unit") and authored)
 
@@ -84,7 +84,7 @@ def _check_quick_look(path: Path, ledger: Ledger) -> None:
     """Report content that AR Quick Look rejects: z up, physics, lights and other unsupported prims."""
     stage = Usd.Stage.Open(str(path))
     if UsdGeom.GetStageUpAxis(stage) != UsdGeom.Tokens.y:
-        text = "AR Quick Look expects y up: it shows this robot lying on its side."
+        text = "AR Quick Look expects y up and shows this robot rotated by 90 degrees."
         ledger.add("usd.ar_up_axis", "warning", text, suggestion="rotate the root prim, and author upAxis Y")
     for prim in stage.Traverse():
         where, kind = str(prim.GetPath()), str(prim.GetTypeName())

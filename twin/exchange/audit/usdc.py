@@ -23,7 +23,7 @@ def trouble(data: bytes) -> str:
         return f"its table of contents should begin at byte {table} of {len(data)}: truncated"
     (count,) = struct.unpack_from("<Q", data, table)
     if table + 8 + 32 * count > len(data):
-        return f"its table of contents names {count} sections, more than the file can hold"
+        return f"its table of contents states {count} sections, more than fit into the file"
     for i in range(count):
         name, start, size = struct.unpack_from("<16sqq", data, table + 8 + 32 * i)
         name = name.split(b"\0", 1)[0]
@@ -33,5 +33,5 @@ def trouble(data: bytes) -> str:
         if name in _COUNTED and size >= 8:
             (number,) = struct.unpack_from("<Q", data, start)
             if number > _MOST_PER_BYTE * size:
-                return f"section {label} of {size} bytes states {number} elements, more than it can hold"
+                return f"section {label} of {size} bytes states {number} elements, more than fit into the section"
     return ""

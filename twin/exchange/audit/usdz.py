@@ -26,7 +26,7 @@ def check_usdz(path: Path, ledger: Ledger) -> bool:
         ledger.add("usdz.archive", "error", f"it is not a readable zip archive: {error}.")
         return False
     if broken:
-        ledger.add("usdz.archive", "error", f"the checksum of '{broken}' in it is wrong.", where=broken)
+        ledger.add("usdz.archive", "error", f"the checksum of '{broken}' in the archive is wrong.", where=broken)
         return False
     if not entries or Path(entries[0].filename).suffix.lower() not in LAYERS:
         first = entries[0].filename if entries else "nothing"
@@ -38,7 +38,7 @@ def check_usdz(path: Path, ledger: Ledger) -> bool:
             continue
         if entry.compress_type != zipfile.ZIP_STORED:
             text = f"'{entry.filename}' is compressed: readers reject such an archive."
-            ledger.add("usdz.compressed", "disagreement", text, where=entry.filename, suggestion="store it")
+            ledger.add("usdz.compressed", "disagreement", text, where=entry.filename, suggestion="do not compress")
             continue
         fields = _LOCAL.unpack_from(data, entry.header_offset)
         start = entry.header_offset + _LOCAL.size + fields[-2] + fields[-1]
@@ -55,7 +55,7 @@ def check_usdz(path: Path, ledger: Ledger) -> bool:
             )
     layers = [e.filename for e in entries if Path(e.filename).suffix.lower() in LAYERS]
     if len(layers) > 1:
-        text = f"it holds {len(layers)} layers: three.js shows nothing for such a file, without an error."
+        text = f"the archive contains {len(layers)} layers: three.js shows nothing for such a file, without an error."
         ledger.add("usdz.layers", "warning", text, where=layers[1], suggestion="flatten the layers into one")
     ledger.row("archive: stored, aligned, one layer", float(len(ledger.found)), "found", 0.0)
     return True

@@ -1,15 +1,15 @@
 """Convert a robot description of another format to a robot folder, for `twin new`.
 
-    source      the common result of all readers: a mechanism with findings
+    source     the common result of all readers: a mechanism with findings
     xml        XML with errors that name file and element
     shapes     boxes, cylinders, spheres and mesh files as meshes of a body
     urdf       URDF, with loops from a closure YAML in the same folder (closures)
-    mjcf       MJCF with equality constraints, as MuJoCo compiles it; mjcf_robots: one of several robots
-    sdf        SDF; sdf_world: one model of several, includes and nested models written out
+    mjcf       MJCF with equality constraints, compiled by MuJoCo; mjcf_robots selects one of several robots
+    sdf        SDF; sdf_world selects one of several models, and resolves includes and nested models
     usd        UsdPhysics stages
-    closing     find a pose in which the loops close; report remaining gaps
-    step       a STEP assembly as a skeleton: bodies, fitting faces (pairs), proposed joints (proposals)
-    folder     the robot folder: description, meshes, notes; templates of formula and protocol
+    closing    find a pose in which the loops close; report remaining gaps
+    step       STEP assemblies, read as skeletons: bodies, fitting faces (pairs), proposed joints (proposals)
+    folder     write the robot folder: description, meshes, notes; initial formula and protocol (templates)
 
 Files of all these formats are only read; no code in them is run.
 """
@@ -40,11 +40,11 @@ def kind_of(path: Path) -> str:
     """Return the format of an existing file.
 
     Raises:
-        SourceError: the file does not exist, or no known format has its suffix.
+        SourceError: the file does not exist, or its suffix is not supported.
     """
     kind = SUFFIXES.get(path.suffix.lower())
     if kind is None:
-        raise SourceError(f"{path}: '{path.suffix}' is not read; use one of {', '.join(SUFFIXES)}")
+        raise SourceError(f"{path}: suffix '{path.suffix}' is not supported; use one of {', '.join(SUFFIXES)}")
     if not path.is_file():
         raise SourceError(f"{path}: the file does not exist")
     return kind
@@ -66,11 +66,11 @@ def read(path: Path, closures: Path | None = None, root: str | None = None, guar
     """
     kind = kind_of(path)
     if closures is not None and kind != "URDF":
-        raise SourceError(f"{path}: {kind} states its own loops; a closure YAML is for URDF only")
+        raise SourceError(f"{path}: a {kind} file states its own loops; a closure YAML is for URDF only")
     if root is not None and kind not in ("USD", "SDF", "MJCF"):
-        raise SourceError(f"{path}: a {kind} holds one robot: --root does not apply")
+        raise SourceError(f"{path}: a {kind} file contains one robot: --root does not apply")
     if kind == "STEP":
-        raise SourceError(f"{path}: a STEP has no joints: use `twin new`, which makes a skeleton of it")
+        raise SourceError(f"{path}: a STEP file has no joints: use `twin new`, which makes a skeleton from it")
     if kind == "URDF":
         from twin.exchange.read.urdf import read_urdf
 

@@ -21,7 +21,7 @@ from twin.reference.regular import SINGULAR, Regularity, closed_beside, regulari
 from twin.reference.states import Assembly
 
 _UNREAD = ("import.unread", "import.schema", "import.plugin", "import.inactive")
-"""Codes of findings on unsupported data; such data may be why a loop does not close."""
+"""Codes of findings on unsupported data, which may be the reason why a loop does not close."""
 
 _ROUNDS = 6
 """Maximum number of searches for a less singular state near the best state found."""
@@ -31,7 +31,7 @@ _IN = 1e-6
 
 
 def close(imported: Imported) -> Imported:
-    """Return the mechanism with a rest pose whose loops are closed (posture `home`), and a drive for each driven joint.
+    """Close the loops at the rest pose (posture `home`), and add a drive to each driven joint that has none.
 
     Each loop that cannot be closed is a finding that states its gap. If the gap remains with all other loops cut, and
     the whole file was read, the finding reports a defect of the model. If the rest pose of the file is singular or has
@@ -48,11 +48,11 @@ def close(imported: Imported) -> Imported:
     moved = [j for j in mechanism.active if abs(home.q_full.get(j.name, 0.0) - _drawn(mechanism, j.name)) > 1e-9]
     if moved:
         names = ", ".join(f"'{j.name}' at {_shown(mechanism, j.name, home)}" for j in moved)
-        findings.append(note("moved", f"The loops close best if driven joints move; home has {names}.", moved[0].name))
+        findings.append(note("moved", f"Driven joints were moved to close the loops; at home: {names}.", moved[0].name))
     for joint in mechanism.joints:
         q = home.q_full.get(joint.name)
         if q is not None and joint.limits and not joint.limits[0] - 1e-9 <= q <= joint.limits[1] + 1e-9:
-            text = f"joint '{joint.name}' rests at {_shown(mechanism, joint.name, home)}, outside its limits."
+            text = f"joint '{joint.name}' is at {_shown(mechanism, joint.name, home)} at home, outside its limits."
             findings.append(warning("rest", text, joint.name))
     freedom = model.mobility(home.x).freedom
     if len(mechanism.active) > freedom:
@@ -97,7 +97,7 @@ def _home(model: ReferenceModel, keys: Mapping[str, Mapping[str, float]]) -> tup
     there = regularity(model, [drawn.x])[0] if is_closed(drawn) else None
     if there is not None and not there.singular:
         return drawn, []
-    why = "the loops do not close at the rest pose of the file" if there is None else f"as drawn {_lost(there)}"
+    why = "the loops do not close at the rest pose of the file" if there is None else f"at the rest pose {_lost(there)}"
     for key, values in keys.items():
         found = settle(model, values)
         if found is not None and breach(model.tree, found.x) < _IN and not regularity(model, [found.x])[0].singular:
@@ -115,11 +115,11 @@ def _home(model: ReferenceModel, keys: Mapping[str, Mapping[str, float]]) -> tup
     if margin < SINGULAR:
         text = f"{why}, and no less singular state was found nearby: small moves from home may fail."
         return drawn, [warning("singular", text, name)]
-    return model.state(best), [warning("home", f"{why}: home is a less singular state nearby.", name)]
+    return model.state(best), [warning("home", f"{why}: home is a nearby state that is less singular.", name)]
 
 
 def _lost(r: Regularity) -> str:
-    return f"the mechanism is singular (rank of its loops {r.rank}, nearby {r.usual}), like a fully stretched knee"
+    return f"the mechanism is singular (rank of its loop equations {r.rank}, nearby {r.usual})"
 
 
 def _open(offset: float, tilt: float) -> bool:
@@ -129,17 +129,17 @@ def _open(offset: float, tilt: float) -> bool:
 def _gap(mechanism: Mechanism, name: str, offset: float, tilt: float, unread: Sequence[Finding]) -> Finding:
     if name in {c.name for c in mechanism.couplings}:
         text = (
-            f"coupling '{name}' differs from its constant by {deg(tilt)} or {mm(offset)} at the state where the loops "
-            "close best"
+            f"coupling '{name}' differs from its constant by {deg(tilt)} or {mm(offset)} at the state with the "
+            "smallest gaps"
         )
         return finding("warning", "import.gap", name, text, Quantity(offset, "m"), CLOSED[0], word="")
     alone = closes_alone(mechanism, name)
     if _open(*alone):
-        why = f"It cannot be closed by itself ({mm(alone[0])} and {deg(alone[1])} remain): "
-        left = f"{len(unread)} elements of the file are not supported, such as: {unread[0].message}" if unread else ""
+        why = f"With all other loops cut, {mm(alone[0])} and {deg(alone[1])} remain: "
+        left = f"{len(unread)} elements of the file are not supported; the first: {unread[0].message}" if unread else ""
         why += left or "a defect of the model."
     else:
-        why = "It closes by itself: the loops contradict each other, or need another starting point."
+        why = "With all other loops cut, it closes: the loops contradict each other, or need another starting point."
     text = f"loop '{name}' stays open by {mm(offset)} and {deg(tilt)}. {why}"
     return finding("warning", "import.gap", name, text, Quantity(offset, "m"), CLOSED[0], word="")
 

@@ -3,8 +3,9 @@
 closed_loop: [[frame_a, frame_b], ...]
 type: [6d, ...]              6d: welded; 3d: the origins coincide, as in a ball joint
 name_mot: [joint, ...]
-joint_name: [joint, ...]     joints of the URDF whose type is replaced (a URDF joint has only one axis) by ...
-joint_type: [SPHERICAL, ...] ... a ball; UJOINT_XY: hinges about x, then y of the joint's frame; FIXED at zero
+joint_name: [joint, ...]     joints of the URDF whose type is replaced, because a URDF joint has only one axis
+joint_type: [SPHERICAL, ...] their new types: SPHERICAL (ball), UJOINT_XY (hinges about x, then y, of the joint's
+                             frame), FIXED (fixed at zero)
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from twin.core.foreign.text import read_text
 from twin.model.mechanism import JointType
 
 TYPES: dict[str, JointType] = {"6d": "fixed", "3d": "spherical"}
-"""Type of the joint that closes a loop, by the type in the file."""
+"""Type of the joint that closes a loop, by its type name in the file."""
 
 _KEYS = ("closed_loop", "type", "name_mot", "joint_name", "joint_type")
 
@@ -68,7 +69,7 @@ def read_closures(path: Path) -> Closures:
         loops.append((pair[0], pair[1], TYPES[kind.lower()]))
     _distinct(path, "name_mot", motors)
     if not motors:
-        raise SourceError(f"{path}: name_mot names no driven joint")
+        raise SourceError(f"{path}: name_mot is empty; name at least one driven joint")
     names, kinds = (_list(path, data, k) for k in ("joint_name", "joint_type"))
     _distinct(path, "joint_name", names)
     if len(kinds) != len(names):

@@ -55,7 +55,7 @@ def _motors(
     rate = 2 * np.pi * FREQUENCY
     for t in m.transmissions:
         joints = [m.joint(n) for n in t.joints]
-        inertias = np.array([_carried(m, j) or _NOTHING[j.type] for j in joints]) @ t.matrix**2  # others held
+        inertias = np.array([_carried(m, j) or _NOTHING[j.type] for j in joints]) @ t.matrix**2  # other joints locked
         for name, carried in zip(t.actuators, inertias, strict=True):
             a = found[name]
             if a.stiffness is None:

@@ -48,7 +48,7 @@ def require_free(target: Path, force: bool = False) -> None:
         OutputError: the folder is not empty.
     """
     if target.exists() and not target.is_dir():
-        raise OutputError(f"{target}: there is a file of that name; choose another folder with --out")
+        raise OutputError(f"{target}: a file has this name; choose another folder with --out")
     if target.is_dir() and any(target.iterdir()):
         if not force:
             raise OutputError(f"{target}: the folder is not empty; choose another with --out, or use --force")
@@ -63,7 +63,7 @@ def write_folder(imported: Imported, name: str, target: Path, source: Path, forc
     Args:
         imported: mechanism and findings.
         name: identifier of the robot.
-        target: the folder; it must not exist, or be empty.
+        target: the folder; it must be new or empty, unless `force` is set.
         source: the imported file; the description contains its name.
         force: overwrite an existing robot folder, except its protocols and a formula that contains equations.
 

@@ -68,7 +68,7 @@ def refuse_nan(path: Path) -> None:
     for number, line in enumerate(read_bytes(path, "MJCF").decode(errors="replace").splitlines(), 1):
         for name, value in _ATTRIBUTE.findall(line):
             if "nan" in (tokens := value.lower().split()) and all(map(_is_number, tokens)):
-                raise SourceError(f"{path}:{number}: {name} = '{value[:80]}' is not all finite numbers")
+                raise SourceError(f"{path}:{number}: {name} = '{value[:80]}' contains a number that is not finite")
 
 
 def _is_number(text: str) -> bool:
@@ -116,7 +116,7 @@ class _Mjcf:
         joints: list[Joint] = []
         for i in kept[1:]:
             if m.body_mocapid[i] >= 0:
-                raise SourceError(f"{self.path}: body '{self.bodies[i]}' is a mocap body, which no mechanism moves")
+                raise SourceError(f"{self.path}: body '{self.bodies[i]}' is a mocap body, which is not supported")
             joints += self._hang(i, extra)
         meshes = shown(m, self.bodies, self._name, self.findings)
         bodies = [Body(self.bodies[i], tuple(meshes[i]), self._inertia(i)) for i in kept] + extra
@@ -168,7 +168,7 @@ class _Mjcf:
         """Yield the joints between a body and its parent, starting at the parent."""
         m, body = self.m, self.bodies[i]
         parent = self.bodies[m.body_parentid[i]]
-        T = _pose(m.body_pos[i], m.body_quat[i])  # pose in the parent while every coordinate is at its ref
+        T = _pose(m.body_pos[i], m.body_quat[i])  # pose in the parent with every coordinate at its ref
         first, count = m.body_jntadr[i], m.body_jntnum[i]
         if not count:
             yield Joint(f"{body}_mount", "fixed", parent, body, T)
@@ -215,7 +215,7 @@ class _Mjcf:
             return None
         if kind == _BALL:
             raise SourceError(
-                f"{self.path}: ball joint '{self.joints[k]}' limits its angle of rotation; only a cone can be expressed"
+                f"{self.path}: ball joint '{self.joints[k]}' limits its rotation angle; only a cone limit is supported"
             )
         low, high = map(float, m.jnt_range[k])
         return low, high
@@ -232,15 +232,15 @@ class _Mjcf:
             ):
                 others = ", ".join(f"'{self.joints[k]}'" for k in tied[1:])
                 text = (
-                    f"actuator '{name}' pulls a tendon over several joints: of these '{self.joints[tied[0]]}' is "
-                    "driven, "
+                    f"actuator '{name}' pulls a fixed tendon: joint '{self.joints[tied[0]]}' is imported as "
+                    "driven, without gains."
                 )
-                text += f"{others} only through an equality, if there is one." if others else "without gains."
+                text += f" {others} are not driven; they move only if an equality couples them." if others else ""
                 self.findings.append(warning("actuator", text, name))
                 yield tied[0], None
                 continue
             if trn(int(m.actuator_trntype[i])) not in (trn.mjTRN_JOINT, trn.mjTRN_JOINTINPARENT):
-                text = f"actuator '{name}' pulls a tendon, site or body: no joint is driven by it."
+                text = f"actuator '{name}' acts on a spatial tendon, a site or a body: it drives no joint."
                 self.findings.append(warning("actuator", text, name))
                 continue
             k, gear = int(m.actuator_trnid[i, 0]), float(m.actuator_gear[i, 0])
@@ -284,9 +284,7 @@ class _Mjcf:
             if b < 0:
                 raise SourceError(f"{self.path}: equality '{name}' locks joint '{self.joints[a]}': remove the joint")
             if np.any(data[2:5]):
-                raise SourceError(
-                    f"{self.path}: equality '{name}' is a polynomial of degree > 1; only linear ones are supported"
-                )
+                raise SourceError(f"{self.path}: equality '{name}' is a polynomial of degree > 1; the degree must be 1")
             if data[1] == 0:
                 raise SourceError(f"{self.path}: equality '{name}' locks joint '{self.joints[a]}': remove the joint")
             # MuJoCo: a - a_ref = c0 + c1 (b - b_ref)
@@ -296,14 +294,14 @@ class _Mjcf:
         elif kind == eq.mjEQ_TENDON and m.eq_obj2id[i] < 0:
             couplings.append(self._tendon(i, name, label))
         else:
-            raise SourceError(f"{self.path}: equality '{name}' is of a type that a mechanism cannot express")
+            raise SourceError(f"{self.path}: equality '{name}' has a type that a mechanism cannot express")
 
     def _tendon(self, i: int, name: str, label: str) -> Coupling:
         """Return the coupling of a fixed tendon: the sum of coefficient times joint coordinate is constant."""
         m, k = self.m, int(self.m.eq_obj1id[i])
         tied = fixed_tendon(m, k)
         if not tied:
-            raise SourceError(f"{self.path}: equality '{name}' ties a spatial tendon: only fixed tendons are supported")
+            raise SourceError(f"{self.path}: equality '{name}' constrains a spatial tendon, which is not supported")
         total = float(m.tendon_length0[k] + m.eq_data[i, 0])
         return Coupling(label, tuple(self.joints[j] for j in tied), tuple(tied.values()), total)
 
@@ -315,7 +313,7 @@ class _Mjcf:
             T_a, T_b = (_pose(m.site_pos[s], m.site_quat[s]) for s in (a, b))
             a, b = int(m.site_bodyid[a]), int(m.site_bodyid[b])
         elif weld:
-            # engine_core_constraint: the anchor is data[3:6] in body 1 and data[0:3] in body 2
+            # As in MuJoCo's engine_core_constraint.c: the anchor is data[3:6] in body 1 and data[0:3] in body 2
             T_a, T_b = _pose(data[3:6], data[6:10]), spatial.pose(p=data[0:3])
         else:
             T_a, T_b = spatial.pose(p=data[0:3]), spatial.pose(p=data[3:6])

@@ -43,7 +43,7 @@ def left_out(m, name: Callable[[str, int], str], kept_tendons: Collection[int] =
             found.append(warning("friction", f"tendon '{where}': {', '.join(kept)} are not kept.", where))
     for i in set(range(m.ntendon)) - tied - set(kept_tendons):
         where = name("TENDON", i)
-        found.append(warning("tendon", f"tendon '{where}' is not kept: no equality ties its length.", where))
+        found.append(warning("tendon", f"tendon '{where}' is not kept: no equality constrains its length.", where))
     for i in range(m.nexclude):
         a, b = (name("BODY", int(v)) for v in (m.exclude_signature[i] >> 16, m.exclude_signature[i] & 0xFFFF))
         found.append(note("contact", f"contact exclusion of '{a}' and '{b}' is not kept.", a))

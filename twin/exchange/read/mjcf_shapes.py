@@ -43,7 +43,7 @@ def shown(m, bodies: Sequence[str], name: Callable[[str, int], str], findings: l
             v, f = m.mesh_vertadr[k], m.mesh_faceadr[k]
             solid = (m.mesh_vert[v : v + m.mesh_vertnum[k]].astype(float), m.mesh_face[f : f + m.mesh_facenum[k]])
         elif kind in _SHAPES:
-            # MuJoCo states half the edges of boxes and half the lengths of cylinders and capsules.
+            # In MuJoCo, sizes are half the edges of boxes, and half the lengths of cylinders and capsules.
             wanted = (size[0], 2 * size[1]) if kind in ("CYLINDER", "CAPSULE") else 2 * size if kind == "BOX" else size
             solid = primitive(_SHAPES[kind], [float(v) for v in wanted])
         else:

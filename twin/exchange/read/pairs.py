@@ -43,9 +43,9 @@ class Round:
 
     Attributes:
         body: name of the body.
-        part: the part of the body that has the face.
+        part: the part to which the face belongs.
         face: the face.
-        reach: interval of the cylinder along its axis in m, from the point of the face; (0, 0) for a sphere.
+        reach: interval of the cylinder along its axis in m, measured from `face.point`; (0, 0) for a sphere.
     """
 
     body: str
@@ -124,8 +124,8 @@ class Pair:
 def find_pairs(parts: Mapping[str, Sequence[Part]]) -> list[Pair]:
     """Return the fits between bodies, in the order of the bodies.
 
-    For each pair of bodies, coincident fits come first; several fits on one axis are reduced to the one with the
-    minimum clearance.
+    For each pair of bodies, coincident fits come first; of several fits on one axis, only the fit with the
+    minimum clearance is returned.
 
     Args:
         parts: the parts of each body, in the coordinates of the STEP.
@@ -161,7 +161,7 @@ def _rounds(parts: Mapping[str, Sequence[Part]], kind: str) -> Iterator[Round]:
 
 
 def _reach(part: Part, face: Face) -> tuple[float, float]:
-    """Return the interval in m along the axis, from the face's point, of the part's vertices on the cylinder."""
+    """Return the interval in m along the axis, from `face.point`, of the part's vertices on the cylinder."""
     offset = part.vertices - face.point
     along = offset @ face.direction
     radius = np.linalg.norm(offset - along[:, None] * face.direction, axis=1)
@@ -197,7 +197,7 @@ def _coaxial(rounds: list[Round]) -> Iterator[Pair]:
 
 
 def shared(a: Round, b: Round) -> tuple[float, float]:
-    """Return the interval in m along the axis of `a`, from the point of its face, in which both cylinders overlap."""
+    """Return the interval in m along the axis of `a`, from `a.face.point`, in which both cylinders overlap."""
     d = a.face.direction
     offset = float((b.face.point - a.face.point) @ d)
     reach = b.reach if b.face.direction @ d > 0 else (-b.reach[1], -b.reach[0])

@@ -126,7 +126,7 @@ def _kinds(pairs: list[Pair]) -> tuple[list[tuple[JointType | None, Pair, str]],
         return [("fixed", first, text)], left + [p for p in axes[1:] if p.near]
     if len(axes) > 1:
         longest = max(axes, key=lambda p: (not p.near, p.overlap))
-        text = f"{len(axes)} parallel fits: a slide on rails, or bolted; {longest.radii}"
+        text = f"{len(axes)} parallel fits: a slide on rails, or bolted parts; {longest.radii}"
         return [("prismatic", longest, text)], left + [p for p in axes if p.near and p is not longest]
     return [(None, first, f"one coaxial fit, {first.radii}")], left
 
@@ -188,7 +188,7 @@ class _Frame:
         return {**self.keys, **typed}
 
     def measured(self, parts: Sequence[Part]) -> Array:
-        """Return the frame (4, 4) in the CAD, measured on the faces as when the description is read."""
+        """Return the frame (4, 4) in the CAD, measured on the faces like a frame of a description."""
         found = {n: find(self.body, n, s, parts, _TOLERANCE) for n, s in self.features.items()}
         return frame(FrameSpec(**self._spec()), found)
 
@@ -207,8 +207,8 @@ def _along_axis(
 ) -> tuple[JointType, list[_Frame], str]:
     """Return (type, frames, evidence) of a joint about or along the common axis of two faces.
 
-    The origins are at the point of the axis where two perpendicular faces of the bodies touch. Without such faces, the
-    child's frame is offset along its axis to the origin on the parent.
+    The origins are on the axis, where two faces of the bodies that are perpendicular to the axis touch. Without such
+    faces, the child's frame is offset along its axis to the origin on the parent.
     """
     low, high = shared(p, c)
     middle = p.face.point + 0.5 * (low + high) * p.face.direction
@@ -261,7 +261,10 @@ def _along_axis(
 
 
 def _flats(parts: Sequence[Sequence[Part]], zs: Sequence[Array], within: float) -> list[tuple[Part, Face]] | None:
-    """Return the most parallel pair of planes along the axes, one of each body; None above an angle `within` in rad."""
+    """Return the most parallel pair of plane faces that are parallel to the axes, one of each body.
+
+    Returns None if there is no such pair, or its angle in rad is not below `within`.
+    """
     planes = [
         [(part, f) for part in own for f in part.faces if f.kind == "plane" and abs(float(f.direction @ z)) < 1e-4]
         for own, z in zip(parts, zs, strict=True)

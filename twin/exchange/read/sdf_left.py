@@ -48,7 +48,7 @@ def _walk(element: Element, kind: str, where: str, found: list[Finding]) -> None
         tag = str(child.tag)
         named = f"{where}, {tag} '{child.get('name')}'" if child.get("name") else f"{where}, {tag}"
         if tag == "collision" and element.find("visual") is not None:
-            found.append(note("collision", f"{named}: is not kept: the visual meshes are used for collision.", where))
+            found.append(note("collision", f"{named} is not kept: the visual meshes are used for collision.", where))
         elif tag not in _READ[kind]:
             _tell(child, tag, where, found)
         elif tag in _READ:

@@ -101,7 +101,7 @@ def _included(xml: Xml, include: Element, depth: int, taken: list[Path]) -> Elem
         xml.fail("<include>", "it has no <uri>")
     for key in ("placement_frame", "merge"):
         if (value := include.findtext(key) or include.get(key) or "") not in ("", "false", "0"):
-            xml.fail(f"include {uri}", f"{key} = '{value}' is not read: expand the model (gz sdf -p)")
+            xml.fail(f"include {uri}", f"{key} = '{value}' is not supported: expand the model (gz sdf -p)")
     file = _file(uri, xml.path.parent)
     if file is None:
         return None
@@ -142,13 +142,13 @@ def _flatten(xml: Xml, model: Element) -> None:
     for inner in model.findall("model"):
         name = xml.name(inner, "model")
         if inner.get("placement_frame"):
-            xml.fail(f"model '{name}'", "placement_frame is not read: expand the model (gz sdf -p)")
+            xml.fail(f"model '{name}'", "placement_frame is not supported: expand the model (gz sdf -p)")
         _flatten(xml, inner)
         model.remove(inner)
         links = [e for e in inner if e.tag == "link"]
         if not links:
             continue
-        placed = inner.find("pose")  # pose of the inner model in the outer model; its frame names are the outer ones
+        placed = inner.find("pose")  # pose of the inner model; it refers to frames of the outer model
         pose = Element("pose") if placed is None else copy.deepcopy(placed)
         for element in inner:
             for owner, key in _references(element):
@@ -170,7 +170,7 @@ def _flatten(xml: Xml, model: Element) -> None:
                     element.append(pose)
                 if not pose.get("relative_to"):
                     pose.set("relative_to", f"{name}::{ORIGIN}")
-        for element in model:  # a reference to the nested model's name means its frame; skip contents of other models
+        for element in model:  # a reference to the nested model's name means its frame; other models are skipped
             of = element.find("pose") if element.tag == "model" else element
             for owner, key in () if of is None else _references(of):
                 if (owner.get(key) if key else (owner.text or "").strip()) == name and key != "name":

@@ -89,7 +89,7 @@ def mesh_file(
     """Return (vertices (n, 3) in m, triangles (m, 3)) of a mesh file, or None with a warning that names the file."""
     path = find(uri, beside)
     if path is None or path.suffix.lower() not in SUFFIXES:
-        why = "is not there" if path is None else f"is not one of {', '.join(SUFFIXES)}"
+        why = "was not found" if path is None else f"is not a file of type {', '.join(SUFFIXES)}"
         findings.append(warning("mesh", f"link '{link}': mesh {uri} {why}: the link is shown without it.", uri))
         return None
     try:

@@ -65,7 +65,7 @@ class Names:
 def named_apart(
     kind: str, wanted: Iterable[tuple[Hashable, str]], taken: Collection[str], findings: list[Finding]
 ) -> dict[Any, str]:
-    """Return a unique identifier for each key that is not in `taken`; each changed name is a finding.
+    """Return for each key a unique identifier that is not in `taken`; each changed name is a finding.
 
     Args:
         kind: kind of the named objects (such as "joint"), for the findings.

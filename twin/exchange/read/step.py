@@ -1,7 +1,7 @@
-"""Convert a STEP assembly to the skeleton of a robot: a body per node, features, proposed joints where faces fit.
+"""Convert a STEP assembly to the skeleton of a robot: one body for each node, features, and proposed joints.
 
-A STEP file has shapes, but no joints: every body is fixed to the base until the user defines its joint. Proposed joints
-are comments in the description.
+A STEP file has shapes, but no joints: every body is fixed to the base until the user defines its joint. Joints are
+proposed where faces fit; the proposals are comments in the description.
 """
 
 from __future__ import annotations
@@ -29,12 +29,12 @@ from twin.model.mechanism import Mechanism
 
 DRIVE = (
     "",
-    "# A simulator needs the drive of each driven joint; nothing else does.",
+    "# Only simulators require drives: one for each driven joint.",
     "# [[drive]]",
     '# joints = ["NAME"]',
-    "# stiffness = 1000 # N m/rad; of a slide N/m",
-    "# damping = 20 # N m s/rad; of a slide N s/m",
-    "# max_effort = 50 # N m; of a slide N",
+    "# stiffness = 1000 # N m/rad; for a slide: N/m",
+    "# damping = 20 # N m s/rad; for a slide: N s/m",
+    "# max_effort = 50 # N m; for a slide: N",
     '# provenance = "ASSUMED"',
     '# note = "where the gains come from"',
 )
@@ -54,7 +54,7 @@ class Skeleton:
         base: name of the base body.
         pairs: pairs of fitting faces.
         proposals: proposed joints.
-        findings: of the import.
+        findings: findings of the import.
     """
 
     parts: dict[str, list[Part]]
@@ -84,7 +84,7 @@ def read_skeleton(path: Path) -> Skeleton:
     by_node = bodies(step.parts)
     if len(by_node) < 2:
         raise SourceError(
-            f"{path}: it holds one body, '{next(iter(by_node))}': a mechanism requires an assembly with a node for "
+            f"{path}: it contains one body, '{next(iter(by_node))}': a mechanism requires an assembly with a node for "
             "each body"
         )
     names = Names("node", by_node, findings)
@@ -125,7 +125,7 @@ def read_skeleton(path: Path) -> Skeleton:
     findings.append(warning("joints", text, base))
     if step.placement_error > 0:
         text = (
-            "the file places instances by rounded matrices, so faces are measured with an accuracy of "
+            "the file places instances with rounded matrices, so faces are measured with an accuracy of "
             f"{step.placement_error * 1e6:.2g} um."
         )
         findings.append(note("placement", text, base))
@@ -134,16 +134,16 @@ def read_skeleton(path: Path) -> Skeleton:
 
 def _near(p: Proposal) -> Finding:
     text = (
-        f"joint {p.name} of '{p.parent}' and '{p.child}': {p.pair.radii} are {p.miss} apart in the CAD (confidence "
-        f"{p.pair.confidence}); proposed, but `info` and `validate` will report it: cad.meeting, cad.tilt"
+        f"joint {p.name} of '{p.parent}' and '{p.child}' ({p.pair.radii}): its frames are {p.miss} apart in the CAD "
+        f"(confidence {p.pair.confidence}). It is proposed, but `info` and `validate` will report cad.meeting, cad.tilt"
     )
     return finding("warning", "import.near", p.name, text, Quantity(p.offset, "m"), word="")
 
 
 def _left(p: Pair) -> Finding:
     """Return the finding on a fit between two bodies that is not used for a joint."""
-    text = f"'{p.a.part.name}' of '{p.a.body}' fits '{p.b.part.name}' of '{p.b.body}' as well, "
-    off = f"{p.offset / MM:.4g} mm and {p.tilt / DEG:.4g}° off (confidence {p.confidence})" if p.near else "exactly"
+    text = f"'{p.a.part.name}' of '{p.a.body}' also fits '{p.b.part.name}' of '{p.b.body}' "
+    off = f"within {p.offset / MM:.4g} mm and {p.tilt / DEG:.4g}° (confidence {p.confidence})" if p.near else "exactly"
     return warning("left", f"{text}{off}: this fit is not used for a joint, and not checked.", p.a.body)
 
 

@@ -24,8 +24,8 @@ def formula(mechanism: Mechanism) -> str:
     return f'''"""Equations of {one_line(mechanism.name)}: write them here.
 
 Driven joints, in the order of q: {units}.
-`inverse` computes them from the pose T_base_tool (4, 4) of frame '{mechanism.tool}' in base '{mechanism.base}',
-`forward` computes the pose from them. One of the two is enough. See docs/your-own-robot.md.
+`inverse` computes q from the pose T_base_tool (4, 4) of frame '{mechanism.tool}' in base '{mechanism.base}';
+`forward` computes the pose from q. One of the two is enough. See docs/your-own-robot.md.
 
 Every command that needs equations runs this file: it is code. Delete the last line when the equations are written.
 
@@ -51,9 +51,9 @@ def protocol(mechanism: Mechanism) -> str:
     The protocol moves a joint instead of the tool, so that every mechanism can execute it.
     """
     home, near, how = _near(mechanism)
-    return f"""# A first motion: from home to a place nearby and back, by the driven joints; the tool follows. {how}
-# Try it: twin plan, twin validate. Poses of the tool: phases of type "positioning", to waypoints with position_mm and
-# angles_deg; see docs/your-own-robot.md.
+    return f"""# A first motion: the driven joints move from home to nearby values and back. {how}
+# Try it: twin plan, twin validate. To move the tool to a pose, use a phase of type "positioning" and a waypoint with
+# position_mm and angles_deg; see docs/your-own-robot.md.
 name = "first"
 title = {string(f"First motion of {mechanism.name}")}
 source = "template of twin new"
@@ -134,7 +134,7 @@ tip_acceleration_mm_s2 = 200
 rotation_speed_deg_s = 20
 rotation_acceleration_deg_s2 = 60
 provenance = "ASSUMED"
-note = "Unhurried; to be replaced."
+note = "Slow; to be replaced."
 """
 
 

@@ -178,7 +178,7 @@ class _Urdf:
             if child in above:
                 self.xml.fail(
                     f"link '{child}'",
-                    f"joints '{above[child]}' and '{joint}' are both parents of the link: URDF holds trees. "
+                    f"joints '{above[child]}' and '{joint}' are both parents of the link, but a URDF is a tree. "
                     "Remove one, and close the loop in a YAML file given with --closures",
                 )
             above[child] = joint
@@ -266,7 +266,7 @@ class _Urdf:
     def _geared(
         self, root: Element, joints: dict[str, Element], driven: set[str], names: Names
     ) -> tuple[tuple[Actuator, ...], tuple[Transmission, ...]]:
-        """Return the motors that drive one joint with a ratio other than 1; other joints are driven directly."""
+        """Return (motors, transmissions) of joints with a gear ratio other than 1; other joints are driven directly."""
         found: dict[str, tuple[Element, float]] = {}
         for t in root.findall("transmission"):
             name, told = str(t.get("name")), [str(j.get("name")) for j in t.findall("joint")]
@@ -287,7 +287,7 @@ class _Urdf:
                 what = (
                     f"mechanicalReduction {', '.join(f'{r:g}' for r in ratios)}"
                     if ratios
-                    else "how joints share motors"
+                    else "the assignment of motors to joints"
                 )
                 self.findings.append(
                     warning("gear", f"{where}: {what} is not kept: the joints are driven directly.", name)
@@ -416,7 +416,7 @@ class _Urdf:
         return Coupling(f"{names[name]}_mimic", (names[name], names[leader]), (1.0, -ratio), total)
 
     def _loops(self, links: dict[str, Element], ends: dict[str, tuple[str, str]], names: Names) -> list[Joint]:
-        """Return the joints that the closure YAML adds; a joint named there means the child link of that joint."""
+        """Return the joints that the closure YAML adds; a joint name in the YAML means the child link of the joint."""
         out = []
         for i, (a, b, kind) in enumerate(self.closures.loops if self.closures else ()):
             sides = []

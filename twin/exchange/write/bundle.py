@@ -30,7 +30,7 @@ PROOF = "proof.json"
 _BUDGET = Kind(
     "export.budget",
     "disagreement",
-    "no higher rate is available: use a larger --budget-um, or slow the protocol down",
+    "no higher key rate is available: use a larger --budget-um, or make the protocol slower",
     word="budget",
 )
 
@@ -185,12 +185,12 @@ def _tree(folder: Path) -> set[str]:
 
 
 def _unjudged(written: Mapping[str, set[str]], judged: set[str]) -> list[Finding]:
-    """Return an error for each format of which the audit has read no file, so that no unread format passes."""
+    """Return an error for each format whose files the audit did not read, so that unread formats fail."""
     return [
         error(
             "export.unjudged",
             min(files),
-            f"format '{name}': the audit has read none of its files, so they are unchecked",
+            f"format '{name}': the audit read none of its files, so they are unchecked",
             suggestion="add a reader for the format in twin/exchange/audit",
         )
         for name, files in written.items()
@@ -257,7 +257,7 @@ def _urdf(order: Order, work: Path) -> list[Finding]:
 
     write_urdf(order.mechanism, work)
     hung = {j.name for j in spanning(order.mechanism).tree} & set(order.mechanism.trocars)
-    for scene in order.elsewhere if hung else ():  # the file cannot hold a trocar at which the tree is cut
+    for scene in order.elsewhere if hung else ():  # if the tree is cut at a trocar, the file cannot hold the trocar
         write_urdf(scene.mechanism, work, f"{order.mechanism.name}_{scene.clip.name}")
     return urdf_findings(order.mechanism)
 

@@ -60,19 +60,19 @@ _USES = [
         "whose springs it reads.",
     ),
     ("unity", "- Unity: add unity/ as a package from disk, then use its menu to import the GLB and the tracks."),
-    ("tracks", "- Anything else: tracks/*.csv opens in a spreadsheet, tracks/*.json follows track.schema.json."),
+    ("tracks", "- Other programs: tracks/*.csv opens in a spreadsheet, tracks/*.json follows track.schema.json."),
     (
         "mjcf",
         "- MuJoCo 3.13 or newer: load <robot>.xml and step, 1 ms at a time. It starts at home with closed loops, which "
         "equality constraints hold; a control is the displacement of a drive from home (ctrl = coordinate - ref), "
         "so that "
-        "zero holds the robot where it is. Newton (add_mjcf) and Drake hold its loops as well; Drake leaves out its "
+        "zero holds the robot at home. Newton (add_mjcf) and Drake keep its loops closed as well; Drake leaves out its "
         "actuators and tendons.",
     ),
     (
         "urdf",
-        "- URDF tools: load <robot>.urdf; it has no loops, see below. To play a track, give every joint the value in "
-        "the column of its name; a ball is three of them, <ball>_x, <ball>_y and <ball>_z.",
+        "- URDF tools: load <robot>.urdf; it has no loops, see below. To play a track, set every joint to the value in "
+        "the column of its name; a ball joint has three columns, <ball>_x, <ball>_y and <ball>_z.",
     ),
 ]
 

@@ -106,12 +106,12 @@ def _walked(table: ProtocolTable, path: str | Path) -> Walk:
             raise error_at(
                 path,
                 ("waypoints", name),
-                "give one of position_mm (a pose of the moved frame), depth_mm (an attitude about the RCM) and joints "
-                "(values of driven joints)",
+                "give exactly one of position_mm (a pose of the moved frame), depth_mm (an orientation about the RCM) "
+                "and joints (values of driven joints)",
             )
         if (w.angles_deg is None) != (w.joints is not None):
             text = (
-                "the joints set the orientation: remove angles_deg" if w.joints is not None else "give angles_deg, too"
+                "the joints set the orientation: remove angles_deg" if w.joints is not None else "also give angles_deg"
             )
             raise error_at(path, ("waypoints", name), text)
         if w.joints is not None:

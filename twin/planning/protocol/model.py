@@ -52,10 +52,10 @@ class Tolerances:
 
 @dataclass(frozen=True)
 class PatientPlace:
-    """Place of a patient: `body` of cad/patients, its `port` at the protocol's RCM, turned by `turn` about z of base.
+    """Place of a patient: `body` of cad/patients, with its `port` at the RCM of the protocol.
 
-    `turn` is in rad. `replaces` names links that are not displayed together with the patient. `trocar` names the trocar
-    at the port, if there are several.
+    The patient is rotated by `turn` in rad about z of base. `replaces` names links that are not displayed together with
+    the patient. `trocar` names the trocar at the port, if there are several.
     """
 
     body: str
@@ -85,8 +85,8 @@ class Protocol:
         trocars: positions (3,) in base in m, by name; "" is the only trocar of the mechanism. Trocars of the mechanism
             that are not given are as drawn.
         rcm: (3,) in base in m, RCM registered from the start (the instrument is already in the patient), or None.
-        free: directions of the moved frame that waypoints do not prescribe and the mechanism determines. None: those
-            outside the robot's freedoms, and every waypoint is a pose that the robot can assume.
+        free: directions of the moved frame that waypoints do not prescribe and the mechanism determines. None: the
+            directions outside the robot's freedoms; every waypoint must be a pose that the robot can assume.
         patient: place of the patient, or None; `no_patient` may then state the reason.
         findings: warnings from reading the file.
     """
@@ -138,16 +138,16 @@ class Protocol:
         """
         held = ", ".join(trocars)
         if "" in self.trocars and len(trocars) != 1:
-            text = f"trocars {held}: give their places by name, in [trocars_mm]" if trocars else "none"
-            way = "" if trocars else ": its RCM is where an insertion begins; remove trocar_mm"
+            text = f"trocars {held}: give their positions by name in [trocars_mm]" if trocars else "none"
+            way = "" if trocars else ": the RCM is the point where an insertion begins; remove trocar_mm"
             raise ProtocolError(
-                f"protocol '{self.name}' places a trocar (trocar_mm), but the mechanism of {self.robot} has {text}{way}"
+                f"protocol '{self.name}' has a trocar (trocar_mm), but the mechanism of {self.robot} has {text}{way}"
             )
         named = {trocar_of(p) for p in self.phases} | {self.patient.trocar if self.patient is not None else ""}
         for name in self.trocars:
             if name and name not in trocars and name not in named:
                 raise ProtocolError(
-                    f"protocol '{self.name}' places trocar '{name}' ([trocars_mm]), but no phase names it, and the "
+                    f"protocol '{self.name}' has a trocar '{name}' ([trocars_mm]), but no phase names it, and the "
                     f"mechanism of {self.robot} has {held or 'none'}: correct the name, or remove it"
                 )
         return {n or trocars[0]: p for n, p in self.trocars.items() if not n or n in trocars}

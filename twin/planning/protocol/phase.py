@@ -80,18 +80,18 @@ class Walk:
         """Raise an error if an RCM is registered."""
         if self.inside:
             raise self.wrong(
-                "type", f"the instrument is still in the patient: put a retraction to depth 0 before this {kind}"
+                "type", f"the instrument is still in the patient: add a retraction to depth 0 before this {kind}"
             )
 
     def registered(self, kind: str) -> None:
         """Raise an error if no RCM is registered."""
         if not self.inside:
-            raise self.wrong("type", f"no RCM is registered yet: put an insertion before this {kind}")
+            raise self.wrong("type", f"no RCM is registered yet: add an insertion before this {kind}")
 
     def through(self, trocar: str | None) -> None:
         """Register the trocar that the phase names, if any, as the RCM."""
         if trocar is not None and trocar not in self.trocars:
-            raise self.wrong("trocar", f"{unknown('trocar', trocar, self.trocars)}: [trocars_mm] gives the places")
+            raise self.wrong("trocar", f"{unknown('trocar', trocar, self.trocars)}: [trocars_mm] lists the trocars")
         self.inside = self.inside or trocar is not None
 
     def go(self, goal: str, why: str, *needs: Literal["position_mm", "depth_mm", "joints"], key: Key = "to") -> None:
@@ -100,14 +100,14 @@ class Walk:
         self.goal = goal
         self.used.add(goal)
         if goal == self.here:
-            raise self.wrong(key, f"the phase has no length: it begins at '{goal}' already; remove it")
+            raise self.wrong(key, f"the phase has no length: it already begins at '{goal}'; remove it")
 
     def target(self, name: str, keys: tuple[Key, ...], why: str, *needs: str) -> None:
         """Check that a waypoint exists and has one of the keys `needs`, if any."""
         if name not in self._waypoints:
             raise error_at(self._path, keys, unknown("waypoint", name, self._waypoints))
         if needs and all(getattr(self._waypoints[name], n) is None for n in needs):
-            raise error_at(self._path, keys, f"waypoint '{name}' has no {' or '.join(needs)}, which {why} needs")
+            raise error_at(self._path, keys, f"waypoint '{name}' has no {' or '.join(needs)}, which {why} requires")
 
     def once(self, joints: Iterable[str], keys: tuple[Key, ...] | None = None) -> None:
         """Check that no joint is given twice."""
@@ -209,7 +209,7 @@ def pose_of(waypoints: Mapping[str, Waypoint], name: str, protocol: str) -> tupl
     """
     waypoint = waypoints[name]
     if waypoint.position is None:
-        text = "joint values, which need the mechanism" if waypoint.joints is not None else "no position"
+        text = "joint values, which require the mechanism" if waypoint.joints is not None else "no position"
         raise ProtocolError(f"{protocol}: waypoint '{name}' has {text}")
     return waypoint.angles, waypoint.position
 

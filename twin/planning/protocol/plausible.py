@@ -23,7 +23,7 @@ _DEPTH = 0.5
 """Insertion depth in mm below which the number looks like metres."""
 
 _NEAR, _FAR = 1.0, 100.0
-"""Distances in mm from the origin: a position below the first looks like metres if another exceeds the second."""
+"""Distances in mm from the origin: below the first, a position looks like metres if another exceeds the second."""
 
 
 def plausible(table: ProtocolTable, file: str) -> Iterator[Finding]:
@@ -32,13 +32,13 @@ def plausible(table: ProtocolTable, file: str) -> Iterator[Finding]:
         if w.angles_deg is not None and _radians(w.angles_deg):
             shown = ", ".join(f"{a:g}" for a in w.angles_deg)
             turned = ", ".join(f"{np.rad2deg(a):.4g}" for a in w.angles_deg)
-            text = f"waypoint '{name}': angles ({shown}) deg look like radians: ({turned}) deg are round"
+            text = f"waypoint '{name}': angles ({shown}) deg look like radians: converted, ({turned}) deg are round"
             yield _warning(text, file, "degrees are expected; multiply by 180/pi")
     positions = {n: np.linalg.norm(w.position_mm) for n, w in table.waypoints.items() if w.position_mm is not None}
     far = max(positions.values(), default=0.0)
     for name, r in positions.items():
         if 0 < r < _NEAR and far > _FAR:
-            text = f"waypoint '{name}' lies {r:.3g} mm from the origin, another {far:.4g} mm: it looks like metres"
+            text = f"waypoint '{name}' is {r:.3g} mm from the origin, another {far:.4g} mm: the first looks like metres"
             yield _warning(text, file, "positions are in mm")
     depths = {f"waypoint '{n}'": w.depth_mm for n, w in table.waypoints.items() if w.depth_mm is not None}
     depths |= {f"phase '{p.name}'": p.depth_mm for p in table.phases if isinstance(p, InsertionTable)}

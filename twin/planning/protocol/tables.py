@@ -16,7 +16,7 @@ _Text = Annotated[str, Field(min_length=1)]
 
 
 class WaypointTable(Table):
-    """A pose of the moved frame (`position_mm`), an attitude about the RCM (`depth_mm`), or values of `joints`."""
+    """A pose of the moved frame (`position_mm`), an orientation about the RCM (`depth_mm`), or values of `joints`."""
 
     angles_deg: Vector | None = None
     position_mm: Vector | None = None
@@ -62,7 +62,7 @@ class TolerancesTable(Table):
 
 
 class PatientTable(Table):
-    """The patient: `body` of cad/patients, its `port` where the RCM is, turned by `turn_deg` about z of the base.
+    """The patient: `body` of cad/patients, with its `port` at the RCM, rotated by `turn_deg` about z of the base.
 
     Links that the patient `replaces` (a phantom) are not shown together with it.
     """
@@ -99,12 +99,12 @@ class ProtocolTable(Table):
     trocar_mm: Vector | None = None
     trocars_mm: Annotated[
         dict[Identifier, Vector],
-        Field(description="places of several trocars, by the name of the joint that holds each"),
+        Field(description="positions of several trocars, by name of the joint between the base and the trocar"),
     ] = Field(default_factory=dict)
     rcm_mm: Vector | None = None
     free: Annotated[
         list[Direction] | None,
-        Field(description="directions that waypoints leave open: the mechanism decides them"),
+        Field(description="directions that waypoints do not prescribe; the mechanism determines them"),
     ] = None
     patient: PatientTable | None = None
     no_patient: _Text | None = None
@@ -116,7 +116,7 @@ class ProtocolTable(Table):
     @model_validator(mode="after")
     def _one_answer(self) -> ProtocolTable:
         if self.patient is not None and self.no_patient is not None:
-            raise at("no_patient", "says why there is no patient, but [patient] places one: remove one of them")
+            raise at("no_patient", "states why there is no patient, but there is a [patient]: remove one of the two")
         if self.trocar_mm is not None and self.trocars_mm:
-            raise at("trocar_mm", "places the only trocar, but [trocars_mm] places several: remove one of them")
+            raise at("trocar_mm", "positions the only trocar, but [trocars_mm] positions several: remove one of them")
         return self

@@ -39,7 +39,7 @@ CAPTIONS = {
     "Sideways is the direction across the shaft in which the tip moves most.",
     "margins": "Distance to a joint limit, the end of the reach, or a singularity. A singularity measure is shown "
     "relative to its alarm value and is 0 at the singularity; 1 is the alarm.",
-    "clearance": "Smallest distance between bodies, except pairs that touch by design.",
+    "clearance": "Minimum distance between bodies, except pairs that touch by design.",
 }
 """Caption of each plot, by name."""
 
@@ -108,7 +108,7 @@ def reason(report: Report) -> str:
     over = f", each at {span}" if most > 1 else ""
     if failing:  # a failing residual without a finding
         return f"There are no other findings, but {fmt.count(len(failing), 'residual')} exceed the tolerance."
-    return f"All {len(judged)} judged residuals are within their tolerances{over}."
+    return f"All {len(judged)} residuals that have a tolerance are within it{over}."
 
 
 def key_figures(report: Report) -> list[dict[str, str]]:

@@ -56,7 +56,7 @@ def figure(found: Operated) -> Figure:
             ax.yaxis.set_major_locator(FixedLocator(list(_TICKS)))
             ax.yaxis.set_major_formatter(FuncFormatter(lambda v, _: _TICKS[min(_TICKS, key=lambda k: abs(k - v))]))
             ax.yaxis.set_minor_locator(NullLocator())
-            ax.set_ylabel("to go")
+            ax.set_ylabel("distance to goal")
             ax.set_xlim(t[0], t[-1])
             ax.annotate(
                 f"seed {trial.seed}\n{measures.time:.1f} s\n{measures.presses} presses\n{measures.path / MM:.1f} mm",

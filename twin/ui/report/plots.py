@@ -203,7 +203,7 @@ def clearance(report: Report) -> Figure | None:
     if found is None or found[1].ndim != 1:
         return None
     t, y = found[0], found[1] / MM
-    figure, axes = panels(headline("Smallest clearance", report), [1.8], 1, head=0.62)
+    figure, axes = panels(headline("Minimum clearance", report), [1.8], 1, head=0.62)
     phase_bands(axes, report.phases)
     ax = axes[0][0]
     ax.plot(*curves.thin(t, y), color=PALETTE[0])

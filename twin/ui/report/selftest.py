@@ -9,7 +9,7 @@ from typing import Any
 
 from twin.validation.result import Report
 
-HEADING = "the validator on this robot"
+HEADING = "self-test of the validator on this robot"
 
 
 def with_selftest(report: Report, path: Path) -> Report:
@@ -34,7 +34,7 @@ def with_selftest(report: Report, path: Path) -> Report:
 def _facts(data: dict[str, Any]) -> dict[str, str]:
     alarms = len(data["false_alarms"])
     out = {
-        "seeded faults caught": f"{data['caught']} of {data['counted']} ({100 * data['share']:.1f} %; bar "
+        "seeded faults found": f"{data['caught']} of {data['counted']} ({100 * data['share']:.1f} %; required "
         f"{100 * data['bar']:.0f} %), {alarms} false alarms on the correct robot"
     }
     for f in data["families"]:
@@ -46,5 +46,5 @@ def _facts(data: dict[str, Any]) -> dict[str, str]:
     missed = [f"{o['family']}: {o['what']}" for o in data["faults"] if o["state"] == "missed"]
     if missed:
         out["missed"] = "; ".join(missed)
-    out["drawn with"] = f"twin selftest {data['robot']} --seed {data['seed']} --count {len(data['faults'])}"
+    out["command"] = f"twin selftest {data['robot']} --seed {data['seed']} --count {len(data['faults'])}"
     return out

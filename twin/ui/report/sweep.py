@@ -32,7 +32,7 @@ def figure(found: Sweep) -> Figure:
         if trade:
             ax = out.add_subplot(grid[0, :])
             x, y = judged[:, 0], judged[:, 1]
-            ax.scatter(x[~best], y[~best], s=12, color=PALETTE[7], label="beaten by another")
+            ax.scatter(x[~best], y[~best], s=12, color=PALETTE[7], label="dominated")
             order = np.flatnonzero(best)[np.argsort(x[best])]
             ax.plot(x[order], y[order], color=PALETTE[0], linewidth=0.8)
             ax.scatter(x[order], y[order], s=22, color=PALETTE[0], label="Pareto-optimal")

@@ -2,15 +2,15 @@
 
     layout       units, frame rates, transform ops, names
     structure    loops, articulation root, self collision
-    timeline    poses of all bodies, at rest and at every time sample
+    timeline     poses of all bodies, at rest and at every time sample
     joints       coincidence of the two frames of each joint, along the whole timeline
     coordinates  limits, states, drives and speeds along the whole timeline; values in radians instead of degrees
     bodies       masses, inertias, nesting, meshes
     samples      time range, quaternion signs, steps
     validators   the validators and the physics parser that come with OpenUSD
 
-The checker does not use the writer. It reads only two attributes of twin: `twin:active`, which can only add a finding,
-and `twin:base`, for which a missing mass of the fixed base is only a note.
+The checker does not use the writer. It reads only two attributes of twin: `twin:active` (an active joint without a
+drive is a finding) and `twin:base` (a missing mass of the base is only a note).
 """
 
 from __future__ import annotations

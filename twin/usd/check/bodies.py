@@ -47,7 +47,7 @@ _COM = Kind("stage.com", "disagreement", "author the centre of mass in the body 
 _INERTIA_SIZE = Kind(
     "stage.inertia_size",
     "disagreement",
-    "author kg m2 about the centre of mass (kg mm2 and g mm2 are off by 1e6 and 1e9)",
+    "author the inertia in kg m2 about the centre of mass (values in kg mm2 are 1e6, in g mm2 1e9 times as large)",
 )
 _SUBDIVISION = Kind("stage.subdivision", "warning", 'author subdivisionScheme = "none"')
 _EXTENT = Kind("stage.extent", "disagreement", "recompute the extent from the points")
@@ -99,7 +99,7 @@ def _check_size(path: str, box: tuple[Array, Array] | None) -> Iterator[Finding]
     if diagonal > LARGEST:
         yield _SIZE(
             path,
-            f"body {path} is too large: its numbers look like millimetres, the stage is in metres",
+            f"body {path} is too large: its numbers look like millimetres, but the stage is in metres",
             Quantity(diagonal, "m"),
             LARGEST,
         )
@@ -150,7 +150,7 @@ def _check_mass(
         if gap > COM_MARGIN:
             yield _COM(
                 path,
-                f"the centre of mass of {path} lies outside the bounding box of its meshes",
+                f"the centre of mass of {path} is outside the bounding box of its meshes",
                 mm(gap),
                 mm(COM_MARGIN),
             )

@@ -19,16 +19,16 @@ from twin.usd.check.timeline import Timeline
 from twin.usd.scan import RawJoint
 
 STATE_TOL = 0.01
-"""Maximum deviation of a joint state from the authored pose, in degrees, or in hundredths of a millimetre."""
+"""Maximum difference between a joint state and the coordinate of the authored pose: degrees, or mm for lengths."""
 
 LIMIT_TOL = 1e-3
-"""Violation of a limit that counts as rounding: degrees, or thousandths of a millimetre."""
+"""Violation of a limit that counts as rounding: degrees, or mm for lengths."""
 
 RADIAN_LOOKS = tuple(np.pi * f for f in (2, 1, 1 / 2, 1 / 3, 1 / 4, 1 / 6, 2 / 3, 3 / 4, 5 / 6))
 """Values of typical limits in radians; such values are unusual for limits in degrees."""
 
 RADIAN_SPEED = 4 * np.pi
-"""Maximum speed up to which the unit is probably rad/s: in degrees per second such a value would be very slow."""
+"""Maximum speeds up to this value are probably in rad/s, because they would be very slow in degrees per second."""
 
 SPEED_MARGIN = 1.01
 """Factor on the maximum speed that allows for the error of finite differences between samples."""
@@ -88,7 +88,10 @@ def _radians(joint: RawJoint, text: str, size: float) -> Finding:
 
 
 def _breach(q: Array, low: float, high: float, wraps: bool) -> Array:
-    """Return the distance (k,) of q (k,) outside low..high; if `wraps`, modulo full turns common to all samples."""
+    """Return the distances (k,) of q (k,) from the range low..high.
+
+    If `wraps`, up to three full turns may be added to or subtracted from all samples, to minimise the distances.
+    """
     turns = 360.0 * np.arange(-3, 4) if wraps else np.zeros(1)
     each = [np.maximum(np.maximum(low - (q + t), q + t - high), 0) for t in turns]
     return min(each, key=lambda b: float(np.max(b)))
@@ -133,7 +136,7 @@ def _check_state(joint: RawJoint, line: Timeline, q: Array) -> Iterator[Finding]
         if not joint.excluded and float(_difference(joint, q[:1], np.zeros(1))[0]) > STATE_TOL:
             yield _STATE_MISSING(
                 joint.path,
-                f"joint {joint.path} has no joint state, so that simulators start at zero instead of its pose",
+                f"joint {joint.path} has no joint state, so that simulators start at zero instead of at its pose",
                 Quantity(q[0] * shown, unit),
                 STATE_TOL,
                 f"apply PhysicsJointStateAPI:{joint.instance} and author its position",
@@ -154,8 +157,8 @@ def _check_state(joint: RawJoint, line: Timeline, q: Array) -> Iterator[Finding]
         return
     yield _STATE(
         joint.path,
-        f"joint {joint.path}: its state {Quantity(states[worst] * shown, unit)} differs from its pose "
-        f"{Quantity(actual[worst] * shown, unit)}",
+        f"joint {joint.path}: its state {Quantity(states[worst] * shown, unit)} differs from the coordinate "
+        f"{Quantity(actual[worst] * shown, unit)} of its pose",
         Quantity(off[worst], unit),
         STATE_TOL,
         when=line.labels[worst],
@@ -180,7 +183,7 @@ def _check_drive(joint: RawJoint, q: float) -> Iterator[Finding]:
         yield warning(
             "stage.drive_missing",
             joint.path,
-            f"joint {joint.path} is active, but {'its drive has no gains' if drive else 'has no drive'}: it swings "
+            f"joint {joint.path} is active, but {'its drive has no gains' if drive else 'has no drive'}: it moves "
             "freely in a simulator",
             suggestion=f"apply PhysicsDriveAPI:{joint.instance} with stiffness and damping",
         )
@@ -195,7 +198,7 @@ def _check_drive(joint: RawJoint, q: float) -> Iterator[Finding]:
         unit, shown = _unit(joint)
         yield _DRIVE_TARGET(
             joint.path,
-            f"joint {joint.path}: drive target outside the limits {low * shown:.5g} .. {high * shown:.5g} {unit}",
+            f"joint {joint.path}: its drive target is outside {low * shown:.5g} .. {high * shown:.5g} {unit}",
             Quantity(target * shown, unit),
             Quantity((high if target > high else low) * shown, unit),
         )

@@ -96,7 +96,7 @@ def _check_meeting(joint: RawJoint, line: Timeline, A: Array) -> Iterator[Findin
     if offset[worst] > ANCHOR_TOL:
         yield _ANCHOR(
             joint.path,
-            f"joint {joint.path} ({joint.type}): its anchors are apart",
+            f"joint {joint.path} ({joint.type}): its two anchor points are apart",
             mm(offset[worst]),
             mm(ANCHOR_TOL),
             when=line.labels[worst],
@@ -105,7 +105,7 @@ def _check_meeting(joint: RawJoint, line: Timeline, A: Array) -> Iterator[Findin
     if angle[worst] > AXIS_TOL:
         yield _AXIS(
             joint.path,
-            f"joint {joint.path} ({joint.type}): its two frames differ in rotation about the directions that it locks",
+            f"joint {joint.path} ({joint.type}): its two frames differ in rotation about its locked directions",
             deg(angle[worst]),
             deg(AXIS_TOL),
             when=line.labels[worst],

@@ -61,7 +61,7 @@ def check_units(scene: Scene) -> Iterator[Finding]:
         yield _DEFAULT_PRIM("/", "no default prim: the stage cannot be referenced into another")
     up = str(UsdGeom.GetStageUpAxis(stage)) if stage.HasAuthoredMetadata("upAxis") else ""
     if up != "Z":
-        said = f"is {up}" if up else "is not authored and means Y"
+        said = f"is {up}" if up else "is not authored, so that the default Y applies"
         yield finding(
             "warning" if up else "disagreement",
             "stage.up_axis",
@@ -75,7 +75,7 @@ def check_units(scene: Scene) -> Iterator[Finding]:
             "metersPerUnit",
             UsdGeom.StageHasAuthoredMetersPerUnit(stage),
             scene.meters,
-            "0.01: centimetres",
+            "0.01 (centimetres)",
         ),
         (
             "stage.kilograms_per_unit",
@@ -86,7 +86,7 @@ def check_units(scene: Scene) -> Iterator[Finding]:
         ),
     ):
         if not authored or value != 1:
-            said = f"is {value:g}" if authored else f"is not authored and means {default}"
+            said = f"is {value:g}" if authored else f"is not authored, so that the default {default} applies"
             yield finding(
                 "warning" if authored else "disagreement",
                 code,
@@ -101,7 +101,7 @@ def check_units(scene: Scene) -> Iterator[Finding]:
     if codes != frames:
         yield _FRAME_RATE(
             "/",
-            f"some viewers play the motion {codes / frames:.3g} times as long: timeCodesPerSecond",
+            f"some viewers take {codes / frames:.3g} times as long to play the motion: timeCodesPerSecond",
             Quantity(codes, "1/s"),
             Quantity(frames, "1/s"),
         )
@@ -122,7 +122,7 @@ def _check_layers(scene: Scene) -> Iterator[Finding]:
                 yield disagreement(
                     code,
                     layer.GetDisplayName(),
-                    f"layer {layer.GetDisplayName()} has {field} {its}, but the root layer {mine}",
+                    f"layer {layer.GetDisplayName()} has {field} {its}, but the root layer has {mine}",
                     suggestion="give all layers the same value; USD does not convert between them",
                 )
 
@@ -182,7 +182,7 @@ def _check_prim_ops(prim: Usd.Prim, is_body: bool) -> Iterator[Finding]:
                 suggestion="author the op or remove it from xformOpOrder",
             )
         elif kind not in OP_TYPES or str(attribute.GetTypeName()) not in OP_TYPES[kind]:
-            known = " or ".join(OP_TYPES.get(kind, ())) or "one of an op that exists"
+            known = " or ".join(OP_TYPES.get(kind, ())) or "the type of a known op"
             yield _XFORM_TYPE(
                 path, f"{path}: {name} has type {attribute.GetTypeName()}, not {known}; readers ignore the op or fail"
             )
@@ -220,6 +220,6 @@ def check_names(scene: Scene) -> Iterator[Finding]:
         if first != prim.GetPath():
             yield _DUPLICATE_NAME(
                 str(prim.GetPath()),
-                f"{prim.GetPath()} and {first} have the same leaf name: Blender renames one, Unity clips move the "
-                "wrong one",
+                f"{prim.GetPath()} and {first} have the same leaf name: Blender renames one of them, and Unity clips "
+                "move the wrong one",
             )

@@ -53,8 +53,8 @@ def check_samples(scene: Scene) -> Iterator[Finding]:
                 yield disagreement(
                     "stage.time_range",
                     path,
-                    f"{path}: {len(outside)} of {len(codes)} samples lie outside {start:g} .. {end:g} and never "
-                    "play; the farthest time code",
+                    f"{path}: {len(outside)} of {len(codes)} samples are outside {start:g} .. {end:g} and are "
+                    "never played; the farthest time code",
                     Quantity(far),
                     Quantity(end if far > end else start),
                     "widen startTimeCode .. endTimeCode, or remove the samples",
@@ -81,8 +81,8 @@ def _check_quaternions(attribute: Usd.Attribute, codes: list[float]) -> Iterator
         k = int(flips[0])
         yield _QUATERNION_SIGN(
             path,
-            f"{path}: {name} changes sign; players that interpolate the numbers (Unity) glitch by up to 180°. Sign "
-            "changes",
+            f"{path}: {name} changes sign; players that interpolate components (Unity) rotate by up to 180° "
+            "there. Sign changes",
             Quantity(len(flips)),
             0,
             when=f"time code {codes[k]:g}",
@@ -92,7 +92,7 @@ def _check_quaternions(attribute: Usd.Attribute, codes: list[float]) -> Iterator
     if turn[k] > MAX_STEP:
         yield _SAMPLE_STEP(
             path,
-            f"{path} turns too far up to time code {codes[k + 1]:g} (above 180° players rotate backwards)",
+            f"{path} rotates too far before time code {codes[k + 1]:g} (above 180° players rotate backwards)",
             deg(turn[k]),
             deg(MAX_STEP),
             when=f"time code {codes[k]:g}",

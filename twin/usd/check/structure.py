@@ -16,7 +16,7 @@ _LOOP = Kind(
     "stage.loop", "disagreement", "author physics:excludeFromArticulation = true on the joint that closes the loop"
 )
 _LOOSE = Kind(
-    "stage.loose", "info", "this is correct for a prop; connect the body by a joint if it is part of the robot"
+    "stage.loose", "info", "correct for a separate object; connect the body by a joint if it is part of the robot"
 )
 _SELF_COLLISION = Kind(
     "stage.self_collision", "warning", "author physxArticulation:enabledSelfCollisions = false, or filter the pairs"
@@ -60,7 +60,7 @@ def _check_tree(scene: Scene, joints: list[RawJoint]) -> Iterator[Finding]:
             yield _LOOSE(body, f"body {body} has no joint")
         elif body not in ways or (held is not None and body not in held):
             yield _DISCONNECTED(
-                body, f"only joints excluded from the articulation lead to body {body}: it is not a link of the robot"
+                body, f"body {body} has only joints excluded from the articulation: it is not a link of the robot"
             )
     if held is None:
         yield _FLOATING("/", "no joint connects the robot to the world: its base falls in a simulator")
@@ -119,6 +119,6 @@ def _check_articulation(scene: Scene, joints: list[RawJoint]) -> Iterator[Findin
         if not (attribute and attribute.Get() is False):
             yield _SELF_COLLISION(
                 str(root.GetPath()),
-                f"self collision of {root.GetPath()} is on (the default): hulls that overlap at the joints break "
-                "closed loops",
+                f"self collision of {root.GetPath()} is on (the default): hulls that overlap at the joints push "
+                "closed loops open",
             )

@@ -1,13 +1,13 @@
 """Read a UsdPhysics stage as a mechanism: a stage that twin wrote, or one from other software.
 
     names       conversion of names to identifiers
-    bodies     meshes, colours, masses, named frames and points
-    joints     joints, limits, drives, the base
-    motion     baked poses, at their own time codes
-    motors     actuators and transmissions of a stage that twin wrote
+    bodies      meshes, colours, masses, named frames and points
+    joints      joints, limits, drives, the base
+    motion      baked poses, at their own time codes
+    motors      actuators and transmissions of a stage that twin wrote
     tool        choice of the tool, if the stage does not name one
 
-This package does not import the writer, and uses no data that other readers do not have: joint frames are in single
+This package does not import the writer. Like other readers, it uses the joint frames of UsdPhysics, which are in single
 precision.
 """
 
@@ -138,7 +138,7 @@ def _inspect(scene: Scene, root: str | None) -> tuple[Mechanism, list[Finding]]:
 
 
 def _shape(name: Sdf.ValueTypeName) -> tuple:
-    """Return (whether it is an array, kind of value) of a type: number, quaternion, text, or length of a vector."""
+    """Return (is_array, kind) of a value type; the kind is number, quaternion, text, or the length of a vector."""
     value = name.scalarType.defaultValue
     if isinstance(value, bool | str):
         return name.isArray, type(value)
@@ -158,11 +158,11 @@ def _refuse_unknown_types(scene: Scene) -> None:
                 return
             kind = spec.GetInfo("typeName")
             if spec.typeName.type.isUnknown:
-                raise StageError(f"{scene.path}: {path} is of type '{kind}', which USD does not have")
+                raise StageError(f"{scene.path}: {path} has type '{kind}', which USD does not define")
             prim = scene.stage.GetPrimAtPath(path.GetPrimPath())
             meant = prim.GetPrimDefinition().GetSchemaAttributeSpec(path.name) if prim else None
             if meant and _shape(meant.typeName) != _shape(spec.typeName):
-                raise StageError(f"{scene.path}: {path} is of type '{kind}'; its schema has {meant.typeName}")
+                raise StageError(f"{scene.path}: {path} has type '{kind}'; its schema requires {meant.typeName}")
 
         layer.Traverse(Sdf.Path.absoluteRootPath, check)
 

@@ -31,7 +31,7 @@ def bake_scale(scene: Scene, body: Usd.Prim, notes: list[Finding]) -> None:
                 info(
                     "stage.read.scaled",
                     where,
-                    f"{where} is scaled by {size:.6g} (parents included): its lengths are read at true size",
+                    f"{where} is scaled by {size:.6g} (including parents): its lengths are read at the scaled size",
                 )
             )
         return
@@ -122,7 +122,7 @@ def mesh_triangles(mesh: UsdGeom.Mesh) -> np.ndarray:
     n = len(mesh.GetPointsAttr().Get() or [])
     where = mesh.GetPath()
     if counts.sum() != len(indices):
-        raise StageError(f"mesh {where}: its faces need {counts.sum()} indices, but it has {len(indices)}")
+        raise StageError(f"mesh {where}: its faces require {counts.sum()} indices, but it has {len(indices)}")
     if len(indices) and not (indices.min() >= 0 and indices.max() < n):
         raise StageError(f"mesh {where}: an index refers to vertex {indices.max()}, but it has {n} vertices")
     starts = np.concatenate([[0], np.cumsum(counts)[:-1]]) if len(counts) else np.zeros(0, int)

@@ -38,7 +38,7 @@ def with_tool(m: Mechanism, name: str | None = None) -> tuple[Mechanism, str]:
     body, length = _last(m)
     return (
         _at(m, body),
-        f"the file names no tool: the tool frame is put at body '{body}', the end of its longest chain ({length} "
+        f"the file names no tool: the tool frame is added to body '{body}', the end of the longest chain ({length} "
         "joints).",
     )
 

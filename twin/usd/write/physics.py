@@ -358,8 +358,8 @@ def _refuse_what_is_lost(joint: Joint) -> None:
     scalar = {
         "limits": joint.limits,
         "soft limits": joint.soft_limits,
-        "a largest speed": joint.max_speed,
-        "a largest acceleration": joint.max_acceleration,
+        "a maximum speed": joint.max_speed,
+        "a maximum acceleration": joint.max_acceleration,
         "a drive": joint.drive,
     }
     lost = [k for k, v in scalar.items() if v is not None and len(joint.free_axes) != 1]

@@ -1,4 +1,4 @@
-"""auxiliary: move joints that do not move the tool (a jaw) to given values; the tool is at rest."""
+"""auxiliary: move joints that do not move the tool (such as a jaw) to given values; the tool is at rest."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from twin.planning.protocol.waypoint import joint_values
 
 
 class AuxiliaryTable(PhaseTable):
-    """Move auxiliary joints, which do not move the tool (a jaw), to `joints`: NAME_deg or NAME_mm."""
+    """Move auxiliary joints (such as a jaw), which do not move the tool, to values `joints`: NAME_deg or NAME_mm."""
 
     type: Literal["auxiliary"]
     joints: dict[JointValue, float]
@@ -30,7 +30,7 @@ class AuxiliaryTable(PhaseTable):
 
 @dataclass(frozen=True)
 class Auxiliary(Phase):
-    """Move auxiliary joints (a jaw) synchronously to `joints`: values in m or rad by name. The tool is at rest.
+    """Move auxiliary joints (such as a jaw) synchronously to `joints`: values in m or rad by name. The tool is at rest.
 
     `angle_joints` are the names of the joints whose values were given in degrees.
     """

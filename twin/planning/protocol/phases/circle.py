@@ -1,4 +1,4 @@
-"""circle: full circles of the tip, with the shaft through the RCM without spin; without RCM, constant orientation."""
+"""circle: full circles of the tip; the shaft stays on the RCM without spin, or without RCM keeps its orientation."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _NO_RADIUS = 1e-9
 
 
 class CircleTable(PhaseTable):
-    """Full circles of the tip; the shaft stays on the RCM if there is one."""
+    """Full circles of the tip; if there is an RCM, the shaft passes through it."""
 
     type: Literal["circle"]
     centre_mm: Vector

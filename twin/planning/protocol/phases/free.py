@@ -15,17 +15,17 @@ from twin.schema import Identifier
 
 
 class FreeTable(PhaseTable):
-    """By the driven joints to a waypoint around what is in the way, outside the patient."""
+    """Move the driven joints to a waypoint on a path around obstacles, outside the patient."""
 
     type: Literal["free"]
     to: Identifier
     clearance_mm: Annotated[
         Positive, Field(description="minimum distance of the robot's bodies from each other and from the scene")
     ] = 5.0
-    seed: Annotated[int, Field(ge=0, description="of the random search; the same seed gives the same path")] = 0
+    seed: Annotated[int, Field(ge=0, description="seed of the random search; the same seed gives the same path")] = 0
     scene: Annotated[
         str | None,
-        Field(min_length=1, description="a scene with this robot: props and other robots, as drawn, are in the way"),
+        Field(min_length=1, description="a scene with this robot: its props and other robots, as drawn, are obstacles"),
     ] = None
 
     rank: ClassVar[int] = 8

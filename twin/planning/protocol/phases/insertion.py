@@ -11,7 +11,7 @@ from twin.schema import Identifier
 
 
 class InsertionTable(PhaseTable):
-    """Table of a phase: the tool moves straight along its shaft; the tip must arrive at the waypoint `to`."""
+    """Move straight along the shaft; if the waypoint `to` is given, the tip must arrive there."""
 
     type: Literal["insertion"]
     depth_mm: Positive
@@ -25,8 +25,8 @@ class InsertionTable(PhaseTable):
         """Check that no RCM is registered, register one, and end at the waypoint, if there is one."""
         walk.outside(self.type)
         if self.trocar is None and len(walk.trocars) > 1:
-            text = f"[trocars_mm] has {', '.join(walk.trocars)}: name the one of this insertion"
-            raise walk.wrong("type", f'{text}, trocar = "NAME"')
+            text = f"[trocars_mm] has {', '.join(walk.trocars)}: name the trocar of this insertion"
+            raise walk.wrong("type", f'{text}, with trocar = "NAME"')
         walk.through(self.trocar)
         walk.inside = True
         if self.to is not None:

@@ -14,7 +14,7 @@ _DEEPER = 1e-9
 
 
 class RetractionTable(PhaseTable):
-    """Move straight back along the shaft until `depth_mm` remains inside."""
+    """Move straight back along the shaft to the depth `depth_mm`."""
 
     type: Literal["retraction"]
     depth_mm: Depth = 0.0

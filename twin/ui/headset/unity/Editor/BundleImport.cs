@@ -6,14 +6,14 @@ using UnityEngine;
 
 namespace Twin.Player.Editor
 {
-    /// <summary>Takes the model and the tracks of a folder that `twin export` wrote into the project.</summary>
+    /// <summary>Imports the model and the tracks of a folder written by `twin export` into the project.</summary>
     public static class BundleImport
     {
-        /// <summary>The menu: ask for the folder, copy, and let Unity import.</summary>
+        /// <summary>Menu command: ask for the folder, copy its files, and let Unity import them.</summary>
         [MenuItem("Twin/Import bundle…")]
         public static void Ask()
         {
-            string bundle = EditorUtility.OpenFolderPanel("The folder that `twin export` wrote", "", "");
+            string bundle = EditorUtility.OpenFolderPanel("Folder written by `twin export`", "", "");
             if (string.IsNullOrEmpty(bundle))
             {
                 return;
@@ -43,15 +43,15 @@ namespace Twin.Player.Editor
 
         /// <summary>Copy &lt;robot&gt;.glb and tracks/*.json to &lt;assets&gt;/Twin/&lt;robot&gt; and return the new files,
         /// the model first.</summary>
-        /// <exception cref="FormatException">The folder is no bundle, or a track is damaged or of another robot; then
-        /// nothing was copied.</exception>
+        /// <exception cref="FormatException">The folder is not a bundle, or a track is invalid or for another robot; in
+        /// these cases, no file is copied.</exception>
         public static List<string> Copy(string bundle, string assets)
         {
             string[] models = Directory.Exists(bundle) ? Directory.GetFiles(bundle, "*.glb") : new string[0];
             if (models.Length != 1)
             {
-                throw new FormatException(bundle + " holds " + models.Length + " GLB files, expected the one of a "
-                    + "bundle: export again with `twin export <robot> --to glb,tracks,unity`");
+                throw new FormatException(bundle + " contains " + models.Length + " GLB files, expected one: "
+                    + "export again with `twin export <robot> --to glb,tracks,unity`");
             }
 
             string robot = Path.GetFileNameWithoutExtension(models[0]);
@@ -90,7 +90,7 @@ namespace Twin.Player.Editor
                 Track track = Track.Parse(File.ReadAllText(file));
                 if (track.robot != robot)
                 {
-                    throw new FormatException("it is of robot '" + track.robot + "', the model is '" + robot + "'");
+                    throw new FormatException("the track is for robot '" + track.robot + "', not '" + robot + "'");
                 }
             }
             catch (FormatException error)

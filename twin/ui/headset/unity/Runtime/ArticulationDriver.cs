@@ -4,7 +4,7 @@ using UnityEngine;
 
 namespace Twin.Player
 {
-    /// <summary>What carries a joint in Unity, and which way it counts.</summary>
+    /// <summary>A joint of the track, and the physics joint of Unity that it drives.</summary>
     [Serializable]
     public sealed class DrivenJoint
     {
@@ -17,34 +17,34 @@ namespace Twin.Player
         [Tooltip("Used when there is no ArticulationBody.")]
         public ConfigurableJoint configurable;
 
-        [Tooltip("+1 or -1. A mirror turns the sense of a rotation: an axis that was mirrored like any direction "
-            + "needs -1 for a revolute joint. URDF-Importer turns that axis round by itself: +1.")]
+        [Tooltip("+1 or -1. Mirroring reverses rotations: a revolute joint whose axis was mirrored like a direction "
+            + "needs -1. URDF-Importer already reverses the axis of revolute joints: +1.")]
         public float sign = 1f;
 
-        [Tooltip("Added to the robot's value before the sign, in m or rad: where Unity's zero is elsewhere.")]
+        [Tooltip("Offset in m or rad, added to the robot's value before the sign, if Unity's zero position differs.")]
         public float offset;
     }
 
     /// <summary>Sends joint values to physics: drive targets of ArticulationBody or ConfigurableJoint.</summary>
-    /// <remarks>An articulation is a tree. The loops of a parallel robot cannot be part of it: play such a robot with
-    /// <see cref="TrackPlayer"/>, which needs no physics, or close each loop with a ConfigurableJoint of your own and
-    /// drive the active joints only. Targets are degrees for revolute joints and metres for prismatic ones, while
+    /// <remarks>An articulation is a tree, so it cannot contain the loops of a parallel robot. Play such a robot with
+    /// <see cref="TrackPlayer"/>, which needs no physics, or add a ConfigurableJoint that closes each loop and drive
+    /// only the active joints. Drive targets are in degrees for revolute joints and in metres for prismatic joints;
     /// `jointPosition` is in radians.</remarks>
     [AddComponentMenu("Twin/Articulation Driver")]
     public sealed class ArticulationDriver : MonoBehaviour
     {
-        [Tooltip("Drives from this player in FixedUpdate; leave empty to call Apply yourself.")]
+        [Tooltip("Player whose motion is applied in FixedUpdate; leave empty to call Apply yourself.")]
         public TrackPlayer player;
 
         public List<DrivenJoint> driven = new List<DrivenJoint>();
 
-        [Tooltip("Hold targets within the limits of the track.")]
+        [Tooltip("Clamp targets to the joint limits in the track.")]
         public bool clamp = true;
 
         private Track checkedFor;
         private int checkedCount;
 
-        /// <summary>Return the joints of a track that are active and that nothing here drives.</summary>
+        /// <summary>Return the active joints of a track that this component does not drive.</summary>
         public List<string> Undriven(Track track)
         {
             var open = new List<string>();
@@ -61,8 +61,8 @@ namespace Twin.Player
         }
 
         /// <summary>Set every target to the motion at a time (s).</summary>
-        /// <exception cref="ArgumentException">An entry names no joint of the track, has nothing to drive, or drives
-        /// a body of another type.</exception>
+        /// <exception cref="ArgumentException">An entry has a joint that is not in the track, no body and no
+        /// ConfigurableJoint, or a body of another joint type.</exception>
         public void Apply(Track track, double time)
         {
             Check(track);
@@ -73,7 +73,7 @@ namespace Twin.Player
             }
         }
 
-        /// <summary>Return the target of a joint as Unity takes it: degrees or metres, with its sign.</summary>
+        /// <summary>Return the drive target of a joint for Unity: in degrees or metres, with its sign.</summary>
         public float Target(Track track, int joint, float value, DrivenJoint entry)
         {
             if (clamp)
@@ -85,13 +85,13 @@ namespace Twin.Player
             return track.IsAngle(joint) ? inUnity * Mathf.Rad2Deg : inUnity;
         }
 
-        /// <summary>Return the value (m or rad) that an ArticulationBody has reached, in the robot's sense.</summary>
+        /// <summary>Return the current value (m or rad) of an ArticulationBody, with the robot's sign and zero.</summary>
         public static float Reached(DrivenJoint entry)
         {
             return Value(entry, entry.body.jointPosition[0]);
         }
 
-        /// <summary>Return the value (m or rad) in the robot's sense of a position (m or rad) in Unity's.</summary>
+        /// <summary>Convert a position (m or rad) of Unity to a value (m or rad) with the robot's sign and zero.</summary>
         public static float Value(DrivenJoint entry, float inUnity)
         {
             return entry.sign * inUnity - entry.offset;
@@ -123,7 +123,8 @@ namespace Twin.Player
 
                 if (entry.body == null && entry.configurable == null)
                 {
-                    throw new ArgumentException("ArticulationDriver: joint '" + entry.joint + "' drives nothing");
+                    throw new ArgumentException("ArticulationDriver: joint '" + entry.joint + "'"
+                        + " has neither a body nor a ConfigurableJoint");
                 }
 
                 if (entry.sign != 1f && entry.sign != -1f)
@@ -138,7 +139,7 @@ namespace Twin.Player
                 if (entry.body != null && entry.body.jointType != type)
                 {
                     throw new ArgumentException("ArticulationDriver: joint '" + entry.joint + "' is "
-                        + track.joint_types[joint] + ", its body is a " + entry.body.jointType);
+                        + track.joint_types[joint] + ", but its body is a " + entry.body.jointType);
                 }
             }
 
@@ -150,13 +151,13 @@ namespace Twin.Player
         {
             if (entry.body != null)
             {
-                ArticulationDrive drive = entry.body.xDrive; // a struct: changing the property's copy does nothing
+                ArticulationDrive drive = entry.body.xDrive; // a struct: the changed copy must be assigned back
                 drive.target = target;
                 entry.body.xDrive = drive;
             }
             else if (angle)
             {
-                // Both targets of a ConfigurableJoint say where its connected body goes: the opposite way.
+                // The targets of a ConfigurableJoint are for its connected body, which moves in the opposite direction.
                 entry.configurable.targetRotation = Quaternion.AngleAxis(-target, Vector3.right);
             }
             else

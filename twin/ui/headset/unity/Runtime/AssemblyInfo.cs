@@ -1,5 +1,5 @@
 using UnityEngine.Scripting;
 
-// JsonUtility fills fields that no code assigns: the linker of IL2CPP must not take this assembly apart.
+// JsonUtility assigns fields that no code assigns; therefore the linker of IL2CPP must not strip this assembly.
 [assembly: AlwaysLinkAssembly]
 [assembly: Preserve]

@@ -3,8 +3,8 @@ using UnityEngine;
 
 namespace Twin.Player
 {
-    /// <summary>Golden vectors of the self test: made in Python from the real robot, with matrices instead of the
-    /// formulas of this package. The fields have the names of Resources/twin-golden.json.</summary>
+    /// <summary>Golden vectors of the self test: computed in Python for the robot SILS, with matrices instead of the
+    /// formulas of this package. The fields are named as in Resources/twin-golden.json.</summary>
     [Serializable]
     public sealed class Golden
     {
@@ -12,12 +12,12 @@ namespace Twin.Player
         public int version;
         public Track track = new Track();
 
-        /// <summary>Where the model stands in Unity's world: a pose, then its scale.</summary>
+        /// <summary>Pose of the model in Unity's world, followed by its scale.</summary>
         public float[] place = new float[0];
         public float scale;
 
-        /// <summary>Points on links: number of the link, key of the track, x y z in the robot's link frame and in
-        /// the mesh as each importer brings it in, and x y z in Unity's world.</summary>
+        /// <summary>Points on links: index of the link, key of the track, x y z in the link frame of the robot, in the
+        /// mesh of each importer, and in Unity's world.</summary>
         public int[] point_link = new int[0];
         public int[] point_key = new int[0];
         public float[] point_robot = new float[0];
@@ -63,8 +63,8 @@ namespace Twin.Player
         public float[] grab_want_gltfast = new float[0];
         public float[] grab_want_urdf = new float[0];
 
-        /// <summary>Read the vectors that are in the package.</summary>
-        /// <exception cref="FormatException">They are missing or damaged.</exception>
+        /// <summary>Read the vectors of the package.</summary>
+        /// <exception cref="FormatException">The vectors are missing or invalid.</exception>
         public static Golden Load()
         {
             var file = Resources.Load<TextAsset>("twin-golden");
@@ -76,26 +76,26 @@ namespace Twin.Player
             var golden = JsonUtility.FromJson<Golden>(file.text);
             if (golden.schema != "twin-golden" || golden.version != 1 || golden.point_link.Length == 0)
             {
-                throw new FormatException("Resources/twin-golden.json is damaged: take the package anew");
+                throw new FormatException("Resources/twin-golden.json is invalid: install the package again");
             }
 
             TrackCheck.Require(golden.track);
             return golden;
         }
 
-        /// <summary>Return the vertices of the meshes as an importer brings them in, x y z of each.</summary>
+        /// <summary>Return the mesh vertices (x y z each) in the local coordinates of an importer.</summary>
         public float[] Points(Convention convention)
         {
             return convention == Convention.UrdfImporter ? point_urdf : point_gltfast;
         }
 
-        /// <summary>Return where they are in Unity's world.</summary>
+        /// <summary>Return the same vertices (x y z each) in Unity's world.</summary>
         public float[] World(Convention convention)
         {
             return convention == Convention.UrdfImporter ? world_urdf : world_gltfast;
         }
 
-        /// <summary>Return where the tool must go.</summary>
+        /// <summary>Return the expected target pose of the grabbed tool.</summary>
         public float[] GrabWant(Convention convention)
         {
             return convention == Convention.UrdfImporter ? grab_want_urdf : grab_want_gltfast;
@@ -111,7 +111,7 @@ namespace Twin.Player
             return new Quaternion(from[at], from[at + 1], from[at + 2], from[at + 3]);
         }
 
-        /// <summary>Make a model without meshes, with the nodes that an importer makes; destroy it after use.</summary>
+        /// <summary>Create a model without meshes, with the nodes of an importer; destroy it after use.</summary>
         public GameObject Model(Convention convention)
         {
             var model = new GameObject("model");
@@ -132,7 +132,7 @@ namespace Twin.Player
             return model;
         }
 
-        /// <summary>Return a description of the robot, as `/robot.json` would have it.</summary>
+        /// <summary>Return a description of the robot in the form of `/robot.json`.</summary>
         public RobotDescription Robot()
         {
             var robot = new RobotDescription();

@@ -3,18 +3,18 @@ using UnityEngine;
 
 namespace Twin.Player
 {
-    /// <summary>Takes hold of the robot of a stream and pulls it, whatever the input is: a hand, a controller, a
-    /// mouse. The server solves, and the robot follows in the stream.</summary>
-    /// <remarks>All poses are those of Unity's world; they are sent in the robot's. The tool keeps the place that it
-    /// had in the hand: what moves is the difference. One client holds the robot at a time; see
+    /// <summary>Grabs and drags the robot of a stream, with any input: a hand, a controller or a mouse. The server
+    /// computes the motion of the robot, and the stream shows it.</summary>
+    /// <remarks>Arguments are in Unity's world; requests are in the robot's world. The tool keeps its pose relative
+    /// to the hand at the grab. Only one client at a time can hold the robot; see
     /// <see cref="StreamClient.Refusal"/>.</remarks>
     [AddComponentMenu("Twin/Grab")]
     public sealed class Grab : MonoBehaviour
     {
-        [Tooltip("The robot that is held.")]
+        [Tooltip("Stream client of the robot to grab.")]
         public StreamClient stream;
 
-        /// <summary>Where requests go, and whether the last one that waits is replaced; `stream` if it is null.</summary>
+        /// <summary>Sends a request: (JSON text, whether it replaces a waiting one); null: `stream`.</summary>
         public Func<string, bool, bool> Outgoing;
 
         private Kind held;
@@ -29,13 +29,13 @@ namespace Twin.Player
             Joint
         }
 
-        /// <summary>Whether something is held, as far as this client knows.</summary>
+        /// <summary>Whether this client has grabbed something; the server may have refused it.</summary>
         public bool IsHolding
         {
             get { return held != Kind.Nothing; }
         }
 
-        /// <summary>Take hold of the tool with a hand at a pose of Unity's world; false if there is no stream.</summary>
+        /// <summary>Grab the tool with a hand at a pose in Unity's world; false if there is no stream.</summary>
         public bool BeginTool(Vector3 hand, Quaternion turn)
         {
             End();
@@ -54,9 +54,9 @@ namespace Twin.Player
             return Begin(Kind.Tool, Requests.GrabTool());
         }
 
-        /// <summary>Take hold of a link at a point of Unity's world; false if it is none or there is no stream.</summary>
-        /// <param name="part">The link's Transform, or one below it.</param>
-        /// <param name="point">On the link.</param>
+        /// <summary>Grab a link; false if `part` does not belong to a link, or there is no stream.</summary>
+        /// <param name="part">The Transform of the link, or a descendant.</param>
+        /// <param name="point">The grabbed point on the link, in Unity's world.</param>
         public bool BeginLink(Transform part, Vector3 point)
         {
             End();
@@ -76,14 +76,14 @@ namespace Twin.Player
             return Begin(Kind.Link, Requests.GrabLink(stream.Robot.links[link], onLink));
         }
 
-        /// <summary>Take hold of an active joint by its name; lead it with <see cref="MoveJoint"/>.</summary>
+        /// <summary>Grab an active joint by its name; move it with <see cref="MoveJoint"/>.</summary>
         public bool BeginJoint(string joint)
         {
             End();
             return Begin(Kind.Joint, Requests.GrabJoint(joint));
         }
 
-        /// <summary>Lead the tool with the hand, or the point of a link to where the hand is.</summary>
+        /// <summary>Move the grabbed tool with the hand, or the grabbed point of a link to the hand.</summary>
         public bool Move(Vector3 hand, Quaternion turn)
         {
             if (held == Kind.Link)
@@ -105,13 +105,13 @@ namespace Twin.Player
             return Send(Requests.DragPose(position, Unit(rotation)), true);
         }
 
-        /// <summary>Lead a joint to a value in m or rad, in the robot's sense.</summary>
+        /// <summary>Move the grabbed joint to a value in m or rad, with the robot's sign and zero.</summary>
         public bool MoveJoint(float value)
         {
             return held == Kind.Joint && Send(Requests.DragValue(value), true);
         }
 
-        /// <summary>Let go.</summary>
+        /// <summary>Release the robot.</summary>
         public void End()
         {
             if (held != Kind.Nothing)
@@ -142,7 +142,7 @@ namespace Twin.Player
             return stream != null && stream.Send(json, replaces);
         }
 
-        // The tool's pose in the robot's world: its link's, then its own place on the link.
+        // Pose of the tool in the robot's world: pose of its link, then pose of the tool on the link.
         private void Tool(out Vector3 position, out Quaternion rotation)
         {
             Vector3 onLink;

@@ -7,10 +7,10 @@ namespace Twin.Player
     /// <summary>Return the pose of a link in the robot's world.</summary>
     public delegate void PoseSource(int link, out Vector3 position, out Quaternion rotation);
 
-    /// <summary>The Transforms of a model that carry the names of a robot's links.</summary>
-    /// <remarks>A GLB of twin has all links as children of one root node. Then each gets a local pose, and the whole
-    /// model may be moved, turned and scaled. Links that lie inside one another (URDF-Importer) are placed in
-    /// Unity's world, parents first.</remarks>
+    /// <summary>The Transforms of a model for the links of a robot, found by name.</summary>
+    /// <remarks>In a GLB of twin, all links are children of one root node. Each link then gets a local pose, and the
+    /// whole model may be moved, rotated and scaled. Nested links (URDF-Importer) are placed in Unity's world,
+    /// parents first.</remarks>
     public sealed class LinkBinding
     {
         private readonly Transform[] links;
@@ -18,7 +18,7 @@ namespace Twin.Player
         private readonly bool flat;
 
         /// <summary>Find the links below a model.</summary>
-        /// <exception cref="ArgumentException">A link is not there, or its name is there twice.</exception>
+        /// <exception cref="ArgumentException">A link is missing, or several Transforms have its name.</exception>
         public LinkBinding(Transform model, string[] names, Convention convention)
         {
             if (model == null)
@@ -42,18 +42,18 @@ namespace Twin.Player
             }
         }
 
-        /// <summary>Poses of the robot's world, mirrored by <see cref="Convention"/>, are local to this one.</summary>
+        /// <summary>The Transform to which poses converted by <see cref="Convention"/> are local.</summary>
         public Transform Root { get; private set; }
 
         public Convention Convention { get; private set; }
 
-        /// <summary>Return the Transform of a link by its number.</summary>
+        /// <summary>Return the Transform of a link by its index.</summary>
         public Transform Link(int link)
         {
             return links[link];
         }
 
-        /// <summary>Return the number of the link that a Transform belongs to (itself or an ancestor), or -1.</summary>
+        /// <summary>Return the index of the link of a Transform (itself or an ancestor), or -1.</summary>
         public int LinkOf(Transform part)
         {
             for (Transform at = part; at != null; at = at.parent)
@@ -68,7 +68,7 @@ namespace Twin.Player
             return -1;
         }
 
-        /// <summary>Place every link.</summary>
+        /// <summary>Set the pose of every link.</summary>
         public void Apply(PoseSource source)
         {
             foreach (int link in order)
@@ -90,14 +90,14 @@ namespace Twin.Player
             }
         }
 
-        /// <summary>Return a pose of the robot's world in Unity's world.</summary>
+        /// <summary>Convert a pose from the robot's world to Unity's world.</summary>
         public void ToWorld(ref Vector3 position, ref Quaternion rotation)
         {
             position = Root.TransformPoint(Frames.ToUnity(position, Convention));
             rotation = Root.rotation * Frames.ToUnity(rotation, Convention);
         }
 
-        /// <summary>Return a pose of Unity's world in the robot's world.</summary>
+        /// <summary>Convert a pose from Unity's world to the robot's world.</summary>
         public void FromWorld(ref Vector3 position, ref Quaternion rotation)
         {
             position = Frames.FromUnity(Root.InverseTransformPoint(position), Convention);
@@ -127,7 +127,7 @@ namespace Twin.Player
             if (missing.Count > 0)
             {
                 throw new ArgumentException("model '" + model.name + "' has no Transform named "
-                    + string.Join(", ", missing.ToArray()) + ": is it the robot that the motion belongs to?");
+                    + string.Join(", ", missing.ToArray()) + ": is it the robot of this motion?");
             }
 
             if (twice.Count > 0)

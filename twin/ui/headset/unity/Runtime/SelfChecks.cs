@@ -10,16 +10,16 @@ namespace Twin.Player
     {
         public string Name = "";
 
-        /// <summary>The largest difference, or NaN when something was thrown.</summary>
+        /// <summary>The largest difference; NaN after an exception.</summary>
         public double Worst;
 
         public double Tolerance;
         public string Unit = "";
 
-        /// <summary>How many numbers were compared.</summary>
+        /// <summary>Count of compared numbers.</summary>
         public int Count;
 
-        /// <summary>What was thrown, or "".</summary>
+        /// <summary>Type and message of the exception, or "".</summary>
         public string Fault = "";
 
         public bool Passed
@@ -40,13 +40,13 @@ namespace Twin.Player
         }
     }
 
-    /// <summary>The comparisons of the self test. They use the engine's own Transforms, JSON reader and physics, so
-    /// that they say something about the machine they run on.</summary>
+    /// <summary>The comparisons of the self test. They use the engine's Transforms, JSON reader and physics, and
+    /// therefore test the machine on which they run.</summary>
     public static class SelfChecks
     {
         private delegate void Comparison(CheckResult result);
 
-        /// <summary>Return the result of every check; none of them throws.</summary>
+        /// <summary>Return the result of every check; an exception in a check becomes its fault.</summary>
         public static List<CheckResult> Run()
         {
             var results = new List<CheckResult>();
@@ -65,13 +65,13 @@ namespace Twin.Player
             {
                 Convention c = convention;
                 results.Add(Check(c + ": points on links", 1e-6, "m", r => Points(golden, c, r)));
-                results.Add(Check(c + ": there and back", 1e-6, "", r => Back(golden, c, r)));
+                results.Add(Check(c + ": conversion and inverse", 1e-6, "", r => Back(golden, c, r)));
                 results.Add(Check(c + ": grab of the tool", 2e-6, "", r => GrabTool(golden, c, r)));
                 results.Add(Check(c + ": grab of a link", 2e-6, "m", r => GrabLink(golden, c, r)));
             }
 
             results.Add(Check("between keys", 1e-6, "", r => Between(golden, r)));
-            results.Add(Check("turns of either sign", 1e-6, "", r => Turns(golden, r)));
+            results.Add(Check("rotations, quaternions of either sign", 1e-6, "", r => Turns(golden, r)));
             results.Add(Check("joint values", 1e-6, "m, rad", r => Joints(golden, r)));
             results.Add(Check("drive targets", 1e-4, "deg, m", r => Drives(golden, r)));
             results.Add(Check("phases", 0.0, "", r => Phases(golden, r)));
@@ -95,8 +95,8 @@ namespace Twin.Player
             return result;
         }
 
-        // A mesh vertex of every link, carried by real Transforms that the player drives, in a model that is placed,
-        // turned and scaled.
+        // Compare a mesh vertex of every link, on Transforms that the player moves, in a model that is moved, rotated
+        // and scaled.
         private static void Points(Golden golden, Convention convention, CheckResult result)
         {
             GameObject model = golden.Model(convention);
@@ -189,7 +189,7 @@ namespace Twin.Player
             GameObject model = golden.Model(convention);
             try
             {
-                model.SetActive(false); // no connection: the stream is fed by hand
+                model.SetActive(false); // no connection: the test supplies the frames
                 var stream = model.AddComponent<StreamClient>();
                 stream.convention = convention;
                 stream.connectOnEnable = false;
@@ -314,7 +314,7 @@ namespace Twin.Player
             Same(result, shown.z, wanted.z);
         }
 
-        // Both signs are the same rotation.
+        // q and -q are the same rotation.
         private static void Compare(CheckResult result, Quaternion shown, Quaternion wanted)
         {
             float dot = shown.x * wanted.x + shown.y * wanted.y + shown.z * wanted.z + shown.w * wanted.w;
@@ -335,7 +335,7 @@ namespace Twin.Player
             }
         }
 
-        /// <summary>A request, read back.</summary>
+        /// <summary>A request, parsed from its JSON text.</summary>
         [Serializable]
         private sealed class Sent
         {

@@ -4,25 +4,25 @@ using UnityEngine;
 
 namespace Twin.Player
 {
-    /// <summary>Put this on an empty object of a scene and build it for the device: it compares what the package does
-    /// there with vectors from the real robot, and shows the result in the view and in the log.</summary>
-    /// <remarks>It runs at the start, and again by its button or its context menu. The log has one line a check,
-    /// beginning with "twin self test".</remarks>
+    /// <summary>Compares results of the package on a device with golden vectors. Add it to an empty object of a scene
+    /// and build the scene for the device; the result appears in the view and in the log.</summary>
+    /// <remarks>It runs at the start, and again by its button or its context menu. The log has one line for each
+    /// check, after "twin self test".</remarks>
     [AddComponentMenu("Twin/Self Test")]
     public sealed class SelfTest : MonoBehaviour
     {
-        [Tooltip("An imported GLB of twin to look at as well, may be empty.")]
+        [Tooltip("Optional: an imported GLB of twin, which is checked too.")]
         public Transform model;
 
-        [Tooltip("A track of the same bundle, may be empty.")]
+        [Tooltip("Optional: a track of the same bundle.")]
         public TextAsset track;
 
-        [Tooltip("A 3D text that shows the result to someone who wears a headset, may be empty.")]
+        [Tooltip("Optional: a 3D text that shows the result in a headset.")]
         public TextMesh text;
 
         public bool runOnStart = true;
 
-        /// <summary>The text that is shown, "" before the first run.</summary>
+        /// <summary>The displayed text; "" before the first run.</summary>
         public string Result { get; private set; }
 
         public bool Passed { get; private set; }
@@ -56,7 +56,7 @@ namespace Twin.Player
             }
         }
 
-        // The imported model: its links are there, below one node that is turned as the convention says.
+        // Check the imported model: all links exist, below one node with the rotation of the convention.
         private CheckResult Model()
         {
             var result = new CheckResult { Name = "the imported model", Tolerance = 1e-5 };

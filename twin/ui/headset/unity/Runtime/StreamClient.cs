@@ -3,25 +3,25 @@ using UnityEngine;
 
 namespace Twin.Player
 {
-    /// <summary>Shows the live robot of `twin serve` on a model, found by link names.</summary>
-    /// <remarks>Frames come on a background task; they are applied here, on the main thread, newest only. Links get
-    /// absolute poses, so that the loops of a parallel robot stay closed without kinematics on the device. Needs the
-    /// capabilities InternetClient and PrivateNetworkClientServer on UWP, and Internet access on Android. There are no
-    /// sockets in WebGL: use the page of `twin serve` there.</remarks>
+    /// <summary>Shows the live robot of `twin serve` on a model; links are found by name.</summary>
+    /// <remarks>A background task receives frames; the newest is applied on the main thread. Links get absolute
+    /// poses, so that the loops of a parallel robot stay closed without kinematics on the device. UWP requires the
+    /// capabilities InternetClient and PrivateNetworkClientServer, Android requires Internet access. WebGL has no
+    /// sockets: use the page of `twin serve` there.</remarks>
     [AddComponentMenu("Twin/Stream Client")]
     [DisallowMultipleComponent]
     public sealed class StreamClient : MonoBehaviour
     {
-        [Tooltip("The address that `twin serve` shows, with its token if it has one.")]
+        [Tooltip("The address printed by `twin serve`, with its token if there is one.")]
         public string url = "http://127.0.0.1:8080/";
 
-        [Tooltip("Which robot of a scene, by its name; empty if one robot is served.")]
+        [Tooltip("Name of the robot of a scene; empty if a single robot is served.")]
         public string robot = "";
 
-        [Tooltip("The imported robot; this object if empty.")]
+        [Tooltip("The imported robot; empty: this object.")]
         public Transform model;
 
-        [Tooltip("The importer that the model came through.")]
+        [Tooltip("The importer of the model.")]
         public Convention convention = Convention.GltFast;
 
         [Tooltip("Connect when this component is enabled.")]
@@ -38,7 +38,7 @@ namespace Twin.Player
             Refusal = "";
         }
 
-        /// <summary>Every text message of the server: its type and itself.</summary>
+        /// <summary>Raised for every text message of the server, with (type, JSON text).</summary>
         public event Action<string, string> Message;
 
         /// <summary>The connection, or null.</summary>
@@ -47,27 +47,27 @@ namespace Twin.Player
             get { return connection; }
         }
 
-        /// <summary>The robot that is shown, or null before the first connection.</summary>
+        /// <summary>The displayed robot, or null before the first connection.</summary>
         public RobotDescription Robot { get; private set; }
 
         public LinkBinding Binding { get; private set; }
 
-        /// <summary>The frame that is shown, or null.</summary>
+        /// <summary>The displayed frame, or null.</summary>
         public StreamFrame Frame { get; private set; }
 
-        /// <summary>What all clients share, as of the last message.</summary>
+        /// <summary>The state shared by all clients, from the last message.</summary>
         public StateMessage State { get; private set; }
 
         /// <summary>The last refusal of the server, or "".</summary>
         public string Refusal { get; private set; }
 
-        /// <summary>Seconds since the server made the frame that is shown, see `StreamConnection.Age`.</summary>
+        /// <summary>Age of the displayed frame in s; see `StreamConnection.Age`.</summary>
         public double Age
         {
             get { return Frame == null || connection == null ? double.PositiveInfinity : connection.Age(Frame); }
         }
 
-        /// <summary>Connect to `url`, and reconnect for ever.</summary>
+        /// <summary>Connect to `url`, and reconnect after each lost connection.</summary>
         public void Connect()
         {
             Disconnect();
@@ -90,7 +90,7 @@ namespace Twin.Player
             return connection != null && connection.Send(json, replaces);
         }
 
-        /// <summary>Take a robot: its links are looked up in the model.</summary>
+        /// <summary>Set the robot, and find its links in the model.</summary>
         /// <exception cref="ArgumentException">The model lacks a link.</exception>
         public void Use(RobotDescription found)
         {
@@ -98,14 +98,14 @@ namespace Twin.Player
             Robot = found;
         }
 
-        /// <summary>Place every link as in a frame.</summary>
+        /// <summary>Set the pose of every link from a frame.</summary>
         public void Show(StreamFrame frame)
         {
             Frame = frame;
             Binding.Apply(source);
         }
 
-        /// <summary>Take what has come; Update calls it each frame.</summary>
+        /// <summary>Process received frames and messages; Update calls this method in each frame.</summary>
         public void Tick()
         {
             if (connection == null)
@@ -145,7 +145,7 @@ namespace Twin.Player
             }
             catch (ArgumentException error)
             {
-                if (reported != error.Message) // once, not sixty times a second
+                if (reported != error.Message) // report an error once, not in each frame
                 {
                     reported = error.Message;
                     Debug.LogError("StreamClient: " + reported, this);

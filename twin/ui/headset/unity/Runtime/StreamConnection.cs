@@ -15,14 +15,14 @@ namespace Twin.Player
         Connecting,
         Open,
 
-        /// <summary>Broken off; the next try comes after a while.</summary>
+        /// <summary>Disconnected; the next attempt follows after a delay.</summary>
         Waiting
     }
 
-    /// <summary>The connection to `twin serve`, on a task of its own. All public members may be called from any
-    /// thread; nothing here touches a Transform.</summary>
-    /// <remarks>Of frames only the newest is kept: whoever is slow skips. It reconnects for ever, after 0.25 s that
-    /// double to 5 s, and starts anew there: the sequence of another server says nothing about this one.</remarks>
+    /// <summary>The connection to `twin serve`, on a separate task. All public members may be called from any
+    /// thread; no member uses a Transform.</summary>
+    /// <remarks>Only the newest frame is kept; a slow reader skips frames. It reconnects without limit, with delays that
+    /// double from 0.25 s to 5 s. Sequence numbers are compared only within one connection.</remarks>
     public sealed class StreamConnection : IDisposable
     {
         private const int LargestMessage = 32 * 1024 * 1024;
@@ -53,15 +53,15 @@ namespace Twin.Player
         private string resume = "";
         private Task running;
 
-        /// <param name="url">The address that `twin serve` shows: http(s)://host:port/ with its token, if any.</param>
-        /// <param name="robot">Which robot of a scene; "": the only one that is served.</param>
-        /// <exception cref="FormatException">It is no http address.</exception>
+        /// <param name="url">The address printed by `twin serve`: http(s)://host:port/ with its token, if any.</param>
+        /// <param name="robot">Name of the robot of a scene; "": a single robot is served.</param>
+        /// <exception cref="FormatException">The url is not an http address.</exception>
         public StreamConnection(string url, string robot = "")
         {
             if (!Uri.TryCreate(url, UriKind.Absolute, out page) || !page.Scheme.StartsWith("http"))
             {
                 throw new FormatException(
-                    "stream: '" + url + "' is no address; expected http://host:port/ as `twin serve` shows it");
+                    "stream: '" + url + "' is not an address; expected http://host:port/ as printed by `twin serve`");
             }
 
             door = new StreamDoor(page, robot, OpenMilliseconds);
@@ -70,19 +70,19 @@ namespace Twin.Player
 
         public StreamState State { get; private set; }
 
-        /// <summary>What went wrong last, or "".</summary>
+        /// <summary>Text of the last error, or "".</summary>
         public string LastError { get; private set; }
 
-        /// <summary>Connections that were opened.</summary>
+        /// <summary>Number of opened connections.</summary>
         public int Connects { get; private set; }
 
-        /// <summary>Whole frames that came.</summary>
+        /// <summary>Number of valid frames received.</summary>
         public long Received { get; private set; }
 
-        /// <summary>Frames that were replaced by a newer one before anybody took them.</summary>
+        /// <summary>Number of frames replaced by newer frames before they were read.</summary>
         public long Skipped { get; private set; }
 
-        /// <summary>Messages that were no frame, or older than the newest.</summary>
+        /// <summary>Number of messages that were not valid frames, or older than the newest frame.</summary>
         public long Refused { get; private set; }
 
         /// <summary>The robot that the server streams, or null before the first connection.</summary>
@@ -97,24 +97,24 @@ namespace Twin.Player
             }
         }
 
-        /// <summary>Seconds of this machine's clock.</summary>
+        /// <summary>Current time in s of this machine's clock.</summary>
         public static double Now
         {
             get { return System.Diagnostics.Stopwatch.GetTimestamp() / (double)System.Diagnostics.Stopwatch.Frequency; }
         }
 
-        /// <summary>Begin; once.</summary>
+        /// <summary>Start the connection; may be called only once.</summary>
         public void Start()
         {
             if (running != null)
             {
-                throw new InvalidOperationException("stream: it runs already");
+                throw new InvalidOperationException("stream: the connection was already started");
             }
 
             running = Task.Run((Func<Task>)RunAsync);
         }
 
-        /// <summary>End, and wait a moment for the task.</summary>
+        /// <summary>Stop the connection, and wait briefly for the task to end.</summary>
         public void Dispose()
         {
             stop.Cancel();
@@ -127,14 +127,14 @@ namespace Twin.Player
             }
             catch (AggregateException)
             {
-                // It ends: how does not matter.
+                // The task has ended; its exception is not needed.
             }
 
             State = StreamState.Closed;
         }
 
-        /// <summary>Return the newest frame if none newer than the last one taken has come, else null. It is valid
-        /// until the next call.</summary>
+        /// <summary>Return the newest frame; null if no frame has arrived since the last call. The frame is valid until
+        /// the next call.</summary>
         public StreamFrame Take()
         {
             lock (gate)
@@ -161,8 +161,8 @@ namespace Twin.Player
             }
         }
 
-        /// <summary>Return how old a frame is (s): since the server made it, less the way of the fastest frame so
-        /// far. Both clocks are only ever compared with themselves.</summary>
+        /// <summary>Return the age of a frame in s: time since the server made it, minus the transmission time of the
+        /// fastest frame so far. The clocks of server and client need not agree.</summary>
         public double Age(StreamFrame frame)
         {
             lock (gate)
@@ -171,9 +171,9 @@ namespace Twin.Player
             }
         }
 
-        /// <summary>Send a request; false if there is no connection, then it is forgotten.</summary>
+        /// <summary>Queue a request; false, without effect, if there is no connection or the queue is full.</summary>
         /// <param name="json">See <see cref="Requests"/>.</param>
-        /// <param name="replaces">Whether it takes the place of one of this kind that still waits at the end.</param>
+        /// <param name="replaces">Whether it replaces the last waiting request, if that may be replaced too.</param>
         public bool Send(string json, bool replaces)
         {
             return State == StreamState.Open && outbox.Add(Requests.Of(door.Robot, json), replaces);
@@ -253,7 +253,7 @@ namespace Twin.Player
                     end.Cancel();
                     socket.Abort();
                     await Task.WhenAny(sends).ConfigureAwait(false);
-                    GC.KeepAlive(sends.Exception); // seen: it ends with the connection
+                    GC.KeepAlive(sends.Exception); // reading the exception marks it as observed
                 }
             }
         }
@@ -266,7 +266,7 @@ namespace Twin.Player
                 string json = await outbox.NextAsync(PingMilliseconds, end).ConfigureAwait(false);
                 if (DateTime.UtcNow.Ticks - Interlocked.Read(ref lastHeard) > SilentSeconds * TimeSpan.TicksPerSecond)
                 {
-                    LastError = "nothing came for " + SilentSeconds + " s";
+                    LastError = "no message was received for " + SilentSeconds + " s";
                     socket.Abort();
                     return;
                 }
@@ -349,7 +349,7 @@ namespace Twin.Player
                 if (robot == null || incoming.LinkCount != robot.links.Length)
                 {
                     Refused++;
-                    LastError = "frame with " + incoming.LinkCount + " links; the robot has another number";
+                    LastError = "frame with " + incoming.LinkCount + " links, but the robot has another number";
                     return;
                 }
 
@@ -374,13 +374,13 @@ namespace Twin.Player
 
         private void Text(string json)
         {
-            // JsonUtility.FromJson may be called from any thread; it touches no object of a scene.
+            // JsonUtility.FromJson may be called from any thread, because it uses no objects of a scene.
             if (JsonUtility.FromJson<ServerMessage>(json).type == "hello")
             {
                 var hello = JsonUtility.FromJson<HelloMessage>(json);
                 if (hello.protocol != 1 && hello.protocol != 2)
                 {
-                    throw new IOException("the server speaks version " + hello.protocol + " of the stream, not 1 or 2");
+                    throw new IOException("the server uses version " + hello.protocol + " of the stream, not 1 or 2");
                 }
 
                 resume = hello.resume ?? "";

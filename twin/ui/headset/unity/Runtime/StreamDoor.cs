@@ -5,7 +5,7 @@ using System.Text;
 
 namespace Twin.Player
 {
-    /// <summary>What the server gives over plain HTTP before the stream: entry, and the robot's description.</summary>
+    /// <summary>HTTP requests before the stream: log in with the token, and read the robot's description.</summary>
     internal sealed class StreamDoor
     {
         private readonly Uri page;
@@ -20,17 +20,18 @@ namespace Twin.Player
             Cookies = new CookieContainer();
         }
 
-        /// <summary>Which robot of a scene; "": the only one.</summary>
+        /// <summary>Name of the robot of a scene; "": a single robot is served.</summary>
         public string Robot { get; private set; }
 
-        /// <summary>The session, once the token is spent.</summary>
+        /// <summary>Cookies, with the session that the server opens for the token.</summary>
         public CookieContainer Cookies { get; private set; }
 
-        /// <summary>Return the robot that is served, or the one of a scene that was asked for.</summary>
-        /// <remarks>The page comes first, with its one-time token: the answer holds the cookie that opens
-        /// everything else.</remarks>
-        /// <exception cref="WebException">The server is not there, or lets nobody in.</exception>
-        /// <exception cref="FormatException">It is another server.</exception>
+        /// <summary>Return the description of the served robot, or of the selected robot of a scene.</summary>
+        /// <remarks>The page is requested first, with the one-time token; the response has the cookie for all other
+        /// requests.</remarks>
+        /// <exception cref="WebException">The server cannot be reached, or refuses access.</exception>
+        /// <exception cref="FormatException">The response is not from `twin serve`, or the scene has no such
+        /// robot.</exception>
         public RobotDescription Describe()
         {
             if (page.Query.Length > 1 && !entered)

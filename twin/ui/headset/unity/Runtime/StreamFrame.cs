@@ -4,12 +4,12 @@ using UnityEngine;
 
 namespace Twin.Player
 {
-    /// <summary>One whole frame of the stream of `twin serve`: the poses of all links of one robot at one time, and of
-    /// a scene what bends.</summary>
+    /// <summary>A frame of the stream of `twin serve`: the poses of all links of one robot at one time and, in a scene,
+    /// the vertices of deformable bodies (fields).</summary>
     /// <remarks>Little endian. A robot: u32 "TWN1", u32 sequence, f64 server time, f64 clip time, u16 links,
     /// u16 joints, u32 flags, f32 poses (links * 7), f32 active joints, f32 ghost (7) if flag 1. A scene: u32 "TWN2",
     /// u32 sequence, f64 server time, f64 time, u16 robots, u16 fields, u32 flags; then each robot as above; then
-    /// each field: u32 vertices, f32 low (3), f32 step (3), u16 (vertices * 3), filled up to four bytes.</remarks>
+    /// each field: u32 vertices, f32 low (3), f32 step (3), u16 (vertices * 3), padded to four bytes.</remarks>
     public sealed class StreamFrame
     {
         public const uint Magic = 0x314E5754; // "TWN1"
@@ -22,31 +22,31 @@ namespace Twin.Player
         public const uint FlagRefused = 4;
         public const uint FlagHeld = 8;
 
-        /// <summary>Counts frames, modulo 2^32.</summary>
+        /// <summary>Sequence number, modulo 2^32.</summary>
         public uint Sequence;
 
-        /// <summary>Seconds of the server's clock.</summary>
+        /// <summary>Time in s of the server's clock.</summary>
         public double ServerTime;
 
-        /// <summary>Seconds in the protocol.</summary>
+        /// <summary>Time in s within the protocol.</summary>
         public double ClipTime;
 
         public uint Flags;
 
-        /// <summary>x y z qx qy qz qw of every link, in the robot's world.</summary>
+        /// <summary>Pose of every link in the robot's world: x y z qx qy qz qw.</summary>
         public float[] Poses = new float[0];
 
-        /// <summary>Active joints in m or rad.</summary>
+        /// <summary>Values of the active joints in m or rad.</summary>
         public float[] Joints = new float[0];
 
-        /// <summary>The tool where the equations put it; all zero without flag 1.</summary>
+        /// <summary>Pose of the tool according to the equations; zeros without flag 1.</summary>
         public readonly float[] Ghost = new float[Track.PoseSize];
 
-        /// <summary>Vertices x y z of each field in the scene's world, in the order of scene.json; none of a robot
-        /// alone. One without vertices is not known at this time.</summary>
+        /// <summary>Vertices x y z of each field in the scene's world, in the order of scene.json; empty for a single
+        /// robot. A field without vertices is unknown at this time.</summary>
         public float[][] Fields = new float[0][];
 
-        /// <summary>Seconds of this machine's clock at which it came.</summary>
+        /// <summary>Time of arrival in s of this machine's clock.</summary>
         public double ReceivedAt;
 
         public int LinkCount
@@ -65,22 +65,22 @@ namespace Twin.Player
             Track.ReadPose(Poses, link * Track.PoseSize, out position, out rotation);
         }
 
-        /// <summary>Return whether one sequence number comes after another, also round the end of the numbers.</summary>
+        /// <summary>Return whether a sequence number is after another, including overflow to 0.</summary>
         public static bool IsNewer(uint sequence, uint than)
         {
             return unchecked((int)(sequence - than)) > 0;
         }
 
-        /// <summary>Read a message into this frame, which is unchanged if the answer is false.</summary>
+        /// <summary>Parse a message into this frame; false if it is invalid: the frame is then unchanged.</summary>
         /// <param name="data">The message.</param>
-        /// <param name="count">Its bytes; there may be more room.</param>
-        /// <param name="fault">What is wrong with it, or "".</param>
-        /// <param name="robot">Which robot of a scene, in the order of scene.json.</param>
+        /// <param name="count">Number of bytes of the message; the array may be longer.</param>
+        /// <param name="fault">The fault of the message, or "".</param>
+        /// <param name="robot">Index of the robot of a scene, in the order of scene.json.</param>
         public bool Read(byte[] data, int count, out string fault, int robot = 0)
         {
             if (count < HeaderSize)
             {
-                fault = "frame of " + count + " bytes; a header alone has " + HeaderSize;
+                fault = "frame of " + count + " bytes, expected at least " + HeaderSize;
                 return false;
             }
 
@@ -118,7 +118,7 @@ namespace Twin.Player
 
             if (mine < 0)
             {
-                fault = "frame of a scene with " + robots + " robots; number " + robot + " is not among them";
+                fault = "frame of a scene with " + robots + " robots; robot " + robot + " does not exist";
                 return false;
             }
 
@@ -127,14 +127,14 @@ namespace Twin.Player
             {
                 if (!Field(data, count, ref at, out vertices[i]))
                 {
-                    fault = "frame of " + count + " bytes; field " + i + " is not whole";
+                    fault = "frame of " + count + " bytes; field " + i + " is truncated";
                     return false;
                 }
             }
 
             if (at != count)
             {
-                fault = "frame of " + count + " bytes; its parts make " + at;
+                fault = "frame of " + count + " bytes; its parts have " + at;
                 return false;
             }
 
@@ -151,13 +151,13 @@ namespace Twin.Player
             return HeaderSize + 4 * numbers;
         }
 
-        // Whether a robot's frame begins here, is whole, and has nothing but finite numbers.
+        // Return whether a complete robot frame with finite numbers begins here.
         private static bool Whole(byte[] data, int begin, int count, bool alone, out string fault)
         {
             if (count < HeaderSize || U32(data, begin) != Magic)
             {
                 fault = count < HeaderSize
-                    ? "frame of a robot that ends in its header"
+                    ? "the frame of a robot is truncated in its header"
                     : "frame begins with 0x" + U32(data, begin).ToString("x8") + ", not with TWN1";
                 return false;
             }
@@ -167,7 +167,7 @@ namespace Twin.Player
             if (count != size)
             {
                 fault = "frame of " + count + " bytes; " + U16(data, begin + 24) + " links and "
-                    + U16(data, begin + 26) + " joints make " + size;
+                    + U16(data, begin + 26) + " joints require " + size;
                 return false;
             }
 
@@ -210,7 +210,7 @@ namespace Twin.Player
             return true;
         }
 
-        // Take over a frame that is whole.
+        // Copy the content of a valid frame.
         private void Take(byte[] data, int begin)
         {
             int links = U16(data, begin + 24);
@@ -270,7 +270,7 @@ namespace Twin.Player
             return BitConverter.Int64BitsToDouble(unchecked((long)bits));
         }
 
-        // The bits of a float by byte order of the stream, whatever that of the machine is.
+        // A float and its bits as an integer, which does not depend on the byte order of the machine.
         [StructLayout(LayoutKind.Explicit)]
         private struct Bits
         {

@@ -5,7 +5,7 @@ using UnityEngine;
 
 namespace Twin.Player
 {
-    /// <summary>What `/robot.json` of the server says, as far as it is needed here.</summary>
+    /// <summary>The entries of the server's `/robot.json` that this package uses.</summary>
     [Serializable]
     public sealed class RobotDescription
     {
@@ -16,22 +16,22 @@ namespace Twin.Player
         public string model_hash = "";
         public string frame = "";
 
-        /// <summary>Names in the order of the poses of a frame.</summary>
+        /// <summary>Names of the links, in the order of the poses in a frame.</summary>
         public string[] links = new string[0];
 
         public ToolDescription tool = new ToolDescription();
 
         public string[] postures = new string[0];
 
-        /// <summary>Where its base stands in the scene: x y z and quaternion x y z w.</summary>
+        /// <summary>Pose of the base in the scene's world: x y z and quaternion x y z w.</summary>
         public float[] T_world_base = new float[0];
 
-        /// <summary>Its number in the frames of a scene.</summary>
+        /// <summary>Index of the robot in the frames of a scene.</summary>
         [NonSerialized]
         public int number;
 
-        /// <summary>Read and check a description.</summary>
-        /// <exception cref="FormatException">It is not one; the message names the field.</exception>
+        /// <summary>Parse and check a description.</summary>
+        /// <exception cref="FormatException">The text is not a description; the message names the field.</exception>
         public static RobotDescription Parse(string json)
         {
             RobotDescription robot;
@@ -72,12 +72,12 @@ namespace Twin.Player
 
             if (Array.IndexOf(links, tool.link) < 0 || tool.T_link_tool.Length != Track.PoseSize)
             {
-                throw new FormatException(file + ": the tool is on no link, or has no pose of seven numbers");
+                throw new FormatException(file + ": the tool is on an unknown link, or its pose is not seven numbers");
             }
         }
     }
 
-    /// <summary>What `/scene.json` of the server says, as far as it is needed here.</summary>
+    /// <summary>The entries of the server's `/scene.json` that this package uses.</summary>
     [Serializable]
     public sealed class SceneDescription
     {
@@ -85,11 +85,11 @@ namespace Twin.Player
         public int version;
         public string name = "";
 
-        /// <summary>In the order of the frames.</summary>
+        /// <summary>The robots, in their order in a frame.</summary>
         public RobotDescription[] robots = new RobotDescription[0];
 
-        /// <summary>Read and check a description.</summary>
-        /// <exception cref="FormatException">It is not one; the message names the field.</exception>
+        /// <summary>Parse and check a description.</summary>
+        /// <exception cref="FormatException">The text is not a description; the message names the field.</exception>
         public static SceneDescription Parse(string json)
         {
             SceneDescription scene;
@@ -115,8 +115,8 @@ namespace Twin.Player
             return scene;
         }
 
-        /// <summary>Return the number of a robot by its name.</summary>
-        /// <exception cref="FormatException">There is none of that name; the message names those that are.</exception>
+        /// <summary>Return the index of a robot by its name.</summary>
+        /// <exception cref="FormatException">No robot has this name; the message lists the existing names.</exception>
         public int Find(string robot)
         {
             int found = Array.FindIndex(robots, r => r.name == robot);
@@ -130,7 +130,7 @@ namespace Twin.Player
         }
     }
 
-    /// <summary>The tool's frame on its link.</summary>
+    /// <summary>Frame of the tool on its link.</summary>
     [Serializable]
     public sealed class ToolDescription
     {
@@ -138,7 +138,7 @@ namespace Twin.Player
         public float[] T_link_tool = new float[0];
     }
 
-    /// <summary>Any text message of the server: only what kind it is.</summary>
+    /// <summary>Type of a text message of the server.</summary>
     [Serializable]
     public sealed class ServerMessage
     {
@@ -149,18 +149,18 @@ namespace Twin.Player
     [Serializable]
     public sealed class HelloMessage
     {
-        /// <summary>Version of the protocol: 1 of one robot, 2 of a scene.</summary>
+        /// <summary>Version of the protocol: 1 for one robot, 2 for a scene.</summary>
         public int protocol;
 
         public string client = "";
         public string robot = "";
         public string model_hash = "";
 
-        /// <summary>Lets this client come back as itself.</summary>
+        /// <summary>Token with which this client resumes its session after a reconnection.</summary>
         public string resume = "";
     }
 
-    /// <summary>What all clients share.</summary>
+    /// <summary>State shared by all clients.</summary>
     [Serializable]
     public sealed class StateMessage
     {
@@ -178,10 +178,10 @@ namespace Twin.Player
         /// <summary>Why the last request was refused, or "".</summary>
         public string reason = "";
 
-        /// <summary>Of a scene: each robot. What is shown of one is copied to the fields above.</summary>
+        /// <summary>State of each robot of a scene; the fields above are a copy for the displayed robot.</summary>
         public RobotState[] robots = new RobotState[0];
 
-        /// <summary>Let protocol, phase, holder and reason be those of one robot.</summary>
+        /// <summary>Copy protocol, phase, holder and reason of one robot to this state.</summary>
         internal void Choose(string robot)
         {
             RobotState own = Array.Find(robots, r => r.name == robot);
@@ -195,7 +195,7 @@ namespace Twin.Player
         }
     }
 
-    /// <summary>What is of one robot in the state of a scene.</summary>
+    /// <summary>State of one robot of a scene.</summary>
     [Serializable]
     public sealed class RobotState
     {
@@ -206,7 +206,7 @@ namespace Twin.Player
         public string reason = "";
     }
 
-    /// <summary>A request was not followed.</summary>
+    /// <summary>Message of the server that a request was refused.</summary>
     [Serializable]
     public sealed class ErrorMessage
     {
@@ -214,7 +214,7 @@ namespace Twin.Player
         public string message = "";
     }
 
-    /// <summary>What a client says, as JSON text. Numbers are in the robot's world, m and rad.</summary>
+    /// <summary>Requests of a client as JSON text. Numbers are in the robot's world, in m and rad.</summary>
     public static class Requests
     {
         private static readonly string[] OfRobot =
@@ -262,20 +262,20 @@ namespace Twin.Player
             return "{\"type\":\"grab\",\"target\":\"joint\",\"name\":" + Quoted(joint) + "}";
         }
 
-        /// <summary>Take hold of a link at a point in the link's own frame (m).</summary>
+        /// <summary>Grab a link at a point (m) in the frame of the link.</summary>
         public static string GrabLink(string link, Vector3 point)
         {
             return "{\"type\":\"grab\",\"target\":\"link\",\"name\":" + Quoted(link) + ",\"point\":" + Vector(point) + "}";
         }
 
-        /// <summary>Lead the tool to a pose in the robot's world.</summary>
+        /// <summary>Drag the tool to a pose in the robot's world.</summary>
         public static string DragPose(Vector3 p, Quaternion q)
         {
             return "{\"type\":\"drag\",\"pose\":[" + Number(p.x) + "," + Number(p.y) + "," + Number(p.z) + ","
                 + Number(q.x) + "," + Number(q.y) + "," + Number(q.z) + "," + Number(q.w) + "]}";
         }
 
-        /// <summary>Lead the point of a link to a place in the robot's world.</summary>
+        /// <summary>Drag the grabbed point of a link to a position in the robot's world.</summary>
         public static string DragPoint(Vector3 point)
         {
             return "{\"type\":\"drag\",\"point\":" + Vector(point) + "}";
@@ -296,7 +296,7 @@ namespace Twin.Player
             return "{\"type\":\"ping\",\"t\":" + Number(seconds) + "}";
         }
 
-        /// <summary>Return a request as it is said of one robot of a scene; what is not said of a robot stays.</summary>
+        /// <summary>Add the name of a robot of a scene to a request, if its type concerns a single robot.</summary>
         public static string Of(string robot, string json)
         {
             if (robot == "" || !Array.Exists(OfRobot, kind => json.StartsWith("{\"type\":\"" + kind + "\"")))
@@ -317,12 +317,12 @@ namespace Twin.Player
             return "[" + Number(v.x) + "," + Number(v.y) + "," + Number(v.z) + "]";
         }
 
-        // Whatever language the machine speaks: a decimal point, and nothing that JSON does not have.
+        // In every locale, write a decimal point; refuse NaN and infinity, which JSON does not have.
         private static string Number(double value)
         {
             if (double.IsNaN(value) || double.IsInfinity(value))
             {
-                throw new ArgumentException("a request holds a number that is not finite");
+                throw new ArgumentException("a request contains a number that is not finite");
             }
 
             return value.ToString("G9", CultureInfo.InvariantCulture);

@@ -4,8 +4,8 @@ using System.Threading.Tasks;
 
 namespace Twin.Player
 {
-    /// <summary>Requests that wait to be sent, in order. Where a hand pulls to is worth sending once: a newer place
-    /// takes that of an older one, but never overtakes a grab or a release.</summary>
+    /// <summary>Queue of requests to be sent. A replaceable request (a drag) replaces the last waiting request if that
+    /// is replaceable too; thus a drag never moves before a grab or a release.</summary>
     internal sealed class StreamOutbox
     {
         private const int Largest = 256;
@@ -13,7 +13,7 @@ namespace Twin.Player
         private readonly List<KeyValuePair<string, bool>> waiting = new List<KeyValuePair<string, bool>>();
         private readonly SemaphoreSlim any = new SemaphoreSlim(0);
 
-        /// <summary>Add a request; false if too many wait.</summary>
+        /// <summary>Add a request; false if too many requests wait.</summary>
         public bool Add(string json, bool replaces)
         {
             lock (waiting)
@@ -48,7 +48,7 @@ namespace Twin.Player
             }
         }
 
-        /// <summary>Return the next request, or null when none came for a while.</summary>
+        /// <summary>Return the next request; null if none arrives within the given milliseconds.</summary>
         public async Task<string> NextAsync(int milliseconds, CancellationToken end)
         {
             await any.WaitAsync(milliseconds, end).ConfigureAwait(false);

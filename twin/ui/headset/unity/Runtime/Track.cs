@@ -3,16 +3,16 @@ using UnityEngine;
 
 namespace Twin.Player
 {
-    /// <summary>One protocol of one robot as `twin export` writes it: joint values and link poses at keys.</summary>
-    /// <remarks>The fields have the names of the JSON file (schema "twin-track", version 1), so that JsonUtility
-    /// reads them. Everything is in the robot's world: right-handed, z up, m, rad, quaternions x y z w.</remarks>
+    /// <summary>One protocol of one robot, written by `twin export`: joint values and link poses at keys.</summary>
+    /// <remarks>The fields have the names of the JSON file (schema "twin-track", version 1), as JsonUtility requires.
+    /// All values are in the robot's world:  right-handed, z up, m, rad, quaternions x y z w.</remarks>
     [Serializable]
     public sealed class Track
     {
         public const string Schema = "twin-track";
         public const int Version = 1;
 
-        /// <summary>Numbers of a pose: x y z qx qy qz qw.</summary>
+        /// <summary>Count of numbers of a pose: x y z qx qy qz qw.</summary>
         public const int PoseSize = 7;
 
         public string schema = "";
@@ -54,9 +54,9 @@ namespace Twin.Player
         public double joint_gap;
         public string[] assumed = new string[0];
 
-        /// <summary>Read a track and check it.</summary>
-        /// <exception cref="FormatException">It is not JSON, not a track, or contradicts itself; the message names
-        /// the field, its value and what it should be.</exception>
+        /// <summary>Parse and check a track.</summary>
+        /// <exception cref="FormatException">The text is not JSON, not a track, or inconsistent; the message gives
+        /// the field, its value and the expected value.</exception>
         public static Track Parse(string json)
         {
             Track track;
@@ -78,19 +78,19 @@ namespace Twin.Player
             return track;
         }
 
-        /// <summary>Seconds of the last key.</summary>
+        /// <summary>Time of the last key in s.</summary>
         public double Duration
         {
             get { return times[frames - 1]; }
         }
 
-        /// <summary>Return the number of a link, or -1.</summary>
+        /// <summary>Return the index of a link by its name, or -1.</summary>
         public int LinkIndex(string name)
         {
             return Array.IndexOf(links, name);
         }
 
-        /// <summary>Return the number of a joint, or -1.</summary>
+        /// <summary>Return the index of a joint by its name, or -1.</summary>
         public int JointIndex(string name)
         {
             return Array.IndexOf(joints, name);
@@ -102,10 +102,10 @@ namespace Twin.Player
             return joint_types[joint] == "revolute";
         }
 
-        /// <summary>Find the keys round a time (s), which is held within the track.</summary>
-        /// <param name="time">Seconds.</param>
-        /// <param name="first">The key at or before it.</param>
-        /// <param name="share">How far it is to the next key, 0..1; 0 on the key itself.</param>
+        /// <summary>Find the interval between keys that contains a time.</summary>
+        /// <param name="time">Time in s, which is clamped to the duration of the track.</param>
+        /// <param name="first">The key at or before the time.</param>
+        /// <param name="share">Elapsed fraction of the interval, 0..1; 0 at the key `first`.</param>
         public void Locate(double time, out int first, out double share)
         {
             if (!(time > times[0]) || frames == 1)
@@ -147,8 +147,8 @@ namespace Twin.Player
             ReadPose(poses, (key * links.Length + link) * PoseSize, out position, out rotation);
         }
 
-        /// <summary>Return the pose of a link at a time (s), in the robot's world: a straight line for the
-        /// position, an even turn for the rotation.</summary>
+        /// <summary>Return the pose of a link at a time (s), in the robot's world. Between keys, the position is
+        /// interpolated linearly and the rotation spherically.</summary>
         public void Sample(double time, int link, out Vector3 position, out Quaternion rotation)
         {
             int key;
@@ -157,7 +157,7 @@ namespace Twin.Player
             Sample(key, share, link, out position, out rotation);
         }
 
-        /// <summary>As above, between a key and the next one.</summary>
+        /// <summary>Return the pose of a link between a key and the next key; see above.</summary>
         public void Sample(int key, double share, int link, out Vector3 position, out Quaternion rotation)
         {
             Key(key, link, out position, out rotation);
@@ -192,8 +192,8 @@ namespace Twin.Player
             return (float)(value + share * (next - value));
         }
 
-        /// <summary>Return the number of the phase at a time (s), or -1 before the first. Where two meet it is the
-        /// later one; after the end of one that nothing follows it is still that one.</summary>
+        /// <summary>Return the index of the phase at a time (s), or -1 before the first phase. Where two phases meet, the
+        /// later one is returned; after the end of a phase without successor, that phase.</summary>
         public int PhaseAt(double time)
         {
             int found = -1;

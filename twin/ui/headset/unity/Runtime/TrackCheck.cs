@@ -4,13 +4,13 @@ using System.Globalization;
 
 namespace Twin.Player
 {
-    /// <summary>What makes a track unusable, in words.</summary>
+    /// <summary>Finds the faults that make a track unusable.</summary>
     public static class TrackCheck
     {
         private const double UnitTolerance = 1e-5;
 
-        /// <summary>Do nothing for a good track.</summary>
-        /// <exception cref="FormatException">Every fault found, one a line.</exception>
+        /// <summary>Throw an exception if a track has faults.</summary>
+        /// <exception cref="FormatException">The track has faults; the message has one line for each.</exception>
         public static void Require(Track track)
         {
             List<string> faults = Faults(track);
@@ -21,7 +21,7 @@ namespace Twin.Player
             }
         }
 
-        /// <summary>Return every fault; empty for a good track.</summary>
+        /// <summary>Return the text of every fault; empty for a valid track.</summary>
         public static List<string> Faults(Track t)
         {
             var faults = new List<string>();
@@ -29,12 +29,12 @@ namespace Twin.Player
             if (t.version != Track.Version)
             {
                 faults.Add("version is " + t.version + ", this package reads " + Track.Version
-                    + ": take the package from the bundle that the track came with");
+                    + ": use the package of the bundle that contains the track");
             }
 
             if (faults.Count > 0)
             {
-                return faults; // another kind of file: its fields mean nothing here
+                return faults; // another kind of file: its fields are not checked
             }
 
             Word(faults, "frame", t.frame, "z-up right-handed");
@@ -44,7 +44,7 @@ namespace Twin.Player
             Lengths(faults, t);
             if (faults.Count > 0)
             {
-                return faults; // what follows reads by these lengths
+                return faults; // the checks below require these lengths
             }
 
             Times(faults, t);
@@ -104,7 +104,7 @@ namespace Twin.Player
 
             if (!(t.rate > 0.0))
             {
-                faults.Add("rate is " + Text(t.rate) + ", expected frames per second");
+                faults.Add("rate is " + Text(t.rate) + ", expected a positive number of frames per second");
             }
         }
 
@@ -117,14 +117,14 @@ namespace Twin.Player
                 if (!UnitPose(t.poses, i))
                 {
                     faults.Add("the pose" + where + " has no unit quaternion, or is not finite (norm "
-                        + Text(Norm(t.poses, i + 3)) + "): nothing may edit or round a track");
+                        + Text(Norm(t.poses, i + 3)) + "): do not edit or round a track");
                     return;
                 }
 
                 if (i >= stride && Dot(t.poses, i + 3, i + 3 - stride) < 0.0)
                 {
-                    faults.Add("the quaternion" + where + " jumps to the other sign: players that interpolate by "
-                        + "components would turn the link over");
+                    faults.Add("the quaternion" + where + " changes its sign: players that interpolate "
+                        + "components would rotate the link by up to 180 degrees");
                     return;
                 }
             }
@@ -193,12 +193,12 @@ namespace Twin.Player
         {
             if (t.LinkIndex(t.tool_link) < 0)
             {
-                faults.Add("tool_link '" + t.tool_link + "' is none of the links");
+                faults.Add("tool_link '" + t.tool_link + "' is not a link");
             }
 
             if (Array.IndexOf(t.frame_names, t.moved_frame) < 0)
             {
-                faults.Add("moved_frame '" + t.moved_frame + "' is none of the frames");
+                faults.Add("moved_frame '" + t.moved_frame + "' is not a named frame");
             }
 
             for (int i = 0; i < t.frame_links.Length; i++)
@@ -206,7 +206,7 @@ namespace Twin.Player
                 if (t.LinkIndex(t.frame_links[i]) < 0)
                 {
                     faults.Add("frame '" + t.frame_names[i] + "' is on '" + t.frame_links[i]
-                        + "', which is none of the links");
+                        + "', which is not a link");
                 }
             }
         }
@@ -234,7 +234,7 @@ namespace Twin.Player
             {
                 if (string.IsNullOrEmpty(name) || !seen.Add(name))
                 {
-                    faults.Add(field + ": the name '" + name + "' is empty or there twice");
+                    faults.Add(field + ": the name '" + name + "' is empty or duplicated");
                 }
             }
         }

@@ -11,8 +11,8 @@ namespace Twin.Player
     }
 
     /// <summary>Plays a track on the Transforms of a model, found by name.</summary>
-    /// <remarks>Poses are absolute: the loops of a parallel robot are closed at every key, and between keys they
-    /// open by no more than the track's `joint_gap`.</remarks>
+    /// <remarks>Poses are absolute: the loops of a parallel robot are closed at every key; between keys, gaps are at
+    /// most the track's `joint_gap`.</remarks>
     [AddComponentMenu("Twin/Track Player")]
     [DisallowMultipleComponent]
     public sealed class TrackPlayer : MonoBehaviour
@@ -20,10 +20,10 @@ namespace Twin.Player
         [Tooltip("tracks/<protocol>.json of the bundle.")]
         public TextAsset trackFile;
 
-        [Tooltip("The imported robot; this object if empty.")]
+        [Tooltip("The imported robot; empty: this object.")]
         public Transform model;
 
-        [Tooltip("The importer that the model came through.")]
+        [Tooltip("The importer of the model.")]
         public Convention convention = Convention.GltFast;
 
         public bool playOnStart = true;
@@ -36,7 +36,7 @@ namespace Twin.Player
         [Tooltip("Called with the name of the phase that begins.")]
         public PhaseEvent onPhase = new PhaseEvent();
 
-        [Tooltip("Called when a motion that does not loop has come to its end.")]
+        [Tooltip("Called at the end of a motion that does not loop.")]
         public UnityEvent onEnd = new UnityEvent();
 
         private LinkBinding binding;
@@ -45,41 +45,41 @@ namespace Twin.Player
         private double share;
         private int phase = -2;
 
-        /// <summary>The track that is loaded, or null.</summary>
+        /// <summary>The loaded track, or null.</summary>
         public Track Track { get; private set; }
 
-        /// <summary>Seconds from the start of the motion.</summary>
+        /// <summary>Time in s since the start of the motion.</summary>
         public double Time { get; private set; }
 
         public bool IsPlaying { get; private set; }
 
-        /// <summary>The model's links, or null before something is loaded.</summary>
+        /// <summary>The links of the model, or null before a track is loaded.</summary>
         public LinkBinding Binding
         {
             get { return binding; }
         }
 
-        /// <summary>Seconds; 0 before a track is loaded.</summary>
+        /// <summary>Duration of the motion in s; 0 before a track is loaded.</summary>
         public double Duration
         {
             get { return Track == null ? 0.0 : Track.Duration; }
         }
 
-        /// <summary>The name of the phase that is shown, "" before the first.</summary>
+        /// <summary>The name of the current phase; "" before the first phase.</summary>
         public string Phase
         {
             get { return phase < 0 ? "" : Track.phases[phase]; }
         }
 
-        /// <summary>Take a track for a model and show its beginning, paused.</summary>
-        /// <exception cref="FormatException">The track is not one.</exception>
+        /// <summary>Load a track for a model, and show its first key, paused.</summary>
+        /// <exception cref="FormatException">The text is not a valid track.</exception>
         /// <exception cref="ArgumentException">The model lacks a link of the track.</exception>
         public void Load(string json)
         {
             Load(Track.Parse(json));
         }
 
-        /// <summary>As above, with a track that has been read already.</summary>
+        /// <summary>Load a parsed track for a model, and show its first key, paused.</summary>
         public void Load(Track track)
         {
             TrackCheck.Require(track);
@@ -92,7 +92,7 @@ namespace Twin.Player
             Seek(0.0);
         }
 
-        /// <summary>Go on; from the beginning if the motion has ended.</summary>
+        /// <summary>Start or resume playing; if the motion has ended, restart it.</summary>
         public void Play()
         {
             if (Track == null)
@@ -113,7 +113,7 @@ namespace Twin.Player
             IsPlaying = false;
         }
 
-        /// <summary>Show the motion at a time (s); it is held between the beginning and the end.</summary>
+        /// <summary>Show the motion at a time (s), which is clamped to the duration.</summary>
         public void Seek(double time)
         {
             if (Track == null || double.IsNaN(time))
@@ -125,7 +125,7 @@ namespace Twin.Player
             Show();
         }
 
-        /// <summary>Let time pass (s) while playing; Update calls it each frame.</summary>
+        /// <summary>Advance the time by some s while playing; Update calls this method in each frame.</summary>
         public void Tick(double passed)
         {
             if (!IsPlaying)
@@ -152,7 +152,7 @@ namespace Twin.Player
             }
         }
 
-        /// <summary>Return the value of a joint (m or rad) as it is shown.</summary>
+        /// <summary>Return the displayed value of a joint (m or rad).</summary>
         public float Joint(int joint)
         {
             return Track.Joint(Time, joint);

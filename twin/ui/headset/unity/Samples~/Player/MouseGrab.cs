@@ -2,10 +2,10 @@ using UnityEngine;
 
 namespace Twin.Player.Samples
 {
-    /// <summary>Drags the link under the mouse in the plane of the screen. The tool itself is dragged with the right
-    /// button, without turning it.</summary>
-    /// <remarks>Uses the old Input class: Player Settings, Active Input Handling, "Both" or "Old". With XR
-    /// Interaction Toolkit or MRTK call the same methods of <see cref="Grab"/> from their select events.</remarks>
+    /// <summary>Drags the link under the mouse in the plane of the screen. The right button drags
+    /// the tool, without rotation.</summary>
+    /// <remarks>It uses the old Input class: set Player Settings, Active Input Handling to "Both" or "Old". With XR
+    /// Interaction Toolkit or MRTK, call the same methods of <see cref="Grab"/> in the select events.</remarks>
     public sealed class MouseGrab : MonoBehaviour
     {
         public Grab grab;

@@ -2,21 +2,21 @@ using UnityEngine;
 
 namespace Twin.Player.Samples
 {
-    /// <summary>Puts a scene together: the imported robot plays a track, or follows `twin serve` and is dragged.</summary>
-    /// <remarks>Drop the imported GLB and a track on the two fields, press play. With an address, the stream is
+    /// <summary>Builds a scene: the imported robot plays a track, or shows the stream of `twin serve`.</summary>
+    /// <remarks>Assign the imported GLB and a track to the two fields, and press Play. With an address, the stream is
     /// shown instead, and the mouse drags links.</remarks>
     public sealed class PlayerDemo : MonoBehaviour
     {
-        [Tooltip("The model that glTFast made of <robot>.glb.")]
+        [Tooltip("The model imported by glTFast from <robot>.glb.")]
         public GameObject robot;
 
         [Tooltip("tracks/<protocol>.json.")]
         public TextAsset track;
 
-        [Tooltip("Empty: play the track. Else the address that `twin serve` shows.")]
+        [Tooltip("Address printed by `twin serve`; empty: play the track.")]
         public string address = "";
 
-        [Tooltip("How large it is shown.")]
+        [Tooltip("Display scale of the robot.")]
         public float scale = 1f;
 
         private GameObject shown;
@@ -28,7 +28,7 @@ namespace Twin.Player.Samples
             shown = Instantiate(robot);
             shown.name = robot.name;
             shown.transform.localScale = new Vector3(scale, scale, scale);
-            // Clips inside the GLB would fight with the player.
+            // Animation clips of the GLB would overwrite the poses of the player.
             foreach (Animation baked in shown.GetComponentsInChildren<Animation>())
             {
                 baked.enabled = false;
@@ -43,7 +43,7 @@ namespace Twin.Player.Samples
                 return;
             }
 
-            shown.SetActive(false); // the address must be there before the stream is enabled
+            shown.SetActive(false); // the address must be set before the stream is enabled
             stream = shown.AddComponent<StreamClient>();
             stream.url = address;
             shown.SetActive(true);

@@ -46,9 +46,9 @@ namespace Twin.Player.Editor.Tests
         [Test]
         public void AFolderThatIsNoBundleIsRefused()
         {
-            Refused("holds 0 GLB files", assets);
+            Refused("contains 0 GLB files", assets);
             File.WriteAllText(Path.Combine(bundle, "other.glb"), "");
-            Refused("holds 2 GLB files", bundle);
+            Refused("contains 2 GLB files", bundle);
         }
 
         [Test]
@@ -63,7 +63,7 @@ namespace Twin.Player.Editor.Tests
         public void ATrackOfAnotherRobotStopsTheImport()
         {
             File.Move(Path.Combine(bundle, "sils.glb"), Path.Combine(bundle, "pa10.glb"));
-            Refused("it is of robot 'sils', the model is 'pa10'", bundle);
+            Refused("the track is for robot 'sils', not 'pa10'", bundle);
         }
 
         private void Track(string name)

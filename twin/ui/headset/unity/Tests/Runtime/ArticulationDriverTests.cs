@@ -93,10 +93,10 @@ namespace Twin.Player.Tests
         public void WrongEntriesAreNamed()
         {
             Refused("no joint 'x'", new DrivenJoint { joint = "x", body = Body(ArticulationJointType.PrismaticJoint) });
-            Refused("'q1' drives nothing", new DrivenJoint { joint = "q1" });
+            Refused("'q1' has neither a body nor", new DrivenJoint { joint = "q1" });
             var body = link.GetComponent<ArticulationBody>();
             Refused("has sign 0.5", new DrivenJoint { joint = "q1", body = body, sign = 0.5f });
-            Refused("'rf1' is revolute, its body is a PrismaticJoint", new DrivenJoint { joint = "rf1", body = body });
+            Refused("'rf1' is revolute, but its body is a PrismaticJoint", new DrivenJoint { joint = "rf1", body = body });
         }
 
         [Test]

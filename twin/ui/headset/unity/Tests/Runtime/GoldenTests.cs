@@ -2,7 +2,7 @@ using NUnit.Framework;
 
 namespace Twin.Player.Tests
 {
-    /// <summary>Everything that the self test compares on a device, one test a check.</summary>
+    /// <summary>All checks of the self test, as one test for each check.</summary>
     [TestFixture]
     public sealed class GoldenTests
     {

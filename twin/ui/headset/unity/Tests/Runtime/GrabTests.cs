@@ -83,7 +83,7 @@ namespace Twin.Player.Tests
             Vector3 before = Dragged(Vector3.zero, Quaternion.identity, Vector3.zero, Quaternion.identity);
             Vector3 after = Dragged(
                 Vector3.zero, Quaternion.identity, new Vector3(0f, 0.01f, 0f), Quaternion.identity);
-            // The model is shown at half its size: a hand's centimetre is two of the robot's.
+            // The model is displayed at half size: 1 cm of the hand is 2 cm of the robot.
             Assert.That(after.z - before.z, Is.EqualTo(0.02f).Within(2e-6f));
             Assert.That(after.x, Is.EqualTo(before.x).Within(2e-6f));
         }

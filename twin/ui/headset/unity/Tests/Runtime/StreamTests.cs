@@ -53,8 +53,8 @@ namespace Twin.Player.Tests
         {
             Accepted();
             uint sequence = frame.Sequence;
-            Refused("a header alone has 32", new byte[31]);
-            Refused("17 links and 6 joints make", Cut(data, data.Length - 1));
+            Refused("expected at least 32", new byte[31]);
+            Refused("17 links and 6 joints require", Cut(data, data.Length - 1));
             Refused("not with TWN1", Put(data, 0, 0));
             Refused("18 links", Put(data, 24, 18));
             byte[] infinite = Put(data, 4, 1);
@@ -120,7 +120,7 @@ namespace Twin.Player.Tests
             Assert.AreEqual(2, RobotDescription.Parse(Good).links.Length);
             Wrong(Good.Replace("twin-robot", "x"), "schema twin-robot");
             Wrong(Good.Replace("z-up", "y-up"), "frame is 'y-up");
-            Wrong(Good.Replace("\"link\":\"b\"", "\"link\":\"c\""), "on no link");
+            Wrong(Good.Replace("\"link\":\"b\"", "\"link\":\"c\""), "on an unknown link");
             Wrong(Good.Replace("[\"a\",\"b\"]", "[]"), "links is empty");
             Wrong("<html>", "not JSON");
         }

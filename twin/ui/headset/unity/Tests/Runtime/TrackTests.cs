@@ -111,7 +111,7 @@ namespace Twin.Player.Tests
             Fault("rate is 0", t => t.rate = 0);
             Fault("of link 'limb1' at frame 0 has no unit quaternion", t => t.poses[13] = 2f);
             Fault("of link 'frame' at frame 0 has no unit quaternion", t => t.poses[0] = float.NaN);
-            Fault("jumps to the other sign", Flip);
+            Fault("changes its sign", Flip);
             Fault("links: the name 'frame'", t => t.links[1] = "frame");
             Fault("joint 'q1' has type 'ball'", t => t.joint_types[Array.IndexOf(t.joints, "q1")] = "ball");
             Fault("joint 'q1': its limits", t => t.joint_lower[Array.IndexOf(t.joints, "q1")] = 9f);
