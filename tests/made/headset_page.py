@@ -21,7 +21,7 @@ from twin.core import spatial
 
 ROOT = Path(__file__).parents[2]
 FLAGS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--disable-dev-shm-usage"]
-WAIT = 180.0
+WAIT = 30.0
 """Seconds that something may take on a busy machine without a graphics card."""
 
 FLOAT32 = 2e-6
@@ -144,6 +144,21 @@ class Page:
     def until(self, expression, what, seconds=WAIT):
         # the page's policy forbids eval, which playwright's own waiting uses
         return until(lambda: self.page.evaluate(expression), what, seconds)
+
+    def draws(self, on):
+        """Let the page draw, or only bring its matrices up to date: without a graphics card a picture takes long."""
+        self(
+            """((on) => {
+              const { renderer } = twin.app.world;
+              const still = (scene, camera) => {
+                scene.updateMatrixWorld();
+                if (renderer.xr.enabled && renderer.xr.isPresenting) renderer.xr.updateCamera(camera);
+              };
+              renderer.drawing ??= renderer.render;
+              renderer.render = on ? renderer.drawing : still;
+            })"""
+            f"({str(on).lower()})"
+        )
 
     def close(self):
         self.page.close()

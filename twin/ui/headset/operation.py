@@ -72,7 +72,7 @@ class Operation:
         self._members = members
         self._places = {p.name: p for p in scene.places}
         self._bodies = {n: [b.name for b in m.mechanism.bodies] for n, m in members.items()}
-        self._tick, self._sent, self._seq = -1, -HEARTBEAT, 0
+        self._tick, self._sent, self._seq = -1.0, float(-HEARTBEAT), 0
         self._owed, self._rate, self._stopped = 0.0, 1.0, ""
         self._shown: Array | None = None
         self._sevens: dict[str, Array] = {}
@@ -104,8 +104,8 @@ class Operation:
 
     # -- time -----------------------------------------------------------------------------------------
 
-    def frame(self, tick: int, server_time: float) -> bytes | None:
-        """Advance to a tick of 1 / RATE s; return a frame if a joint moved or after `HEARTBEAT` ticks, else None."""
+    def frame(self, tick: float, server_time: float) -> bytes | None:
+        """Advance to a tick of 1 / RATE s, which may be a fraction; return a frame if a joint moved or after `HEARTBEAT` ticks, else None."""
         passed = (tick - self._tick) / RATE if self._tick >= 0 else 0.0
         self._tick = tick
         self._advance(passed)

@@ -79,15 +79,17 @@ export class ConsoleHands {
 
   private lead(side: Side, hand: Tracked | null, seconds: number): void {
     const last = this.last[side];
-    if (!hand || !last || this.app.hands.usesPanel(side)) return;
-    if (!this.leading.has(side)) {
-      if (hand.open > TAKE || last.open <= TAKE) return; // the gripper must be seen to shut
-      this.leading.add(side);
-    }
+    if (!hand || !last) return;
+    const begins = !this.leading.has(side);
+    if (!begins) this.console.pens.use();
+    if (this.app.hands.usesPanel(side)) return;
+    if (begins && (hand.open > TAKE || last.open <= TAKE)) return; // the gripper must be seen to shut
     const pen = this.console.pens[side];
+    this.leading.add(side);
     this.console.pens.use();
     this.console.chosen = side;
     if (!hand.fist) pen.squeeze(hand.open);
+    if (begins) return; // shutting the gripper moves no instrument
     const way = hand.p.clone().sub(last.p);
     const turn = hand.q.clone().multiply(last.q.clone().invert()).normalize();
     if (turn.w < 0) turn.set(-turn.x, -turn.y, -turn.z, -turn.w);

@@ -68,6 +68,7 @@ export class XrPanel implements Drawer {
 
   show(sheet: Sheet): void {
     this.sheet = sheet;
+    if (!sheet.tabs.some((tab) => tab.id === this.open)) this.open = sheet.tabs[0]?.id ?? '';
     this.stale = true;
   }
 

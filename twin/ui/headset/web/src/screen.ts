@@ -17,8 +17,11 @@ const WIDE = 1; // m
 const HIGH = 0.62;
 const AWAY = 1.15; // m from the viewer
 const PART = 0.3; // of the width, which the small picture takes
-const ASIDE = 0.45; // of the size while the room is looked at
+const SMALLER = 0.45; // of the size while the room is looked at
+const HIGHER = 0.42; // m, likewise: above the patient
 const REST = 250; // ms between two of the small picture
+const LONG_REST = 5000; // ms of the same where pictures come slowly
+const SLOW = 50; // ms between two pictures
 const SHARPEST = 1280; // pixels
 const LAYER: Readonly<Record<Eye, number>> = { left: 1, right: 2 };
 
@@ -28,6 +31,8 @@ export class Screen {
   private readonly small: Mesh<PlaneGeometry, MeshBasicMaterial>;
   private readonly room = new WebGLRenderTarget(480, Math.round((480 * HIGH) / WIDE), { samples: 4 });
   private drawn = -Infinity;
+  private height = 0;
+  private last = 0;
 
   constructor(
     private readonly app: App,
@@ -57,7 +62,7 @@ export class Screen {
     const ahead = forward.clone().setY(0);
     if (ahead.lengthSq() < 1e-6) ahead.set(0, 0, -1);
     this.group.position.copy(viewer).addScaledVector(ahead.normalize(), AWAY);
-    this.group.position.y -= 0.08;
+    this.height = this.group.position.y -= 0.08;
     this.group.lookAt(viewer.x, this.group.position.y, viewer.z);
     this.group.visible = true;
   }
@@ -72,7 +77,10 @@ export class Screen {
   draw(now: number): void {
     const { world } = this.app;
     const scope = this.views.large === 'scope';
-    this.group.scale.setScalar(scope ? 1 : ASIDE);
+    const rest = now - this.last > SLOW ? LONG_REST : REST;
+    this.last = now;
+    this.group.scale.setScalar(scope ? 1 : SMALLER);
+    this.group.position.y = this.height + (scope ? 0 : HIGHER);
     this.small.visible = scope;
     if (world.dirty) {
       const width = Math.round(Math.min(SHARPEST, Math.max(256, 0.6 * this.eyeWidth())));
@@ -85,12 +93,13 @@ export class Screen {
           material.needsUpdate = true;
         }
       }
-      if (scope && now - this.drawn > REST) {
+      if (scope && now - this.drawn > rest) {
         this.drawn = now;
         this.views.drawRoom(this.room);
       }
     }
-    // With the endoscope's picture before one's eyes the robots do not stand in the way.
+    // With the endoscope's picture before one's eyes the robots do not stand in the way, nor do their shadows lie there.
+    if (world.placement.visible === scope) world.renderer.shadowMap.needsUpdate = true;
     world.placement.visible = !scope;
   }
 

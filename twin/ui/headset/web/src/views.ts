@@ -122,7 +122,7 @@ export class Views {
     const { clientWidth: w, clientHeight: h } = this.app.world.renderer.domElement;
     if (view === this.large) return { left: 0, top: 0, width: w, height: h };
     const [right, bottom] = this.app.world.free();
-    const width = Math.round(Math.min(PART * right, 420));
+    const width = Math.round(Math.min(PART * right, 420, 0.6 * bottom));
     const height = Math.round(0.62 * width);
     return { left: 18, top: bottom - height - 18, width, height };
   }
@@ -222,7 +222,9 @@ export class Views {
     // What hangs in the room of whoever wears the headset is not in the picture.
     const others = scene.children.filter((o) => o !== placement && o.visible && !('isLight' in o));
     const hidden = [...others, ...(inside ? this.about() : [])];
-    const [xr, background, shown, target] = [renderer.xr.enabled, scene.background, placement.visible, renderer.getRenderTarget()];
+    const [xr, background, shown] = [renderer.xr.enabled, scene.background, placement.visible];
+    const [target, shadows] = [renderer.getRenderTarget(), renderer.shadowMap.needsUpdate];
+    renderer.shadowMap.needsUpdate = false;
     for (const thing of hidden) thing.visible = false;
     placement.visible = true;
     renderer.xr.enabled = false;
@@ -231,6 +233,7 @@ export class Views {
     renderer.clear();
     renderer.render(scene, camera);
     renderer.setRenderTarget(target);
+    renderer.shadowMap.needsUpdate = shadows;
     renderer.xr.enabled = xr;
     scene.background = background;
     placement.visible = shown;
