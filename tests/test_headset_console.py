@@ -20,7 +20,7 @@ from twin.core.units import DEG, MM
 from twin.model.scene import load_scene
 from twin.simulation import console_scene
 from twin.simulation.controllers.camera import looking, view
-from twin.ui.headset import operation, served
+from twin.ui.headset import operation, served, server
 from twin.ui.headset import protocol as wire
 from twin.ui.headset.operation import Operation
 from twin.ui.headset.protocol import RefusedError
@@ -355,6 +355,27 @@ def test_hands_come_through_the_stream_and_end_with_it(scene, robots):
                 assert all(np.array_equal(a, r.q) for a, r in zip(q, watcher.frames[-1].robots, strict=True))
 
     asyncio.run(go())
+
+
+def test_what_hands_change_is_sent_before_the_next_tick(scene, robots, monkeypatch):
+    """With ticks that are 20 s apart, only messages of the hands bring frames."""
+    for module in (server, operation):
+        monkeypatch.setattr(module, "RATE", 0.05)
+    monkeypatch.setattr(operation, "_BUDGET", np.inf)
+
+    async def go():
+        async with serving(lambda: served.of_console(scene, robots, None)) as s, joined(s.port) as peer:
+            start = peer.frames[-1].robots[0].q
+            end = asyncio.get_running_loop().time() + 10
+            for n in range(1000):
+                await peer.say("hands", **hands_of(0.08 + 1e-4 * n, 5 * DEG * (n > 10), n))
+                await asyncio.sleep(0.01)
+                if np.abs(peer.frames[-1].robots[0].q - start).max() > 1e-3:
+                    break
+                assert asyncio.get_running_loop().time() < end, "no frame shows the motion"
+
+    asyncio.run(go())
+
 
 
 # -- the scene's file -----------------------------------------------------------------------------------------------

@@ -86,6 +86,7 @@ def led(page, robot, kind, wanted, reachable=True):
 def test_ar_on_a_quest_places_plays_and_is_led(chromium, server, emulator, robot, rng):
     with device(chromium, server, emulator, "quest", room=True) as page:
         headset.ready(page, robot)
+        page.draws(False)
         assert page.id("enter").inner_text() == "Enter AR"
         page.enter()
         assert page("[twin.app.xr.mode, twin.app.xr.blend]") == ["immersive-ar", "alpha-blend"]
@@ -116,7 +117,9 @@ def test_ar_on_a_quest_places_plays_and_is_led(chromium, server, emulator, robot
 
         # Every link's pixels, by rays through the CAD.
         look_at(page, page.to_scene(page.tool()[:3, 3]) + np.array([-0.1, 0.15, 0.0]))
+        page.draws(True)
         right, total, missed = headset.probes(page, robot.mechanism, rng)
+        page.draws(False)
         print(f"{right} of {total} pixel probes on the expected link")
         assert total >= 50
         assert right >= 0.95 * total, missed

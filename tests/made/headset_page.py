@@ -21,7 +21,7 @@ from twin.core import spatial
 
 ROOT = Path(__file__).parents[2]
 FLAGS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--disable-dev-shm-usage"]
-WAIT = 30.0
+WAIT = 180.0
 """Seconds that something may take on a busy machine without a graphics card."""
 
 FLOAT32 = 2e-6

@@ -36,7 +36,7 @@ export interface Box {
 const SEEN = 0.4; // m that the endoscope sees: what lies beyond the cavity is not drawn
 const REST = 200; // ms between two of the small picture while the large one moves
 const LONG_REST = 5000; // ms of the same on a machine that draws slowly
-const STILL = 350; // ms without motion after which the picture is drawn with all its pixels
+const STILL = 1500; // ms without motion after which a machine that draws slowly draws all pixels again
 const SCOPE_LIGHT = 4; // layer
 const PART = 0.3; // of the free width that the small picture takes
 const UP = new Quaternion().setFromAxisAngle(new Vector3(1, 0, 0), Math.PI); // from -y up, along z, to y up, along -z
