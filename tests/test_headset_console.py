@@ -322,13 +322,14 @@ def test_a_world_that_fails_stops_and_says_why(hands, monkeypatch, caplog):
 # -- through the server ---------------------------------------------------------------------------------------------
 
 
-def test_hands_come_through_the_stream_and_end_with_it(scene, robots):
-    def hands_of(x, roll, number):
-        right = wire.sevens(spatial.pose(spatial.rotation_z(roll), (x, 0, 0))).tolist()
-        left = wire.sevens(spatial.pose(None, (-0.08, 0, 0))).tolist()
-        hands = {"right": {"pose": right, "grip": 0.0}, "left": {"pose": left, "grip": 0.0}}
-        return {"number": number, **hands, "clutch": False, "camera": False}
+def hands_of(x, roll, number):
+    right = wire.sevens(spatial.pose(spatial.rotation_z(roll), (x, 0, 0))).tolist()
+    left = wire.sevens(spatial.pose(None, (-0.08, 0, 0))).tolist()
+    hands = {"right": {"pose": right, "grip": 0.0}, "left": {"pose": left, "grip": 0.0}}
+    return {"number": number, **hands, "clutch": False, "camera": False}
 
+
+def test_hands_come_through_the_stream_and_end_with_it(scene, robots):
     async def go():
         async with serving(lambda: served.of_console(scene, robots, None)) as s:
             async with joined(s.port) as peer:

@@ -170,6 +170,7 @@ def test_ar_on_additive_glasses_with_hands_only(chromium, server, emulator, robo
         assert card.max(axis=2).min() > 120  # nothing on the panel is nearly black: there it would be a hole
         colors = page("twin.app.robot.targets().map(m => m.material.color.getHSL({h: 0, s: 0, l: 0}).l)")
         assert min(colors) > 0.2
+        page.draws(False)
         led(page, robot, "hands", np.array([-15, 10, -20]) * MM)
         page.press("tab-scene", kind="hands")
         page.pictures(8)
@@ -180,6 +181,7 @@ def test_ar_on_additive_glasses_with_hands_only(chromium, server, emulator, robo
 def test_a_finger_that_touches_takes_the_tool(chromium, server, emulator, robot):
     with device(chromium, server, emulator, "lens") as page:
         headset.ready(page, robot)
+        page.draws(False)
         page.enter()
         page.until("twin.app.hands.count === 2", "the hands")
         look_at(page, page.to_scene(page.tool()[:3, 3]))
@@ -202,6 +204,7 @@ def test_a_finger_that_touches_takes_the_tool(chromium, server, emulator, robot)
 def test_without_hand_or_controller_a_long_look_presses(chromium, server, emulator, robot):
     with device(chromium, server, emulator, "quest") as page:
         headset.ready(page, robot)
+        page.draws(False)
         page("for (const c of Object.values(device.controllers)) c.connected = false")
         page.enter()
         page.until("twin.app.hands.count === 0", "no hands")
