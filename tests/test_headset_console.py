@@ -20,8 +20,8 @@ from twin.core.units import DEG, MM
 from twin.model.scene import load_scene
 from twin.simulation import console_scene
 from twin.simulation.controllers.camera import looking, view
+from twin.ui.headset import operation, served, server
 from twin.ui.headset import protocol as wire
-from twin.ui.headset import served
 from twin.ui.headset.operation import Operation
 from twin.ui.headset.protocol import RefusedError
 from twin.ui.headset.scene_frame import unpack_scene
@@ -323,13 +323,14 @@ def test_a_world_that_fails_stops_and_says_why(hands, monkeypatch, caplog):
 # -- through the server ---------------------------------------------------------------------------------------------
 
 
-def test_hands_come_through_the_stream_and_end_with_it(scene, robots):
-    def hands_of(x, roll, number):
-        right = wire.sevens(spatial.pose(spatial.rotation_z(roll), (x, 0, 0))).tolist()
-        left = wire.sevens(spatial.pose(None, (-0.08, 0, 0))).tolist()
-        hands = {"right": {"pose": right, "grip": 0.0}, "left": {"pose": left, "grip": 0.0}}
-        return {"number": number, **hands, "clutch": False, "camera": False}
+def hands_of(x, roll, number):
+    right = wire.sevens(spatial.pose(spatial.rotation_z(roll), (x, 0, 0))).tolist()
+    left = wire.sevens(spatial.pose(None, (-0.08, 0, 0))).tolist()
+    hands = {"right": {"pose": right, "grip": 0.0}, "left": {"pose": left, "grip": 0.0}}
+    return {"number": number, **hands, "clutch": False, "camera": False}
 
+
+def test_hands_come_through_the_stream_and_end_with_it(scene, robots):
     async def go():
         async with serving(lambda: served.of_console(scene, robots, None)) as s:
             async with joined(s.port) as peer:
@@ -354,6 +355,26 @@ def test_hands_come_through_the_stream_and_end_with_it(scene, robots):
                 q = [r.q for r in watcher.frames[-1].robots]
                 await asyncio.sleep(0.2)
                 assert all(np.array_equal(a, r.q) for a, r in zip(q, watcher.frames[-1].robots, strict=True))
+
+    asyncio.run(go())
+
+
+def test_what_hands_change_is_sent_before_the_next_tick(scene, robots, monkeypatch):
+    """With ticks that are 20 s apart, only messages of the hands bring frames."""
+    for module in (server, operation):
+        monkeypatch.setattr(module, "RATE", 0.05)
+    monkeypatch.setattr(console, "_BUDGET", np.inf)
+
+    async def go():
+        async with serving(lambda: served.of_console(scene, robots, None)) as s, joined(s.port) as peer:
+            start = peer.frames[-1].robots[0].q
+            end = asyncio.get_running_loop().time() + 10
+            for n in range(1000):
+                await peer.say("hands", **hands_of(0.08 + 1e-4 * n, 5 * DEG * (n > 10), n))
+                await asyncio.sleep(0.01)
+                if np.abs(peer.frames[-1].robots[0].q - start).max() > 1e-3:
+                    break
+                assert asyncio.get_running_loop().time() < end, "no frame shows the motion"
 
     asyncio.run(go())
 

@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 
 from made import headset_page as headset
+from made.console_page import ARMS, console, joints, let_go, moved, rest, tips
 
 pytestmark = pytest.mark.browser
-ARMS = {"right": "psm1", "left": "psm2"}
-NAMES = ("psm1", "psm2", "ecm")
 PAD = """
 window.felt = [];
 window.pad = {id: 'a pad of the test', connected: false, mapping: 'standard', axes: [0, 0, 0, 0],
@@ -35,52 +34,15 @@ def serving():
 
 @pytest.fixture(scope="module")
 def opened(browser, serving):
-    with headset.shown(browser, serving.url, size=(900, 520), scripts=(PAD,)) as page:
-        page.until("twin.app.model.console !== null", "the console's state")
+    with console(browser, serving.url, size=(900, 520), scripts=(PAD,)) as page:
         yield page
 
 
 @pytest.fixture
 def page(opened):
     """The page at rest, its hands let go."""
-    opened("twin.app.console.pens.drop()")
-    opened.until("twin.app.model.console.owner === null", "the hands are free")
-    rest(opened)
+    let_go(opened)
     return opened
-
-
-def joints(page):
-    return [np.array(q) for q in page("twin.app.model.robots.map(r => [...r.frame.q])")]
-
-
-def moved(before, after):
-    pairs = zip(NAMES, before, after, strict=True)
-    return {n for n, a, b in pairs if np.abs(a - b)[: 6 if n != "ecm" else 4].max() > 1e-3}
-
-
-def rest(page):
-    """Wait until nothing moves; return the joints."""
-    last = joints(page)
-    for _ in range(200):
-        seq = page("twin.app.model.newest.seq")
-        time.sleep(0.3)
-        page.until(f"twin.app.model.newest.seq > {seq + 3}", "frames that are newer")  # a busy page draws seldom
-        now = joints(page)
-        if all(np.array_equal(a, b) for a, b in zip(last, now, strict=True)):
-            return now
-        last = now
-    raise AssertionError("the robots do not come to rest")
-
-
-def tips(page):
-    """Return where the tips are in the endoscope's picture, in pixels, and at which depth, in m."""
-    return {
-        side: page(
-            f"(() => {{const c = twin.app.console, t = c.tip('{side}'), v = c.views.project(t, 'scope');"
-            " return [v.x, v.y, -t.applyMatrix4(c.views.scope.matrixWorldInverse).z]})()"
-        )
-        for side in ARMS
-    }
 
 
 def drag(page, start, way, until, button="left"):

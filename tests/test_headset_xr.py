@@ -86,6 +86,7 @@ def led(page, robot, kind, wanted, reachable=True):
 def test_ar_on_a_quest_places_plays_and_is_led(chromium, server, emulator, robot, rng):
     with device(chromium, server, emulator, "quest", room=True) as page:
         headset.ready(page, robot)
+        page.draws(False)
         assert page.id("enter").inner_text() == "Enter AR"
         page.enter()
         assert page("[twin.app.xr.mode, twin.app.xr.blend]") == ["immersive-ar", "alpha-blend"]
@@ -116,7 +117,9 @@ def test_ar_on_a_quest_places_plays_and_is_led(chromium, server, emulator, robot
 
         # Every link's pixels, by rays through the CAD.
         look_at(page, page.to_scene(page.tool()[:3, 3]) + np.array([-0.1, 0.15, 0.0]))
+        page.draws(True)
         right, total, missed = headset.probes(page, robot.mechanism, rng)
+        page.draws(False)
         print(f"{right} of {total} pixel probes on the expected link")
         assert total >= 50
         assert right >= 0.95 * total, missed
@@ -167,6 +170,7 @@ def test_ar_on_additive_glasses_with_hands_only(chromium, server, emulator, robo
         assert card.max(axis=2).min() > 120  # nothing on the panel is nearly black: there it would be a hole
         colors = page("twin.app.robot.targets().map(m => m.material.color.getHSL({h: 0, s: 0, l: 0}).l)")
         assert min(colors) > 0.2
+        page.draws(False)
         led(page, robot, "hands", np.array([-15, 10, -20]) * MM)
         page.press("tab-scene", kind="hands")
         page.pictures(8)
@@ -177,6 +181,7 @@ def test_ar_on_additive_glasses_with_hands_only(chromium, server, emulator, robo
 def test_a_finger_that_touches_takes_the_tool(chromium, server, emulator, robot):
     with device(chromium, server, emulator, "lens") as page:
         headset.ready(page, robot)
+        page.draws(False)
         page.enter()
         page.until("twin.app.hands.count === 2", "the hands")
         look_at(page, page.to_scene(page.tool()[:3, 3]))
@@ -199,6 +204,7 @@ def test_a_finger_that_touches_takes_the_tool(chromium, server, emulator, robot)
 def test_without_hand_or_controller_a_long_look_presses(chromium, server, emulator, robot):
     with device(chromium, server, emulator, "quest") as page:
         headset.ready(page, robot)
+        page.draws(False)
         page("for (const c of Object.values(device.controllers)) c.connected = false")
         page.enter()
         page.until("twin.app.hands.count === 0", "no hands")

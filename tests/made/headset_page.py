@@ -145,6 +145,21 @@ class Page:
         # the page's policy forbids eval, which playwright's own waiting uses
         return until(lambda: self.page.evaluate(expression), what, seconds)
 
+    def draws(self, on):
+        """Let the page draw, or only bring its matrices up to date: without a graphics card a picture takes long."""
+        self(
+            """((on) => {
+              const { renderer } = twin.app.world;
+              const still = (scene, camera) => {
+                scene.updateMatrixWorld();
+                if (renderer.xr.enabled && renderer.xr.isPresenting) renderer.xr.updateCamera(camera);
+              };
+              renderer.drawing ??= renderer.render;
+              renderer.render = on ? renderer.drawing : still;
+            })"""
+            f"({str(on).lower()})"
+        )
+
     def close(self):
         self.page.close()
 

@@ -51,13 +51,24 @@ class RobotTable(Table):
         return self
 
 
+class StereoTable(Table):
+    """Two lenses side by side: the distance between them, and the distance at which their lines of sight meet."""
+
+    baseline_mm: float = Field(gt=0, le=200)
+    converge_mm: float = Field(gt=0, le=10_000)
+
+
 class CameraTable(Table):
-    """A camera on a robot frame: it looks along the frame's z axis, with -y up, rotated by `roll_deg` about z."""
+    """A camera on a robot frame: it looks along the frame's z axis, with -y up, rotated by `roll_deg` about z.
+
+    With `stereo` it has two lenses, half the baseline to either side of the frame's origin.
+    """
 
     robot: Identifier
     frame: Identifier
     roll_deg: float = 0.0
     view_deg: float = Field(gt=1, lt=170)
+    stereo: StereoTable | None = None
     provenance: Origin
     note: str = Field(min_length=1)
 

@@ -34,7 +34,7 @@ class Source(Protocol):
 
     @property
     def version(self) -> int: ...  # noqa: D102
-    def frame(self, tick: int, server_time: float) -> bytes | None: ...  # noqa: D102
+    def frame(self, tick: float, server_time: float) -> bytes | None: ...  # noqa: D102
     def state(self) -> dict[str, Any]: ...  # noqa: D102
     def welcome(self) -> list[dict[str, Any]]: ...  # noqa: D102
     def ask(self, client: str, message: wire.Message) -> None: ...  # noqa: D102

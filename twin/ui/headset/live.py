@@ -77,7 +77,7 @@ class Live:
 
     # -- time -----------------------------------------------------------------------------------------
 
-    def frame(self, tick: int, server_time: float) -> bytes | None:
+    def frame(self, tick: float, server_time: float) -> bytes | None:
         """Advance to a tick; return a frame if something changed or `HEARTBEAT` ticks have passed, else None.
 
         Args:

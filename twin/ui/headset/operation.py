@@ -71,7 +71,7 @@ class Operation(LiveConsole):
             self._session = SessionWriter(session, head_of(scene, self.members, self.world, self.device))
         self.send: Callable[[dict[str, Any]], object] = lambda document: None
         self._bodies = {n: [b.name for b in m.mechanism.bodies] for n, m in self.members.items()}
-        self._tick, self._sent, self._seq = -1, -HEARTBEAT, 0
+        self._tick, self._sent, self._seq = -1.0, float(-HEARTBEAT), 0
         self._shown: Array | None = None
         self._sevens: dict[str, Array] = {}
 
@@ -150,8 +150,11 @@ class Operation(LiveConsole):
 
     # -- time -----------------------------------------------------------------------------------------
 
-    def frame(self, tick: int, server_time: float) -> bytes | None:
-        """Advance to a tick of 1 / RATE s; return a frame if a joint moved or after `HEARTBEAT` ticks, else None."""
+    def frame(self, tick: float, server_time: float) -> bytes | None:
+        """Advance to a tick of 1 / RATE s, which may be a fraction; return a frame, or None.
+
+        A frame is sent if a joint has moved, and after `HEARTBEAT` ticks.
+        """
         passed = (tick - self._tick) / RATE if self._tick >= 0 else 0.0
         self._tick = tick
         scale = self.reading["scale"]

@@ -193,7 +193,7 @@ class Replay:
         self._state: dict[str, Any] = {"type": "state"}
         self._others: dict[tuple[str, str], dict[str, Any]] = {}
 
-    def frame(self, tick: int, server_time: float) -> bytes | None:
+    def frame(self, tick: float, server_time: float) -> bytes | None:
         """Return the frame of the next recorded tick, with its recorded time; None if this tick has no frame."""
         if self._at >= self.last:
             self._running = False

@@ -15,7 +15,7 @@ import numpy as np
 from twin.api import Robot
 from twin.core import spatial
 from twin.core.errors import TwinError
-from twin.core.units import DEG
+from twin.core.units import DEG, MM
 from twin.model.mechanism import Mechanism
 from twin.model.scene import Place, Scene
 from twin.ui.door.answers import File
@@ -218,6 +218,7 @@ def _cameras(scene: Scene, robots: Mapping[str, Robot]) -> list[dict[str, Any]]:
                 "link": frame.body,
                 "T_link_camera": pose(frame.T_body_frame @ camera.in_frame),
                 "view": camera.view_deg * DEG,
+                **({} if (s := camera.stereo) is None else {"stereo": [s.baseline_mm * MM, s.converge_mm * MM]}),
             }
         )
     return out

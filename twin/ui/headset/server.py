@@ -31,6 +31,9 @@ from twin.ui.session.timeline import RATE
 STATE = 6
 """Number of ticks between two `state` documents."""
 
+GAP = 0.004
+"""Minimum time in s between two frames; frames of hands are sent between the ticks too."""
+
 SILENCE, GRACE = 5.0, 3.0
 """Time in s after which a grab is released if its client sends nothing, and if its client is disconnected."""
 
@@ -66,6 +69,7 @@ class StreamServer:
         self._state: dict[str, Any] = {}
         self._dirty = False
         self._tick = 0
+        self._begin = self._framed = time.monotonic()
         self._numbers = 0
         self.source = source
         source.send = self._tell
@@ -81,7 +85,7 @@ class StreamServer:
 
     async def run(self) -> None:
         """Send frames until `stopping` is set; late ticks are skipped."""
-        begin = time.monotonic()
+        begin = self._begin = time.monotonic()
         ends = asyncio.ensure_future(self.stopping.wait())
         try:
             while not self.stopping.is_set():
@@ -110,19 +114,33 @@ class StreamServer:
     # -- the stream -----------------------------------------------------------------------------------
 
     def _step(self, server_time: float) -> None:
-        frame = self.source.frame(self._tick, server_time)
-        if frame is not None:
-            self._frame = frame
-            if self.recording is not None:
-                self.recording.add_frame(self._tick, frame)
-            for client in self.clients:
-                client.behind = True
+        self._advance(self._tick, server_time)
         if self.recording is not None and self.recording.full(self._tick):
             self._write(self.recording.finish())
         now = time.monotonic()
         if self._dirty or self._tick % STATE == 0:
             self._watch(now)
             self._say_state()
+        for client in list(self.clients):
+            client.flush(self._frame, now)
+
+    def _advance(self, tick: float, server_time: float) -> None:
+        """Let the source advance to a tick, which may lie between two; keep its frame for the clients."""
+        self._framed = server_time
+        frame = self.source.frame(tick, server_time)
+        if frame is None:
+            return
+        self._frame = frame
+        if self.recording is not None:
+            self.recording.add_frame(self._tick, frame)
+        for client in self.clients:
+            client.behind = True
+
+    def _respond(self, now: float) -> None:
+        """Send what a message of the hands changes at once, not at the next tick."""
+        if now - self._framed < GAP:
+            return
+        self._advance(max((now - self._begin) * RATE, self._tick), now)
         for client in list(self.clients):
             client.flush(self._frame, now)
 
@@ -220,6 +238,7 @@ class StreamServer:
             return
         if self.recording is not None:
             self.recording.add_request(self._tick, client.id, message)
+        held = self.source.holds(client.id)
         try:
             if isinstance(message, wire.Record):
                 self._record(message.on)
@@ -228,7 +247,10 @@ class StreamServer:
         except RefusedError as error:
             self._error(client, error.code, str(error), message.id)
             return
-        self._dirty |= not isinstance(message, wire.Drag)
+        if isinstance(message, wire.Hands):
+            self._respond(now)
+        # A state for every message of the hands would be 100 a second: the first one is answered, the others wait.
+        self._dirty |= not (isinstance(message, wire.Drag) or (held and isinstance(message, wire.Hands)))
         if message.id is not None:
             self._answer(client, {"type": "ack", "id": message.id})
 

@@ -103,7 +103,7 @@ class Twin:
 
     # -- time -----------------------------------------------------------------------------------------
 
-    def poll(self, tick: int) -> None:
+    def poll(self, tick: float) -> None:
         """Apply the results and requests that have arrived since the last tick."""
         self._tick = tick
         if self._planner is not None and self._planner.done:

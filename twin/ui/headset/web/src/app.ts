@@ -58,6 +58,8 @@ export class App {
   /** Whether the surroundings are hidden. */
   hidden = false;
   private refreshed = 0;
+  /** When a frame last showed something that had moved. */
+  private moved = -Infinity;
   private waiting = 0;
 
   constructor(canvas: HTMLCanvasElement, page: HTMLElement) {
@@ -334,9 +336,13 @@ export class App {
     }
     this.xrPanel.update(now);
     if (!this.xr.presenting && !world.dirty) return;
+    if (this.console && this.loaded && !this.xr.presenting) {
+      if (!this.console.views.render(this.moved)) return; // what has changed is drawn next time
+    } else {
+      if (this.console && this.loaded) this.console.screen.draw(now);
+      world.renderer.render(world.scene, world.camera);
+    }
     world.dirty = false;
-    if (this.console && this.loaded && !this.xr.presenting) this.console.views.render();
-    else world.renderer.render(world.scene, world.camera);
     if (this.loaded && Number.isNaN(this.firstPicture)) this.firstPicture = performance.now();
   }
 
@@ -355,6 +361,7 @@ export class App {
     for (const member of moved) member.follow();
     const bent = this.bend();
     if (!moved.length && !bent) return; // an unchanged scene needs no new picture
+    this.moved = performance.now();
     this.world.touch();
     this.stale = true;
   }

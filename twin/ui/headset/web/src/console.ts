@@ -2,12 +2,15 @@
 
 import { Vector3 } from 'three';
 import type { App } from './app';
+import { ConsoleHands } from './console_hands';
 import { ConsoleMouse } from './console_mouse';
+import { ConsoleTouch } from './console_touch';
 import { Keys } from './keys';
 import type { Status } from './model';
 import { Pad } from './pad';
-import { Pens, SIDES } from './pens';
+import { type Pedal, Pens, SIDES } from './pens';
 import { type CameraInfo, type ConsoleInfo, type SceneInfo, type Side, UDP } from './protocol';
+import { Screen } from './screen';
 import { Views } from './views';
 
 /** m from the lens to what is worked at: there a tool goes with the mouse at the scale that a session begins with. */
@@ -21,6 +24,8 @@ export class Console {
   readonly views: Views;
   readonly keys: Keys;
   readonly pad: Pad;
+  readonly screen: Screen;
+  readonly hands: ConsoleHands;
   /** Which hand the mouse leads, or led last. */
   chosen: Side = 'right';
   readonly help =
@@ -41,7 +46,10 @@ export class Console {
     this.views = new Views(app, camera, document.getElementById('page') as HTMLElement);
     this.keys = new Keys(this);
     this.pad = new Pad(this);
+    this.screen = new Screen(app, this.views);
+    this.hands = new ConsoleHands(app, this);
     new ConsoleMouse(app, this);
+    new ConsoleTouch(app, this);
     model.atConsole = () => this.status();
   }
 
@@ -62,6 +70,32 @@ export class Console {
     this.lead(side);
     if (this.pens.camera) this.roll(z || -y);
     else this.pens[side].turn(x, y, z);
+  }
+
+  /** Zoom in by a factor while the camera is led: what is worked at comes that much nearer to the lens. */
+  zoom(factor: number): void {
+    this.move(this.chosen, 0, 0, (REACH / FIRST_SCALE) * (1 - 1 / factor));
+  }
+
+  /** The hand whose instrument is seen nearest to a point of the page. */
+  nearest(x: number, y: number): Side {
+    const away = (side: Side) => {
+      const tip = this.tip(side);
+      if (!tip) return Infinity;
+      const at = this.views.project(tip, 'scope', x);
+      return Math.hypot(at.x - x, at.y - y);
+    };
+    return away('right') <= away('left') ? 'right' : 'left';
+  }
+
+  /** Whether the endoscope's picture is at a point of the page, on a screen. */
+  works(x: number, y: number): boolean {
+    return !this.app.xr.presenting && this.views.at(x, y) === 'scope';
+  }
+
+  /** Press or release a pedal by a button of the page. */
+  toggle(pedal: Pedal): void {
+    this.pens.press(pedal, 'button', !this.pens.presses(pedal, 'button'));
   }
 
   /** Open or close a gripper; 1 is open. */
@@ -138,6 +172,9 @@ export class Console {
     const other = !packets && state.owner !== null && state.owner !== this.app.model.client && !state.silent;
     if (other) return { tone: 'warn', text: `Client ${state.owner} has the hands: you can watch.` };
     if (!this.pens.active && !packets) return this.broker();
+    const lost = packets ? [] : SIDES.filter((s) => this.pens.lost.has(s));
+    if (lost.length)
+      return { tone: 'warn', text: `The ${lost.join(' and the ')} hand is not tracked: nothing moves until it is.` };
     if (state.silent) return { tone: 'warn', text: `${this.missing(packets)}: nothing moves.` };
     if (state.pedal) return { tone: 'warn', text: sentence(state.pedal) };
     for (const side of SIDES) {

@@ -2,7 +2,6 @@
 
 import type { App } from './app';
 import type { Console } from './console';
-import { SIDES } from './pens';
 import type { Side } from './protocol';
 
 const TURN = 0.008; // rad for a pixel
@@ -27,21 +26,9 @@ export class ConsoleMouse {
     canvas.addEventListener('contextmenu', (e) => e.preventDefault());
   }
 
-  /** Whether the endoscope's picture is under the pointer. */
+  /** Whether the endoscope's picture is under a mouse; fingers are not its concern. */
   private works(e: MouseEvent): boolean {
-    return !this.app.xr.presenting && this.console.views.at(e.clientX, e.clientY) === 'scope';
-  }
-
-  /** The hand whose instrument is seen nearest to the pointer. */
-  private nearest(e: MouseEvent): Side {
-    const { console } = this;
-    const away = (side: Side) => {
-      const tip = console.tip(side);
-      if (!tip) return Infinity;
-      const at = console.views.project(tip, 'scope');
-      return Math.hypot(at.x - e.clientX, at.y - e.clientY);
-    };
-    return away(SIDES[0] as Side) <= away(SIDES[1] as Side) ? (SIDES[0] as Side) : (SIDES[1] as Side);
+    return (e as PointerEvent).pointerType !== 'touch' && this.console.works(e.clientX, e.clientY);
   }
 
   private down(e: PointerEvent): void {
@@ -52,10 +39,10 @@ export class ConsoleMouse {
     canvas.focus();
     this.pointer = e.pointerId;
     canvas.setPointerCapture(e.pointerId);
-    this.side = this.nearest(e);
+    this.side = this.console.nearest(e.clientX, e.clientY);
     this.console.chosen = this.side;
-    if (e.button === 2) this.console.pens.camera = true;
     this.console.pens.use();
+    if (e.button === 2) this.console.pens.press('camera', 'mouse', true);
     this.last = { x: e.clientX, y: e.clientY };
     canvas.style.cursor = 'grabbing';
   }
@@ -77,7 +64,7 @@ export class ConsoleMouse {
     e.preventDefault();
     e.stopImmediatePropagation();
     const by = Math.sign(e.deltaY || e.deltaX);
-    const side = this.pointer === null ? this.nearest(e) : this.side;
+    const side = this.pointer === null ? this.console.nearest(e.clientX, e.clientY) : this.side;
     if (e.shiftKey) this.console.turn(side, 0, 0, -ROLL * by);
     else this.console.move(side, 0, 0, NOTCH * by);
   }
@@ -86,7 +73,7 @@ export class ConsoleMouse {
     if (e.pointerId !== this.pointer) return;
     e.stopImmediatePropagation();
     this.pointer = null;
-    this.console.pens.camera = false;
+    this.console.pens.press('camera', 'mouse', false);
     this.app.world.renderer.domElement.style.cursor = '';
   }
 }

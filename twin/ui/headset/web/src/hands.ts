@@ -33,6 +33,7 @@ class Hand {
   first = new Matrix4();
   local = new Vector3();
   near = false;
+  pointsAtPanel = false;
   last = new Vector3();
   readonly beam: Line;
   readonly dot: Mesh;
@@ -111,6 +112,11 @@ export class Hands {
     return all.sort((a, b) => Number(b.handedness === 'right') - Number(a.handedness === 'right'));
   }
 
+  /** Whether a hand points at the panel, or has pressed something there. */
+  usesPanel(side: XRHandedness): boolean {
+    return this.hands.some((h) => h.source?.handedness === side && (h.doing === 'panel' || h.pointsAtPanel));
+  }
+
   update(now: number): void {
     if (!this.app.xr.presenting) return;
     for (const hand of this.hands) if (hand.source) this.follow(hand);
@@ -143,7 +149,7 @@ export class Hands {
     hand.ray.addEventListener('selectstart', () => this.start(hand));
     hand.ray.addEventListener('selectend', () => this.stop(hand));
     hand.ray.addEventListener('squeezestart', () => {
-      if (hand.doing === 'nothing') this.lead(hand, 'lead');
+      if (hand.doing === 'nothing' && !this.app.console) this.lead(hand, 'lead');
     });
     hand.ray.addEventListener('squeezeend', () => {
       if (hand.doing === 'lead') this.stop(hand);
@@ -160,6 +166,7 @@ export class Hands {
       app.xrPanel.press(panel.uv);
       return;
     }
+    if (app.console) return; // there hands lead instruments, not links
     if (app.place.placing && app.place.reticle.visible) {
       app.place.putAt(new Vector3().setFromMatrixPosition(app.place.reticle.matrix), app.xr.viewer());
       return;
@@ -191,6 +198,7 @@ export class Hands {
     const { app } = this;
     const caster = rayOf(hand.ray.matrixWorld, this.caster);
     const panel = app.xrPanel.group.visible ? caster.intersectObject(app.xrPanel.mesh, false)[0] : undefined;
+    hand.pointsAtPanel = panel !== undefined;
     if (hand.doing === 'nothing') app.xrPanel.hover(panel?.uv ?? null);
     if (hand.doing === 'panel') {
       const uv = this.onPanel(caster);
@@ -203,6 +211,9 @@ export class Hands {
       hand.last.copy(at);
     }
     this.drawBeam(hand, panel?.distance);
+    const side = hand.source?.handedness;
+    const leads = (side === 'left' || side === 'right') && app.console?.hands.leading.has(side);
+    hand.beam.visible = hand.source?.targetRayMode === 'tracked-pointer' && (!leads || panel !== undefined);
   }
 
   private drag(hand: Hand): void {
@@ -268,7 +279,7 @@ export class Hands {
     const caster = rayOf(this.gaze.matrixWorld, this.caster);
     const panel = app.xrPanel.group.visible ? caster.intersectObject(app.xrPanel.mesh, false)[0] : undefined;
     const id = panel?.uv ? app.xrPanel.hover(panel.uv) : '';
-    const robotHit = panel ? null : pickRay(caster, app.members);
+    const robotHit = panel || app.console ? null : pickRay(caster, app.members);
     const aim = app.place.placing && app.place.reticle.visible && !panel;
     const target =
       id || (hand.doing === 'grab' ? 'holding' : aim ? 'floor' : robotHit ? `${robotHit.member.model.info?.name}/${robotHit.link ?? 'handle'}` : '');

@@ -1,6 +1,7 @@
 /** The keyboard: a block of keys for each hand, where they are on any layout; pedals, scale and views. */
 
 import type { Console } from './console';
+import type { Pedal } from './pens';
 import type { Side } from './protocol';
 
 const SPEED = 0.06; // m/s of the hand
@@ -22,6 +23,8 @@ const WAYS: Readonly<Record<string, Way>> = {
   KeyU: ['right', 0, 0, -1],
   KeyO: ['right', 0, 0, 1],
 };
+
+const PEDALS: Readonly<Record<string, Pedal>> = { Space: 'clutch', KeyC: 'camera' };
 
 const JAWS: Readonly<Record<string, Side>> = { KeyF: 'left', KeyH: 'right' };
 
@@ -67,22 +70,19 @@ export class Keys {
     if (typing || e.ctrlKey || e.metaKey || e.altKey) return;
     this.shift = e.shiftKey;
     const { console } = this;
-    if (e.code === 'Space') console.pens.clutch = true;
-    else if (e.code === 'KeyC') console.pens.camera = true;
+    if (PEDALS[e.code]) console.pens.press(PEDALS[e.code] as Pedal, 'keys', true);
     else if (e.key === '+' || e.key === '=') console.setScale(console.scale + 0.05);
     else if (e.key === '-') console.setScale(console.scale - 0.05);
     else if (e.code === 'KeyV' && !e.repeat) console.views.swap();
     else if (JAWS[e.code] && !e.repeat) console.toggleJaw(JAWS[e.code] as Side);
     else if (WAYS[e.code]) this.down.add(e.code);
     else return;
-    if (e.code === 'Space' || e.code === 'KeyC') console.pens.use();
     e.preventDefault();
   }
 
   private lift(e: KeyboardEvent): void {
     this.shift = e.shiftKey;
     this.down.delete(e.code);
-    if (e.code === 'Space') this.console.pens.clutch = false;
-    if (e.code === 'KeyC') this.console.pens.camera = false;
+    if (PEDALS[e.code]) this.console.pens.press(PEDALS[e.code] as Pedal, 'keys', false);
   }
 }

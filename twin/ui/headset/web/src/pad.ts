@@ -30,7 +30,6 @@ export class Pad {
   name = '';
   private last = 0;
   private pulled = { right: 0, left: 0 };
-  private pedals = { clutch: false, camera: false };
   private walls = '';
 
   constructor(private readonly console: Console) {}
@@ -43,8 +42,8 @@ export class Pad {
     if (!pad) return;
     const held = (k: number) => pad.buttons[k]?.pressed ?? false;
     const { console } = this;
-    this.pedal('clutch', held(CLUTCH));
-    this.pedal('camera', held(CAMERA));
+    console.pens.press('clutch', 'pad', held(CLUTCH));
+    console.pens.press('camera', 'pad', held(CAMERA));
     for (const side of SIDES) {
       const [x, y] = [live(pad.axes[STICK[side]]), -live(pad.axes[STICK[side] + 1])];
       const z = Number(held(NEARER[side])) - Number(held(DEEPER[side]));
@@ -60,16 +59,6 @@ export class Pad {
       }
     }
     this.rumble(pad);
-  }
-
-  /** A pedal follows its button when that changes: keys may hold it too. */
-  private pedal(name: 'clutch' | 'camera', on: boolean): void {
-    if (on === this.pedals[name]) {
-      if (on) this.console.pens.use();
-      return;
-    }
-    this.pedals[name] = this.console.pens[name] = on;
-    this.console.pens.use();
   }
 
   /** Each wall that is new is felt once. */

@@ -14,6 +14,9 @@ export class DomPanel implements Drawer {
   readonly foot = make('section', 'foot');
   private updates: (() => void)[] = [];
   private open = 'simulation';
+  /** Whether the tabs alone are shown: on a small screen, until one is pressed, where a picture is worked in. */
+  private folded = false;
+  private readonly small = window.matchMedia('(max-width: 760px), (max-height: 480px)');
   private readonly bodies = new Map<string, HTMLElement>();
   private readonly heads = new Map<string, HTMLButtonElement>();
 
@@ -24,6 +27,7 @@ export class DomPanel implements Drawer {
 
   show(sheet: Sheet): void {
     this.updates = [];
+    if (!this.heads.has('console')) this.folded = this.small.matches && sheet.tabs[0]?.id === 'console';
     this.side.replaceChildren();
     this.bodies.clear();
     this.heads.clear();
@@ -35,7 +39,10 @@ export class DomPanel implements Drawer {
       const head = make('button', 'tab', tab.label);
       head.setAttribute('role', 'tab');
       head.dataset['id'] = `tab-${tab.id}`;
-      head.onclick = () => this.choose(tab.id);
+      head.onclick = () => {
+        this.folded = this.small.matches && tab.id === this.open && !this.folded;
+        this.choose(tab.id);
+      };
       heads.append(head);
       this.heads.set(tab.id, head);
       const body = make('div', 'body');
@@ -62,8 +69,8 @@ export class DomPanel implements Drawer {
 
   private choose(id: string): void {
     this.open = id;
-    for (const [name, body] of this.bodies) body.hidden = name !== id;
-    for (const [name, head] of this.heads) head.setAttribute('aria-selected', String(name === id));
+    for (const [name, body] of this.bodies) body.hidden = this.folded || name !== id;
+    for (const [name, head] of this.heads) head.setAttribute('aria-selected', String(!this.folded && name === id));
   }
 
   private drawAll(tab: Tab): HTMLElement[] {

@@ -68,6 +68,7 @@ export class XrPanel implements Drawer {
 
   show(sheet: Sheet): void {
     this.sheet = sheet;
+    if (!sheet.tabs.some((tab) => tab.id === this.open)) this.open = sheet.tabs[0]?.id ?? '';
     this.stale = true;
   }
 
@@ -75,8 +76,8 @@ export class XrPanel implements Drawer {
     this.stale = true;
   }
 
-  /** Stand to the left of what a viewer looks at, at arm's length, facing him. */
-  placeBefore(viewer: Vector3, forward: Vector3): void {
+  /** Stand to the left of what a viewer looks at, within reach, facing the viewer. */
+  placeBefore(viewer: Vector3, forward: Vector3, aside = 0.36): void {
     const ahead = forward.clone().setY(0);
     if (ahead.lengthSq() < 1e-6) ahead.set(0, 0, -1);
     ahead.normalize();
@@ -84,7 +85,7 @@ export class XrPanel implements Drawer {
     this.group.position
       .copy(viewer)
       .addScaledVector(ahead, 0.72)
-      .addScaledVector(left, 0.36)
+      .addScaledVector(left, aside)
       .add(new Vector3(0, -0.14, 0));
     this.group.lookAt(viewer);
   }

@@ -11,7 +11,7 @@ const STEP = 0.02;
 const TURN = 0.3;
 const OPEN = (40 * Math.PI) / 180; // rad of the gripper
 const SQUEEZE = 4; // rad/s
-const EVERY = 14; // ms between two messages
+const EVERY = 10; // ms between two messages
 const ALIVE = 50; // ms between two messages of hands that rest
 const IDLE = 5000; // ms without any use, after which others may have the hands
 const ROLL = (5 * Math.PI) / 180;
@@ -79,13 +79,17 @@ export class Pen {
   }
 }
 
+export type Pedal = 'clutch' | 'camera';
+
 export class Pens {
   readonly right = new Pen(0.08);
   readonly left = new Pen(-0.08);
-  clutch = false;
-  camera = false;
   /** Whether this page says where the hands are. */
   active = false;
+  /** Hands that led and are not tracked now: nothing is said until they are, so that the server lets nothing move. */
+  readonly lost = new Set<Side>();
+  /** What holds each pedal down: keys, a gamepad, a button of the page, … */
+  private readonly pressed: Readonly<Record<Pedal, Set<string>>> = { clutch: new Set(), camera: new Set() };
   private number = 0;
   private said = -Infinity;
   private used = -Infinity;
@@ -116,10 +120,34 @@ export class Pens {
     this.active = true;
   }
 
+  get clutch(): boolean {
+    return this.pressed.clutch.size > 0;
+  }
+
+  get camera(): boolean {
+    return this.pressed.camera.size > 0;
+  }
+
+  /** Press or release a pedal; it stays down while any device holds it. */
+  press(pedal: Pedal, device: string, on: boolean): void {
+    const held = this.pressed[pedal];
+    if (on) held.add(device);
+    else if (!held.delete(device)) return;
+    this.use();
+  }
+
+  /** Whether this device holds a pedal. */
+  presses(pedal: Pedal, device: string): boolean {
+    return this.pressed[pedal].has(device);
+  }
+
   /** Let go: what was asked for and not yet said is forgotten, and the server is told. */
   drop(): void {
+    this.pressed.clutch.clear();
+    this.pressed.camera.clear();
+    this.lost.clear();
     if (!this.active) return;
-    this.active = this.clutch = this.camera = false;
+    this.active = false;
     for (const side of SIDES) this[side].rest();
     this.line.tell('release', {});
   }
@@ -141,6 +169,7 @@ export class Pens {
       return;
     }
     if (now - this.used > IDLE) return this.drop();
+    if (this.lost.size) return;
     if (state && !state.silent && state.mode === 'instruments' && state.owner === this.client())
       for (const side of SIDES) {
         const pen = this[side];

@@ -70,6 +70,8 @@ export interface CameraInfo {
   T_link_camera: Numbers;
   /** Angle of view in rad. */
   view: number;
+  /** Of two lenses: m between them, and m to where their lines of sight meet. */
+  stereo?: [baseline: number, converge: number];
 }
 
 /** Hands that lead robots, and the camera that both drag. */

@@ -2,28 +2,76 @@
 
 import type { App } from './app';
 import type { Console } from './console';
-import type { Control, Tab } from './controls';
+import type { Button, Control, Tab } from './controls';
+import { TRACKED } from './console_hands';
 import { KEYS } from './keys';
 import { PAD } from './pad';
-import { SIDES } from './pens';
-import { type ConsoleState, type MqttState, UDP } from './protocol';
+import { type Pedal, SIDES } from './pens';
+import { type ConsoleState, type MqttState, type Side, UDP } from './protocol';
+import type { Stereo } from './views';
+
+const STEREO: readonly [Stereo, string][] = [
+  ['one', 'One picture'],
+  ['side', 'Stereo: side by side'],
+  ['red-cyan', 'Stereo: red and cyan'],
+];
+
+const TOUCH: readonly (readonly [what: string, how: string])[] = [
+  ['One finger', 'the nearest instrument follows'],
+  ['Two fingers', 'drag, zoom and roll the camera'],
+];
+
+/** Always in sight: pedals and jaws, for hands that have no other button. */
+export function pedals(console: Console): Control {
+  const pedal = (name: Pedal, label: string, hint: string): Button => ({
+    kind: 'button',
+    id: name,
+    label: () => label,
+    on: () => console.pens[name],
+    press: () => console.toggle(name),
+    hint,
+  });
+  const jaw = (side: Side, label: string): Button => ({
+    kind: 'button',
+    id: `jaw-${side}`,
+    label: () => label,
+    on: () => console.pens[side].grip > 0,
+    press: () => console.toggleJaw(side),
+    hint: 'Open or close the jaws',
+  });
+  return {
+    kind: 'row',
+    items: [
+      pedal('clutch', 'Clutch', 'While it is on, the hands move freely and the instruments stand still'),
+      pedal('camera', 'Camera', 'While it is on, the hands move the camera'),
+      jaw('left', 'Left jaw'),
+      jaw('right', 'Right jaw'),
+    ],
+  };
+}
 
 export function atConsole(app: App, console: Console): Tab {
-  const list = (id: string, rows: readonly (readonly [string, string])[]): Control => ({
+  const list = (id: string, rows: readonly (readonly [string, string])[], shown = () => true): Control => ({
     kind: 'text',
     id,
-    text: () => rows.map(([what, how]) => `${what}: ${how}`).join('\n'),
+    text: () => (shown() ? rows.map(([what, how]) => `${what}: ${how}`).join('\n') : ''),
   });
+  const desk = () => !app.xr.presenting;
+  const { views } = console;
+  const stereo: Control[] = views.twoLenses
+    ? [
+        {
+          kind: 'choice',
+          id: 'stereo',
+          label: 'Endoscope’s picture on this screen',
+          options: () => [...STEREO],
+          get: () => views.mode,
+          set: (value) => views.setMode(value as Stereo),
+        },
+      ]
+    : [];
   const controls: Control[] = [
-    { kind: 'head', text: 'Mouse in the endoscope’s picture' },
-    list('mouse', [
-      ['Drag', 'the nearest instrument follows'],
-      ['Drag with Shift', 'it turns'],
-      ['Wheel', 'nearer or deeper'],
-      ['Drag with the right button', 'the camera'],
-    ]),
-    { kind: 'head', text: 'Keys' },
-    list('keys', KEYS),
+    list('tracked', TRACKED, () => app.xr.presenting),
     { kind: 'head', text: 'Hands' },
     ...SIDES.toReversed().map((side): Control => ({
       kind: 'text',
@@ -46,10 +94,22 @@ export function atConsole(app: App, console: Console): Tab {
     {
       kind: 'row',
       items: [
-        { kind: 'button', id: 'swap', label: () => 'Swap the pictures', press: () => console.views.swap() },
+        { kind: 'button', id: 'swap', label: () => 'Swap the pictures', press: () => views.swap() },
         { kind: 'button', id: 'let-go', label: () => 'Let go', off: () => !console.pens.active, press: () => console.pens.drop() },
       ],
     },
+    ...stereo,
+    { kind: 'head', text: 'Mouse, in the endoscope’s picture' },
+    list('mouse', [
+      ['Drag', 'the nearest instrument follows'],
+      ['Drag with Shift', 'it turns'],
+      ['Wheel', 'deeper or nearer'],
+      ['Drag with the right button', 'the camera'],
+    ], desk),
+    { kind: 'head', text: 'Touch' },
+    list('touch', TOUCH, desk),
+    { kind: 'head', text: 'Keys' },
+    list('keys', KEYS, desk),
     { kind: 'head', text: 'Network' },
     { kind: 'text', id: 'packets', text: () => packetText(app.model.console) },
     {
@@ -65,8 +125,10 @@ export function atConsole(app: App, console: Console): Tab {
       text: () =>
         console.pad.name
           ? PAD.map(([what, how]) => `${what}: ${how}`).join('\n')
-          : 'None: connect one and press a button of it.',
+          : 'None. Connect one and press a button on it.',
     },
+    { kind: 'head', text: 'Headset' },
+    list('headset', TRACKED, desk),
   ];
   return { id: 'console', label: 'Console', controls };
 }

@@ -1,11 +1,30 @@
 /** Two pictures: through the endoscope and of the room, one large and one in its corner. */
 
-import { MathUtils, type Object3D, PerspectiveCamera, Quaternion, SpotLight, Vector3 } from 'three';
+import {
+  AmbientLight,
+  MathUtils,
+  type Object3D,
+  PerspectiveCamera,
+  Quaternion,
+  SpotLight,
+  Vector3,
+  type WebGLRenderTarget,
+} from 'three';
 import type { App } from './app';
+import { type Eye, EYES, Eyes } from './eyes';
+import { Pace } from './pace';
 import type { CameraInfo } from './protocol';
 import { poseOf } from './robot';
 
 export type View = 'scope' | 'room';
+
+/** How both lenses are shown on a screen: one of them, side by side, or over each other for red and cyan glasses. */
+export type Stereo = 'one' | 'side' | 'red-cyan';
+
+interface Point {
+  x: number;
+  y: number;
+}
 
 export interface Box {
   left: number;
@@ -16,12 +35,20 @@ export interface Box {
 
 const SEEN = 0.4; // m that the endoscope sees: what lies beyond the cavity is not drawn
 const REST = 200; // ms between two of the small picture while the large one moves
+const LONG_REST = 5000; // ms of the same on a machine that draws slowly
+const STILL = 1500; // ms without motion after which a machine that draws slowly draws all pixels again
+const SCOPE_LIGHT = 4; // layer
 const PART = 0.3; // of the free width that the small picture takes
 const UP = new Quaternion().setFromAxisAngle(new Vector3(1, 0, 0), Math.PI); // from -y up, along z, to y up, along -z
 
 export class Views {
   large: View = 'scope';
   readonly scope: PerspectiveCamera;
+  readonly pace: Pace;
+  private stereo: Stereo = 'one';
+  private readonly eyes: Eyes;
+  /** Where the room is seen from on a desk, standing in the room. */
+  private onlooker = new PerspectiveCamera();
   private readonly frame = document.createElement('button');
   private readonly small = document.createElement('canvas');
   private readonly label = document.createElement('span');
@@ -34,6 +61,9 @@ export class Views {
     parent: HTMLElement,
   ) {
     this.scope = new PerspectiveCamera(MathUtils.radToDeg(camera.view), 1, 0.003, SEEN);
+    this.eyes = new Eyes(camera.stereo);
+    this.pace = new Pace(app.world.renderer);
+    for (const lens of [this.scope, this.eyes.left, this.eyes.right]) lens.layers.enable(SCOPE_LIGHT);
     this.frame.className = 'inset';
     this.frame.dataset['id'] = 'inset';
     this.frame.append(this.small);
@@ -53,9 +83,17 @@ export class Views {
     this.scope.quaternion.copy(q).multiply(UP);
     node.add(this.scope);
     for (const m of this.app.members) m.handle.group.visible = false; // nobody takes it here
-    const light = new SpotLight(0xffffff, 1.6, 0.4, 0.9, 0.5, 0);
+    // No lamp of the room shines into the cavity: there the endoscope's is the only one, and what its walls scatter.
+    const light = new SpotLight(0xffffff, 2.6, 0.5, 0.9, 0.6, 0);
+    const scattered = new AmbientLight(0xffe0d0, 0.9);
+    light.position.set(0, 0, 0); // not above it, where three.js puts lamps
     light.target.position.set(0, 0, -0.1);
-    this.scope.add(light, light.target);
+    for (const lamp of [light, scattered]) lamp.layers.set(SCOPE_LIGHT);
+    this.scope.add(light, light.target, scattered);
+    const { world } = this.app;
+    this.onlooker = world.camera.clone();
+    this.onlooker.clearViewOffset();
+    world.placement.attach(this.onlooker);
     this.place();
   }
 
@@ -65,12 +103,26 @@ export class Views {
     this.app.refresh();
   }
 
+  /** Whether the endoscope has two lenses. */
+  get twoLenses(): boolean {
+    return this.camera.stereo !== undefined;
+  }
+
+  get mode(): Stereo {
+    return this.stereo;
+  }
+
+  setMode(mode: Stereo): void {
+    this.stereo = mode;
+    this.app.refresh();
+  }
+
   /** Where a picture is, in pixels of the page. */
   box(view: View): Box {
     const { clientWidth: w, clientHeight: h } = this.app.world.renderer.domElement;
     if (view === this.large) return { left: 0, top: 0, width: w, height: h };
     const [right, bottom] = this.app.world.free();
-    const width = Math.round(Math.min(PART * right, 420));
+    const width = Math.round(Math.min(PART * right, 420, 0.6 * bottom));
     const height = Math.round(0.62 * width);
     return { left: 18, top: bottom - height - 18, width, height };
   }
@@ -94,28 +146,47 @@ export class Views {
     this.frame.setAttribute('aria-label', this.label.textContent);
   }
 
-  /** Where a point of the scene is in a picture, in pixels of the page. */
-  project(point: Vector3, view: View): { x: number; y: number } {
-    const b = this.box(view);
-    this.fit(view);
-    const v = point.clone().project(view === 'scope' ? this.scope : this.app.world.camera);
+  /** Where a point of the scene is in a picture, in pixels of the page; of two side by side in the one that is nearer to x. */
+  project(point: Vector3, view: View, x = 0): { x: number; y: number } {
+    const two = this.sideBySide(view);
+    if (!two) return this.into(point, this.fit(view), this.box(view));
+    this.aim(two.left.width / two.left.height);
+    const [left, right] = EYES.map((eye) => this.into(point, this.eyes[eye], two[eye])) as [Point, Point];
+    return x < two.right.left ? left : right;
+  }
+
+  private into(point: Vector3, camera: PerspectiveCamera, b: Box): Point {
+    const v = point.clone().project(camera);
     return { x: b.left + (b.width * (1 + v.x)) / 2, y: b.top + (b.height * (1 - v.y)) / 2 };
   }
 
   /** Pixels of a picture for one radian at its middle. */
   pixels(view: View): number {
     const fov = view === 'scope' ? this.camera.view : MathUtils.degToRad(this.app.world.camera.fov);
-    return this.box(view).height / (2 * Math.tan(fov / 2));
+    return (this.sideBySide(view)?.left ?? this.box(view)).height / (2 * Math.tan(fov / 2));
   }
 
-  /** Draw the large picture and, if it is the room's less often, the small one. */
-  render(): void {
+  /** Boxes of both eyes in what the controls leave free, or null. */
+  private sideBySide(view: View): Record<Eye, Box> | null {
+    if (view !== 'scope' || this.large !== 'scope' || this.stereo !== 'side') return null;
+    const [right, bottom] = this.app.world.free();
+    const width = Math.floor(right / 2);
+    const half = (left: number): Box => ({ left, top: 0, width, height: bottom });
+    return { left: half(0), right: half(width) };
+  }
+
+  /** Draw the large picture and, if it is the room's less often, the small one. False if the last is still being drawn. */
+  render(moved: number): boolean {
     const { renderer } = this.app.world;
     const small: View = this.large === 'scope' ? 'room' : 'scope';
     const now = performance.now();
+    if (this.pace.busy(now)) return false;
+    const moving = now - moved < STILL;
+    this.pace.begin(now, moving);
+    if (moving && this.pace.slow) this.app.later(STILL);
     // The shadows of the room are not seen in the cavity.
     this.shadows ||= renderer.shadowMap.needsUpdate;
-    if (small === 'scope' || now - this.drawn > REST) {
+    if (small === 'scope' || now - this.drawn > (moving && this.pace.slow ? LONG_REST : REST)) {
       this.drawn = now;
       this.draw(small);
       const { left, top, width, height } = this.box(small);
@@ -126,33 +197,103 @@ export class Views {
       whole?.drawImage(renderer.domElement, left * scale, top * scale, w, h, 0, 0, w, h);
     } else this.app.later(REST);
     this.draw(this.large);
+    this.pace.end();
+    return true;
+  }
+
+  /** Draw what both lenses see, in a headset: pictures of this many pixels. */
+  drawEyes(width: number, height: number): Record<Eye, WebGLRenderTarget> {
+    this.aim(width / height);
+    const pictures = { left: this.eyes.picture('left', width, height), right: this.eyes.picture('right', width, height) };
+    for (const eye of EYES) this.drawInto(pictures[eye], this.eyes[eye], true);
+    return pictures;
+  }
+
+  /** Draw the room as it is seen on a desk, in a headset. */
+  drawRoom(picture: WebGLRenderTarget): void {
+    this.onlooker.aspect = picture.width / picture.height;
+    this.onlooker.updateProjectionMatrix();
+    this.onlooker.updateWorldMatrix(true, false);
+    this.drawInto(picture, this.onlooker, false);
+  }
+
+  private drawInto(picture: WebGLRenderTarget, camera: PerspectiveCamera, inside: boolean): void {
+    const { renderer, scene, placement } = this.app.world;
+    // What hangs in the room of whoever wears the headset is not in the picture.
+    const others = scene.children.filter((o) => o !== placement && o.visible && !('isLight' in o));
+    const hidden = [...others, ...(inside ? this.about() : [])];
+    const [xr, background, shown] = [renderer.xr.enabled, scene.background, placement.visible];
+    const [target, shadows] = [renderer.getRenderTarget(), renderer.shadowMap.needsUpdate];
+    renderer.shadowMap.needsUpdate = false;
+    for (const thing of hidden) thing.visible = false;
+    placement.visible = true;
+    renderer.xr.enabled = false;
+    scene.background = this.app.world.sky;
+    renderer.setRenderTarget(picture);
+    renderer.clear();
+    renderer.render(scene, camera);
+    renderer.setRenderTarget(target);
+    renderer.shadowMap.needsUpdate = shadows;
+    renderer.xr.enabled = xr;
+    scene.background = background;
+    placement.visible = shown;
+    for (const thing of hidden) thing.visible = true;
   }
 
   private draw(view: View): void {
     const { renderer, scene } = this.app.world;
-    const { left, top, width, height } = this.box(view);
-    if (width < 1 || height < 1) return;
-    const camera = this.fit(view);
+    const whole = this.box(view);
+    if (whole.width < 1 || whole.height < 1) return;
+    renderer.shadowMap.needsUpdate = view === 'room' && this.shadows;
+    if (view === 'room') this.shadows = false;
+    const hidden = view === 'scope' ? this.about() : [];
+    for (const thing of hidden) thing.visible = false;
+    const two = this.sideBySide(view);
+    renderer.setScissorTest(true);
+    if (two) {
+      this.inBox(whole, () => renderer.clear());
+      this.aim(two.left.width / two.left.height);
+      for (const eye of EYES) this.inBox(two[eye], () => renderer.render(scene, this.eyes[eye]));
+    } else if (view === 'scope' && view === this.large && this.stereo === 'red-cyan') {
+      this.fit(view);
+      this.eyes.follow(this.scope);
+      const scale = renderer.getPixelRatio();
+      for (const eye of EYES) {
+        renderer.setRenderTarget(this.eyes.picture(eye, Math.round(whole.width * scale), Math.round(whole.height * scale)));
+        renderer.render(scene, this.eyes[eye]);
+      }
+      renderer.setRenderTarget(null);
+      this.inBox(whole, () => this.eyes.overlay(renderer));
+    } else {
+      const camera = this.fit(view);
+      this.inBox(whole, () => renderer.render(scene, camera));
+    }
+    renderer.setScissorTest(false);
+    renderer.setViewport(0, 0, renderer.domElement.clientWidth, renderer.domElement.clientHeight);
+    for (const thing of hidden) thing.visible = true;
+  }
+
+  private inBox({ left, top, width, height }: Box, draw: () => void): void {
+    const { renderer } = this.app.world;
     const area = [left, renderer.domElement.clientHeight - top - height, width, height] as const;
     renderer.setViewport(...area);
     renderer.setScissor(...area);
-    renderer.setScissorTest(true);
-    renderer.shadowMap.needsUpdate = view === 'room' && this.shadows;
-    if (view === 'room') this.shadows = false;
-    const hidden = view === 'scope' ? this.hide() : [];
-    renderer.render(scene, camera);
-    for (const thing of hidden) thing.visible = true;
-    renderer.setScissorTest(false);
-    renderer.setViewport(0, 0, renderer.domElement.clientWidth, renderer.domElement.clientHeight);
+    draw();
   }
 
-  /** Hide what is drawn about the robots for whoever looks at the room. */
-  private hide(): Object3D[] {
+  /** What is drawn about the robots for whoever looks at the room, as far as it is visible. */
+  private about(): Object3D[] {
     const { members, surroundings } = this.app;
     const drawn = members.flatMap((m) => m.place.children.filter((o) => o !== m.robot?.root));
-    const hidden = [...drawn, ...surroundings.signs].filter((o) => o.visible);
-    for (const thing of hidden) thing.visible = false;
-    return hidden;
+    return [...drawn, ...surroundings.signs].filter((o) => o.visible);
+  }
+
+  /** Point both lenses at pictures that are each as wide for their height. */
+  private aim(aspect: number): void {
+    this.scope.aspect = aspect;
+    this.scope.clearViewOffset();
+    this.scope.updateWorldMatrix(true, false);
+    this.eyes.follow(this.scope);
   }
 
   private fit(view: View): PerspectiveCamera {

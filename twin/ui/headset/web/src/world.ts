@@ -29,6 +29,9 @@ export type Look = 'normal' | 'additive';
 
 const SKY = 0xe9eef5;
 
+/** Layer of the lamps of the room: a camera that has it sees by their light. */
+export const ROOM_LIGHT = 3;
+
 /** From where the robot is looked at first. */
 export const VIEW: Readonly<Vector3> = new Vector3(0.62, 0.36, 0.8).normalize();
 
@@ -43,6 +46,8 @@ export class World {
   readonly robotWorld = new Group();
   readonly floor = new Group();
   look: Look = 'normal';
+  /** What is seen where there is nothing, unless it is the real room. */
+  readonly sky = new Color(SKY);
   /** Set when something has changed that must be drawn. */
   dirty = true;
   /** Edge of the robot's box, in m. */
@@ -67,6 +72,8 @@ export class World {
     this.renderer.shadowMap.enabled = true;
     this.renderer.shadowMap.type = PCFShadowMap;
     this.renderer.shadowMap.autoUpdate = false;
+    for (const lamp of [this.sun, this.fill, this.hemisphere, this.ambient]) lamp.layers.set(ROOM_LIGHT);
+    this.camera.layers.enable(ROOM_LIGHT);
     this.robotWorld.rotation.x = -Math.PI / 2;
     this.placement.add(this.robotWorld);
     this.scene.add(this.placement, this.floor, this.sun, this.sun.target, this.fill, this.hemisphere, this.ambient);
@@ -162,7 +169,8 @@ export class World {
     this.look = look;
     const additive = look === 'additive';
     // On an additive display black is nothing: on a desk it previews what such a display would show.
-    this.scene.background = seeThrough ? null : new Color(additive ? 0x000000 : SKY);
+    this.sky.set(additive ? 0x000000 : SKY);
+    this.scene.background = seeThrough ? null : this.sky;
     this.ambient.intensity = additive ? 0.5 : 0.15;
     this.sun.castShadow = !additive;
     this.shadow.visible = !additive;

@@ -7,6 +7,7 @@ export type XrMode = 'immersive-ar' | 'immersive-vr';
 
 const OPTIONAL = ['local-floor', 'hit-test', 'hand-tracking'];
 const EYES = 1.4; // m above the floor, where a device does not know its floor
+const ASIDE = 0.68; // m to the left, where the panel is not before the console's screen
 const AWAY = 1500; // ms out of sight, after which the panel comes along
 
 export class Xr {
@@ -117,9 +118,11 @@ export class Xr {
     if (!this.settled && app.robot) {
       this.settled = true;
       app.place.before(this.position, forward, this.floor);
-      app.xrPanel.placeBefore(this.position, forward);
-      if (this.canPlace) app.place.begin();
+      app.xrPanel.placeBefore(this.position, forward, app.console ? ASIDE : undefined);
+      app.console?.screen.placeBefore(this.position, forward);
+      if (this.canPlace && !app.console) app.place.begin();
     }
+    app.console?.hands.update(frame, space, now);
     this.aim(frame, space);
     this.fetchPanel(forward, now);
   }
@@ -142,7 +145,7 @@ export class Xr {
       const space = await session.requestReferenceSpace('viewer');
       this.viewerHits = (await session.requestHitTestSource({ space })) ?? null;
       this.canPlace = this.viewerHits !== null;
-      if (this.canPlace) this.app.place.begin();
+      if (this.canPlace && !this.app.console) this.app.place.begin();
     } catch {
       this.canPlace = false; // the device sees no surfaces: the robot stays in front of the viewer
     }
@@ -180,7 +183,7 @@ export class Xr {
     const { xrPanel } = this.app;
     if (!xrPanel.outOfSight(this.position, forward)) this.awaySince = now;
     else if (now - this.awaySince > AWAY) {
-      xrPanel.placeBefore(this.position, forward);
+      xrPanel.placeBefore(this.position, forward, this.app.console ? ASIDE : undefined);
       this.awaySince = now;
     }
   }
@@ -193,6 +196,8 @@ export class Xr {
     this.pointerHits.clear();
     this.canPlace = false;
     app.hands.forget();
+    app.console?.hands.forget();
+    app.console?.screen.hide();
     app.place.placing = app.place.leading = false;
     app.place.aim(null);
     app.xrPanel.group.visible = false;

@@ -1,0 +1,74 @@
+"""What the tests of the console's page share: joints, tips in the picture, rest."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+
+from made import headset_page as headset
+
+ARMS = {"right": "psm1", "left": "psm2"}
+NAMES = ("psm1", "psm2", "ecm")
+JAW = 6
+
+
+def joints(page):
+    """Return the joints of each robot, as they came with the newest frame that was drawn."""
+    return [np.array(q) for q in page("twin.app.model.robots.map(r => [...r.frame.q])")]
+
+
+def moved(before, after):
+    """Return the names of the robots that have moved; a jaw does not count."""
+    pairs = zip(NAMES, before, after, strict=True)
+    return {n for n, a, b in pairs if np.abs(a - b)[: JAW if n != "ecm" else 4].max() > 1e-3}
+
+
+def rest(page):
+    """Wait until nothing moves; return the joints."""
+    last = joints(page)
+    for _ in range(200):
+        seq = page("twin.app.model.newest.seq")
+        time.sleep(0.3)
+        page.until(f"twin.app.model.newest.seq > {seq + 3}", "frames that are newer")  # a busy page draws seldom
+        now = joints(page)
+        if all(np.array_equal(a, b) for a, b in zip(last, now, strict=True)):
+            return now
+        last = now
+    raise AssertionError("the robots do not come to rest")
+
+
+def let_go(page):
+    """Let the hands go; return the joints at rest."""
+    page("twin.app.console.pens.drop()")
+    page.until("twin.app.model.console.owner === null", "the hands are free")
+    return rest(page)
+
+
+def tips(page):
+    """Return where the tips are in the endoscope's picture, in pixels, and at which depth, in m."""
+    return {
+        side: page(
+            f"(() => {{const c = twin.app.console, t = c.tip('{side}'), v = c.views.project(t, 'scope');"
+            " return [v.x, v.y, -t.applyMatrix4(c.views.scope.matrixWorld.clone().invert()).z]})()"
+        )
+        for side in ARMS
+    }
+
+
+def seen(page, side):
+    """Return where a tip is before the lens (3,): right, up, towards it, in m."""
+    return np.array(
+        page(
+            f"(() => {{const c = twin.app.console; c.views.scope.updateWorldMatrix(true, false);"
+            f" return c.tip('{side}').applyMatrix4(c.views.scope.matrixWorld.clone().invert()).toArray()}})()"
+        )
+    )
+
+
+@headset.contextmanager
+def console(browser, url, **options):
+    """Yield the page of a console that knows its state."""
+    with headset.shown(browser, url, **options) as page:
+        page.until("twin.app.model.console !== null && twin.app.console?.tip('right') != null", "the console")
+        yield page

@@ -1,0 +1,152 @@
+"""The console's page under fingers, in Chromium with a touch screen, and its stereo pictures on a screen."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from made import headset_page as headset
+from made.console_page import ARMS, JAW, console, joints, let_go, moved, rest, seen, tips
+
+pytestmark = pytest.mark.browser
+
+
+@pytest.fixture(scope="module")
+def browser():
+    yield from headset.chromium()
+
+
+@pytest.fixture(scope="module")
+def opened(browser):
+    server = headset.Serving("davinci")
+    with console(browser, server.url, size=(900, 520)) as page:
+        yield page
+    server.stop()
+
+
+@pytest.fixture
+def page(opened):
+    opened.draws(False)
+    let_go(opened)
+    return opened
+
+
+class Fingers:
+    """A touch screen."""
+
+    def __init__(self, page):
+        self.page, self.session = page, page.page.context.new_cdp_session(page.page)
+
+    def touch(self, *points):
+        """Put fingers down, move them, or lift them all."""
+        kind = "touchEnd" if not points else "touchMove" if self.down == len(points) else "touchStart"
+        self.down = len(points)
+        fingers = [{"x": float(x), "y": float(y), "id": i} for i, (x, y) in enumerate(points)]
+        self.session.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": fingers})
+
+    down = 0
+
+    def drag(self, start, end, until, steps=12):
+        """Drag fingers (k, 2) to where they end, to and fro until something has happened."""
+        start, end = np.array(start, float), np.array(end, float)
+        for k in range(1, len(start) + 1):
+            self.touch(*start[:k])
+        k = 0
+
+        def step():
+            nonlocal k
+            k += 1
+            self.touch(*(start + min(1, k / steps) * (end - start) + (0, k % 2)))
+            return until()
+
+        headset.until(step, "the fingers have an effect")
+        self.touch()
+
+
+@pytest.fixture
+def fingers(page):
+    return Fingers(page)
+
+
+@pytest.mark.parametrize("side", ARMS)
+def test_a_finger_leads_the_nearest_instrument(page, fingers, side):
+    before, (x, y, _) = joints(page), tips(page)[side]
+    fingers.drag([(x, y)], [(x + 40, y)], lambda: tips(page)[side][0] > x + 12)
+    assert moved(before, rest(page)) == {ARMS[side]}
+
+
+def test_two_fingers_pan_zoom_and_roll_the_camera(page, fingers):
+    middle = np.mean([t[:2] for t in tips(page).values()], axis=0)
+    for name, end, sign in (
+        ("pan", [(-60, 0), (20, 0)], lambda b, a: b[0] - a[0]),
+        ("zoom", [(-90, 0), (90, 0)], lambda b, a: b[2] - a[2]),  # what is seen comes nearer
+        ("roll", [(-30, -26), (30, 26)], lambda b, a: a[1] - b[1]),  # clockwise: what is right goes down
+    ):
+        before, tip = rest(page), seen(page, "right") * (1, 1, -1)
+        start = middle + np.array([(-40, 0), (40, 0)])
+        effect = lambda before=before: moved(before, joints(page)) == {"ecm"}  # noqa: E731
+        fingers.drag(start, middle + np.array(end), effect)
+        assert moved(before, rest(page)) == {"ecm"}, name
+        assert sign(tip, seen(page, "right") * (1, 1, -1)) != 0
+        page.until("!twin.app.console.pens.camera", "the pedal is released")
+
+
+def test_a_finger_left_of_two_leads_nothing(page, fingers):
+    x, y, _ = tips(page)["right"]
+    page("addEventListener('pointerdown', (e) => (window.second = e.pointerId), {capture: true})")
+    fingers.touch((x, y))
+    fingers.touch((x, y), (x - 60, y))
+    page.until("twin.app.console.pens.camera", "two fingers are the camera")
+    before = rest(page)
+    # DevTools lifts all fingers or none
+    page(
+        "twin.app.world.renderer.domElement.dispatchEvent("
+        "new PointerEvent('pointerup', {pointerId: second, pointerType: 'touch', bubbles: true}))"
+    )
+    page.until("!twin.app.console.pens.camera", "one finger is not")
+    for k in range(8):
+        fingers.touch((x + 6 * k, y), (x - 60, y))
+    assert moved(before, rest(page)) == set()
+    fingers.touch()
+
+
+def test_buttons_of_the_page_are_pedals_and_jaws(page, fingers):
+    page.id("clutch").click()
+    page.until("twin.app.model.console.mode === 'nothing'", "clutch")
+    before, (x, y, _) = rest(page), tips(page)["right"]
+    fingers.touch((x, y))
+    for k in range(8):
+        fingers.touch((x + 6 * k, y))
+    fingers.touch()
+    assert moved(before, rest(page)) == set()
+    page.id("clutch").click()
+    page.until("twin.app.model.console.mode === 'instruments'", "no clutch")
+    page.id("jaw-left").click()
+    headset.until(lambda: joints(page)[1][JAW] > 0.2, "the left jaw opens")
+    page.id("jaw-left").click()
+    headset.until(lambda: joints(page)[1][JAW] < 0.1, "the left jaw shuts")
+
+
+def test_both_lenses_are_shown_side_by_side_and_in_red_and_cyan(opened):
+    page = opened
+    page.draws(True)
+    page("twin.app.console.views.swap(), twin.app.console.views.swap()")
+    pictures = {}
+    for mode in ("side", "red-cyan", "one"):
+        page.id("stereo").select_option(mode)
+        page("twin.app.world.touch()")
+        drawn = page("twin.app.console.views.pace.begun")
+        page.until(f"twin.app.console.views.pace.begun > {drawn} && !twin.app.world.dirty", "a picture")
+        pictures[mode] = page.image()
+    right, bottom = page("twin.app.world.free()")
+    half = int(right / 2)
+    side = pictures["side"][120 : int(bottom) - 130]  # neither below the name nor beside the small picture
+    a, b = side[:, :half], side[:, half : 2 * half]
+    apart = np.abs(a - b).max(axis=2)
+    assert 0.005 < (apart > 40).mean() < 0.3, "two pictures that are alike and not the same"
+    box = pictures["red-cyan"][120 : int(bottom) - 130, : int(right)]
+    red, green, blue = np.moveaxis(box, 2, 0)
+    assert np.abs(green - blue).max() <= 2
+    assert 0.002 < (np.abs(red - green) > 30).mean() < 0.4, "coloured edges where the eyes see apart"
+    red, green, _ = np.moveaxis(pictures["one"][120 : int(bottom) - 130, : int(right)], 2, 0)
+    assert (red - green > 40).mean() > 0.2, "in one picture the cavity has its colours"
