@@ -413,7 +413,7 @@ def person(davinci, robots, tmp_path_factory):
     """The file of a session of a person, through what `twin serve` runs."""
     path = tmp_path_factory.mktemp("person") / "hands.session"
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("twin.ui.headset.operation._BUDGET", np.inf)
+        patch.setattr("twin.ui.session.console._BUDGET", np.inf)
         operation = Operation(davinci, robots, path)
         operation.frame(0, 0.0)
         lead(operation, 1.1)
@@ -437,7 +437,7 @@ def test_the_hands_of_a_person_replay_in_another_process(person):
 
 
 def test_what_is_served_is_written_as_it_runs(davinci, robots, tmp_path, monkeypatch, caplog):
-    monkeypatch.setattr("twin.ui.headset.operation._BUDGET", np.inf)
+    monkeypatch.setattr("twin.ui.session.console._BUDGET", np.inf)
     monkeypatch.setattr(session_file, "CHUNK", 200)
     path = tmp_path / "hands.session"
     operation = Operation(davinci, robots, path)
@@ -459,7 +459,7 @@ def test_what_is_served_is_written_as_it_runs(davinci, robots, tmp_path, monkeyp
 
 
 def test_a_session_ends_at_its_maximum(tmp_path, davinci, robots, monkeypatch, caplog):
-    monkeypatch.setattr("twin.ui.headset.operation._BUDGET", np.inf)
+    monkeypatch.setattr("twin.ui.session.console._BUDGET", np.inf)
     monkeypatch.setattr(session_file, "LONGEST", 0.1)
     operation = Operation(davinci, robots, tmp_path / "a.session")
     operation.frame(0, 0.0)
