@@ -14,13 +14,20 @@ from twin.cad.description import Description
 from twin.planning.protocol.tables import ProtocolTable
 from twin.schema import json_schema
 from twin.schema.track import Track
+from twin.simulation.session.file import Head as SessionHead
 from twin.simulation.world.recording import Head
 
 FOLDER = Path(__file__).parent / "schemas"
 
-MODELS: dict[str, type[BaseModel]] = {"robot": Description, "protocol": ProtocolTable, "track": Track, "world": Head}
+MODELS: dict[str, type[BaseModel]] = {
+    "robot": Description,
+    "protocol": ProtocolTable,
+    "track": Track,
+    "world": Head,
+    "session": SessionHead,
+}
 """By the name of the file: cad/<robot>/<robot>.toml, trajectories/<robot>/<protocol>.toml, an export's tracks/, the
-first line of a recording of a World."""
+first lines of a recording of a World and of a session at a console."""
 
 
 def schemas() -> dict[Path, str]:

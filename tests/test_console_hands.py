@@ -49,7 +49,10 @@ def led(hand=HAND, **more):
 
 def play(law, hands, scale=0.5, T=T, led=True):
     """Return the goals (k, 4, 4); the tool is where it is asked to be."""
-    return np.array([law.step(W, 0.0, law.goal, T, scale, led) for W in hands])
+    if not led:
+        law.release()
+        return np.array([law.goal] * len(hands))
+    return np.array([law.step(W, 0.0, law.goal, T, scale) for W in hands])
 
 
 def along(hand, way, turn=(0, 0, 0), k=50):
@@ -316,8 +319,8 @@ FREE_DRAG = Drag(lower=(-9, -9, 0, -9), upper=(9, 9, 9, 9), rate=(1e9, 1e9, 1e9,
 
 def dragged(right, left, at=(0.0, 0.0, 0.1, 0.0), origin=(0, 0, 0), drag=FREE_DRAG):
     law = Dragging(np.array(at), DT, drag)
-    law.step(RIGHT + origin, LEFT + origin, True)
-    return law.step(RIGHT + right + origin, LEFT + left + origin, True)
+    law.step(RIGHT + origin, LEFT + origin)
+    return law.step(RIGHT + right + origin, LEFT + left + origin)
 
 
 @pytest.mark.parametrize("origin", [(0, 0, 0), (0.2, 0, 0), (-0.3, 5, 1)])
@@ -350,10 +353,10 @@ def test_the_scene_goes_with_the_hands(way, roll, pan, depth):
 def test_the_camera_keeps_its_limits_and_its_rate():
     drag = Drag()
     law = Dragging(np.array([0.0, 0, 0.1, 0]), DT, drag)
-    law.step(RIGHT, LEFT, True)
+    law.step(RIGHT, LEFT)
     last = law.at
     for k in range(4000):
-        at = law.step(np.add(RIGHT, [0, 1e-3 * k, 1e-3 * k]), np.add(LEFT, [0, -1e-3 * k, 1e-3 * k]), True)
+        at = law.step(np.add(RIGHT, [0, 1e-3 * k, 1e-3 * k]), np.add(LEFT, [0, -1e-3 * k, 1e-3 * k]))
         assert (np.abs(at - last) <= np.array(drag.rate) * DT + 1e-15).all()
         last = at
     assert at[2] == drag.upper[2]
@@ -363,10 +366,10 @@ def test_the_camera_keeps_its_limits_and_its_rate():
 
 def test_a_pedal_that_is_pressed_again_drags_from_there():
     law = Dragging(np.array([0.0, 0, 0.1, 0]), DT, FREE_DRAG)
-    law.step(RIGHT, LEFT, True)
-    there = law.step(np.add(RIGHT, [0.01, 0, 0]), np.add(LEFT, [0.01, 0, 0]), True)
-    law.step(np.add(RIGHT, [0.5, 0, 0]), np.add(LEFT, [0.5, 0, 0]), False)
-    assert np.allclose(law.step(RIGHT, LEFT, True), there, atol=1e-15)
+    law.step(RIGHT, LEFT)
+    there = law.step(np.add(RIGHT, [0.01, 0, 0]), np.add(LEFT, [0.01, 0, 0]))
+    law.release()
+    assert np.allclose(law.step(RIGHT, LEFT), there, atol=1e-15)
 
 
 # -- in the World ---------------------------------------------------------------------------------------------------

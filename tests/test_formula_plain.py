@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from twin.core import spatial
 from twin.formula import deg, if_else, mm, number
 from twin.formula.lift import scope
-from twin.formula.plain import Symbol
+from twin.formula.symbol import Symbol
 from twin.kinematics import compile_formula
 from twin.robots import load_formula
 from twin.validation.explain.plain import Samples, leave

@@ -395,7 +395,7 @@ def test_a_console_that_does_not_fit_its_robots_is_named(scene, robots, tmp_path
         Operation(load_scene(tmp_path / "scene.toml"), robots)
 
 
-@pytest.mark.parametrize("command", ["run", "view", "export"])
+@pytest.mark.parametrize("command", ["run", "view"])
 def test_a_scene_without_protocols_is_not_played(command, tmp_path, capsys):
     more = ["--html", str(tmp_path / "page.html")] if command == "view" else ["--out", str(tmp_path / "out")]
     assert main([command, "davinci", *more]) == 2

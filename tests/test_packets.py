@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from made import consoles
 from twin.core import spatial
-from twin.core.errors import TwinError, WorldError
+from twin.core.errors import DeviceError, TwinError, WorldError
 from twin.core.units import DEG, MM
 from twin.simulation.controllers.following import Pace
 from twin.simulation.controllers.pedals import CAMERA, FREE, Pedals
@@ -26,6 +26,15 @@ pytestmark = pytest.mark.usefixtures("cad_once")
 
 NOTHING = Signals({"a.b": 0.0})
 POSE = spatial.pose(spatial.exp_so3(np.array([0.1, -0.2, 0.3])), (0.01, 0.02, 0.03))
+
+
+def take(device, data):
+    """Pass a packet to a device; return why it is malformed, or None."""
+    try:
+        device.give(device.read(data))
+    except DeviceError as error:
+        return str(error)
+    return None
 
 
 def test_the_layout_is_the_documented_one():
@@ -58,12 +67,31 @@ def broken():
     return out
 
 
-@pytest.mark.parametrize("name", broken())
+NAMED = {
+    "empty": "the length is 0 bytes; it must be 84",
+    "short": "the length is 83 bytes",
+    "long": "the length is 85 bytes",
+    "magic": "they must be TWNH, version 1",
+    "version": "they must be TWNH, version 1",
+    "hand": "hand is 2; it must be 0 (right) or 1 (left)",
+    "pedals": "pedals are 4",
+    "reserved": "hand, pedals and 0",
+    "nan": "position x is nan m; it must be within ±10 m",
+    "infinite": "position y is inf m",
+    "far": "position z is 1e+300 m",
+    "quaternion": "the quaternion has length",
+    "nan quaternion": "the quaternion has length nan; it must be 1 ± 0.001",
+    "gripper": "gripper is 1e+09 rad; it must be within ±6.283 rad",
+    "nan gripper": "gripper is nan rad",
+}
+
+
+@pytest.mark.parametrize("name", NAMED)
 def test_a_broken_packet_changes_nothing_and_is_counted(name):
     device = Packets("pedals")
-    device.take(pack(0, 0, POSE, 0.1))
+    take(device, pack(0, 0, POSE, 0.1))
     before = device.step(NOTHING, 0.0, 1e-3)
-    assert device.take(broken()[name]) is None
+    assert NAMED[name] in take(device, broken()[name])
     after = device.step(NOTHING, 0.0, 1e-3)
     assert after["pedals.ignored"] == 1
     assert all(np.array_equal(after[k], before[k]) for k in before if k != "pedals.ignored")
@@ -73,7 +101,7 @@ def test_a_broken_packet_changes_nothing_and_is_counted(name):
 @given(st.binary(max_size=100) | st.binary(min_size=76, max_size=76).map(lambda b: b"TWNH\x01\x00\x00\x00" + b))
 def test_no_bytes_break_the_device(data):
     device = Packets("pedals")
-    device.take(data)
+    take(device, data)
     wrote = device.step(NOTHING, 0.0, 1e-3)
     assert all(np.isfinite(v).all() for v in wrote.values())
     assert spatial.is_pose(np.reshape(wrote["right.pose"], (4, 4)), 1e-9)
@@ -83,7 +111,7 @@ def numbers(*sent, t=0.0):
     """Return position x, lost and ignored after packets with these numbers, whose x is their number in um."""
     device = Packets("pedals")
     for n in sent:
-        device.take(pack(0, n, spatial.pose(None, (n % 2**32 * 1e-10, 0, 0)), 0.0))
+        take(device, pack(0, n, spatial.pose(None, (n % 2**32 * 1e-10, 0, 0)), 0.0))
     wrote = device.step(NOTHING, t, 1e-3)
     return round(wrote["right.pose"][3] / 1e-10), wrote["right.lost"], wrote["pedals.ignored"]
 
@@ -108,10 +136,10 @@ def test_a_silent_hand_is_told_until_it_is_heard_again():
     device = Packets("pedals", patience=0.25)
     assert device.outputs["pedals.silent"] == 1, "nobody is there yet"
     for hand in (0, 1):
-        device.take(pack(hand, 10, POSE, 0.1))
+        take(device, pack(hand, 10, POSE, 0.1))
     assert [device.step(NOTHING, t, 1e-3)["pedals.silent"] for t in (1.0, 1.25, 1.26)] == [0, 0, 1]
     for hand in (0, 1):  # a program that was started anew counts from 0 again
-        device.take(pack(hand, 0, POSE, 0.1))
+        take(device, pack(hand, 0, POSE, 0.1))
     assert device.step(NOTHING, 1.3, 1e-3)["pedals.silent"] == 0
 
 
@@ -160,8 +188,9 @@ def test_a_force_comes_back_to_who_sent(sender):
         while not door.pump(0.0):
             pass
         device.step(NOTHING, 0.0, 1e-3)
-        door.answer(0, (9, 9, 9))
-        door.answer(1, (0.5, -1.0, 2.0))
+        door.answer(0, (9, 9, 9), 0.0)
+        door.answer(1, (9, 9, 9), 1.0)  # it has been silent since
+        door.answer(1, (0.5, -1.0, 2.0), 0.0)
         data, _ = sender.recvfrom(100)
     assert FORCE.unpack(data) == (b"TWNF", 1, 1, 0, 0, 42, 0.5, -1.0, 2.0)
 
@@ -169,16 +198,51 @@ def test_a_force_comes_back_to_who_sent(sender):
 def test_another_address_cannot_take_a_hand_over(sender):
     device = Packets("pedals")
     with PacketDoor(device) as door, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
-        for s, n in ((sender, 1), (other, 2)):
+        other.bind(("127.0.0.1", 0))
+        told = []
+        door.reports.tell = told.append
+        here, there = (f"127.0.0.1:{s.getsockname()[1]}" for s in (sender, other))
+        for s, n in ((sender, 1), (other, 2), (other, 3)):
             s.sendto(pack(0, n, POSE, 0.0), ("127.0.0.1", door.port))
-            while not door.pump(0.0):
-                pass
-            device.step(NOTHING, 0.0, 1e-3)
-        assert door.refused == 1
+        assert door.pump(0.0) == 1, "also of those that come at the same time"
+        assert door.refused == 2
+        assert told == [f"packets from {there} are ignored: {here} has the right hand until it is silent for 0.25 s"]
+        device.step(NOTHING, 0.0, 1e-3)
         other.sendto(pack(0, 3, POSE, 0.0), ("127.0.0.1", door.port))
-        while not door.pump(1.0):
-            pass
-        assert door.refused == 1
+        assert door.pump(1.0) == 1
+        assert door.refused == 2
+
+
+def test_a_hand_does_not_begin_with_a_camera_pedal_that_is_pressed(sender):
+    told = []
+    with PacketDoor(Packets("pedals")) as door:
+        door.reports.tell = told.append
+        for number, camera in enumerate((True, True, False, True)):
+            sender.sendto(pack(1, number, POSE, 0.0, camera=camera), ("127.0.0.1", door.port))
+        assert door.pump(0.0) == 2
+    assert len(told) == 1
+    assert "the camera pedal is pressed from the start; release it once" in told[0]
+
+
+def test_packets_are_shared_out_among_the_parts_of_a_step(sender):
+    with PacketDoor(Packets("pedals")) as door:
+        for number in range(10):
+            sender.sendto(pack(0, number, POSE, 0.0), ("127.0.0.1", door.port))
+        assert [door.pump(0.0, parts) for parts in (4, 3, 2, 1, 1)] == [3, 3, 2, 2, 0]
+
+
+def test_a_flood_is_read_in_bounded_time_and_told_once(sender):
+    told = []
+    with PacketDoor(Packets("pedals")) as door:
+        door.reports.tell = told.append
+        for k in range(1000):
+            sender.sendto(b"x" * (k % 200), ("127.0.0.1", door.port))
+        read = []
+        while door.device._ignored not in read:
+            read.append(door.device._ignored)
+            door.pump(0.0)
+    assert max(np.diff(read)) <= 256
+    assert len(told) == 1
 
 
 def test_a_taken_port_is_told():

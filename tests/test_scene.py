@@ -168,6 +168,12 @@ def test_a_scene_is_exported_robot_by_robot_and_stands_in_one_stage(tmp_path, ca
     np.testing.assert_array_equal(json.loads((out / "scene.json").read_text())["robots"][0]["T_world_base"],
                                   scene.places[0].T_world_base)  # fmt: skip
     stage = out / "usd" / f"{scene.name}.usda"
+    assert not stage.with_name(f"{scene.name}_sim.usda").exists()  # its motions are baked
+    report = twin.audit(out)
+    assert report.verdict == "agree"
+    assert {c.file.split("/")[0] for c in report.checks} == {"scene.json", "hibou", "usd"}
+    with pytest.raises(TwinError, match="is an exported scene: audit it without a robot"):
+        twin.audit(out, "hibou")
     where = re.search(r"xformOp:translate = \((\S+),", stage.read_text())
     assert where is not None
     clip = SimpleNamespace(times=np.array([0.0]), links={})
@@ -178,6 +184,37 @@ def test_a_scene_is_exported_robot_by_robot_and_stands_in_one_stage(tmp_path, ca
     cache = UsdGeom.XformCache(0.0)
     clip.links = {n: np.array(cache.GetLocalToWorldTransform(own.GetDefaultPrim().GetChild(n))).T[None] for n in links}
     bundle = SimpleNamespace(order=SimpleNamespace(clips=[clip]))
+    (found,) = (f for f in twin.audit(out).findings if f.code == "scene.link")
+    assert (found.severity, found.size) == ("disagreement", pytest.approx(1e-4, rel=1e-3))
     seen = scene_export._check(stage, scene, {"hibou": bundle})  # type: ignore[dict-item]
     assert seen["verdict"] == "disagree"
     assert seen["worst"] == pytest.approx(1e-4, rel=1e-3)
+
+
+def test_a_robot_without_a_protocol_is_exported_where_the_console_takes_it_over():
+    (place,) = (p for p in twin.load_scene("davinci").places if p.name == "ecm")
+    robot = scene_export._robot(place)
+    home = robot.reference().home()
+    shown = {"q2": np.degrees(home.q_full["q2"]), "q3": home.q_full["q3"] / MM}
+    assert shown == pytest.approx({n: place.start[n] for n in shown}, abs=1e-9)
+    assert max(p for p, _ in home.gap.values()) < 1e-12
+    assert robot.mechanism.posture("home") == pytest.approx(twin.load("davinci_ecm").mechanism.posture("home"))
+    assert all(b.inertia for b in robot.mechanism.bodies)
+
+
+@pytest.mark.parametrize(
+    ("entry", "code"),
+    [
+        ({"T_world_base": [[1]]}, "scene.pose"),
+        ({"folder": "../elsewhere"}, "scene.folder"),
+        ({"folder": "nothing"}, "scene.folder"),
+        ({"name": None, "robots": 0}, "scene.unreadable"),
+    ],
+)
+def test_the_audit_says_what_a_file_of_a_scene_lacks(tmp_path, entry, code):
+    row = {"name": "one", "protocol": "", "folder": "one", "T_world_base": np.eye(4).tolist()} | entry
+    robots = [{k: v for k, v in row.items() if v is not None}]
+    (tmp_path / "scene.json").write_text(json.dumps({"robots": robots}))
+    report = twin.audit(tmp_path)
+    assert [f.code for f in report.findings if f.severity == "error"] == [code]
+    assert report.verdict == "unchecked"

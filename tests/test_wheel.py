@@ -126,7 +126,7 @@ def test_installed_version_is_that_of_the_package(venv, tmp_path):
 def test_environment_lacks_the_development_packages(venv, tmp_path):
     listed = json.loads(_ok(_run(venv / "bin/twin", "doctor", "--json", cwd=tmp_path)))
     assert listed["missing"] == []
-    absent = ("build123d", "distributed", "pyarrow", "segno", "pyyaml")
+    absent = ("build123d", "distributed", "mcap", "pyarrow", "segno", "pyyaml")
     assert {listed["found"][name] for name in absent} == {"-"}
 
 

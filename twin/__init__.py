@@ -34,6 +34,7 @@ if TYPE_CHECKING:
         validate,
         world,
     )
+    from twin.api.session import operate_console, replay_session
     from twin.core.errors import TwinError
     from twin.core.findings import Finding
     from twin.core.result import Result
@@ -60,6 +61,7 @@ _HOMES = {
         "validate",
         "world",
     ),
+    "twin.api.session": ("operate_console", "replay_session"),
     "twin.analysis.search": ("workspace",),
     "twin.analysis.sweep": ("sweep",),
     "twin.analysis.tolerance": ("Spread", "tolerance"),
@@ -90,8 +92,10 @@ __all__ = [
     "masses",
     "names",
     "operate",
+    "operate_console",
     "plan",
     "play",
+    "replay_session",
     "strokes",
     "study",
     "sweep",

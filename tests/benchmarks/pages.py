@@ -24,7 +24,7 @@ FALL = 0.4
 
 PACKAGES = (
     *("numpy", "casadi", "llvmlite", "pin", "mujoco", "scipy", "toppra", "drake", "numba", "mink", "pin-pink", "daqp"),
-    "roboticstoolbox-python",
+    *("roboticstoolbox-python", "pybullet"),
 )
 Results = Mapping[str, list[Table]]
 

@@ -28,11 +28,13 @@ from race import Effort, Table
 TOPICS = {
     "loops": "closed_loops",
     "closed form": "closed_form",
+    "instrument arm": "psm_inverse",
     "timing": "timing",
     "trocar": "trocar",
     "control": "control",
     "workspace": "workspace",
     "scaling": "scaling",
+    "da Vinci": "davinci",
 }
 """Name -> module."""
 ROOT = Path(__file__).resolve().parents[2]

@@ -2,10 +2,11 @@
 
     read_physx.py job.json
 
-The job: {"stage", "robot", "frames": [{joint: value, or quaternion xyzw of a ball}], "rate": steps a second,
-"joints": [names], "targets": [[value of each joint] each step], "every": steps between two answers}.
+The job: {"stage", "robot": path without its first slash, "frames": [{joint: value, or quaternion xyzw of a ball}],
+"rate": steps a second, "joints": [names], "targets": [[value of each joint] each step], "every": steps between two
+answers}.
 Prints {"start": {link: [7]}, "links": {link: [[7] each frame]}, "run": {link: [[7] each answer]}}; a pose is
-x y z qx qy qz qw in the world, m.
+x y z qx qy qz qw in the world, m. With "robots" instead, several that only rest: {robot: {"start", "run"}}.
 """
 
 import json
@@ -29,11 +30,8 @@ def turn(quaternion):
 class Articulation:
     """One robot on a stage."""
 
-    def __init__(self, stage, robot):
-        self.physx = PhysX(device="cpu")
-        self.physx.add_usd(stage)
-        self.physx.wait_all()
-        self._robot = f"/{robot}"
+    def __init__(self, physx, robot):
+        self.physx, self._robot = physx, f"/{robot}"
         self.pose = self._bind(TensorType.ARTICULATION_LINK_POSE)
         self.q = self._bind(TensorType.ARTICULATION_DOF_POSITION)
         self.target = self._bind(TensorType.ARTICULATION_DOF_POSITION_TARGET)
@@ -77,28 +75,50 @@ class Articulation:
                 out.append(self.get(self.pose)[0].tolist())
         return out
 
-    def rest(self, steps, rate, every):
-        """Step without touching anything; return poses after every so many steps."""
-        out = []
-        for k in range(steps):
-            self.physx.step_sync(1 / rate, k / rate)
-            if (k + 1) % every == 0:
-                out.append(self.get(self.pose)[0].tolist())
-        return out
+
+def opened(stage):
+    physx = PhysX(device="cpu")
+    physx.add_usd(stage)
+    physx.wait_all()
+    return physx
+
+
+def rest(physx, robots, steps, rate, every):
+    """Step without touching anything; return the poses of each robot after every so many steps."""
+    out = [[] for _ in robots]
+    for k in range(steps):
+        physx.step_sync(1 / rate, k / rate)
+        if (k + 1) % every == 0:
+            for robot, rows in zip(robots, out, strict=True):
+                rows.append(robot.get(robot.pose)[0].tolist())
+    return out
 
 
 def by_link(links, rows):
     return {name: [row[i] for row in rows] for i, name in enumerate(links)}
 
 
+def started(robot):
+    return {"start": by_link(robot.links, [robot.get(robot.pose)[0].tolist()])}
+
+
 job = json.loads(Path(sys.argv[1]).read_text())
-robot = Articulation(job["stage"], job["robot"])
-answer = {"start": by_link(robot.links, [robot.get(robot.pose)[0].tolist()])}
-if "frames" in job:
-    answer["links"] = by_link(robot.links, [robot.place(f) for f in job["frames"]])
-elif "targets" in job:
-    answer["run"] = by_link(robot.links, robot.drive(job["joints"], job["targets"], job["rate"], job["every"]))
+physx = opened(job["stage"])
+if "robots" in job:
+    robots = {name: Articulation(physx, name) for name in job["robots"]}
+    answer = {name: started(robot) for name, robot in robots.items()}
+    runs = rest(physx, list(robots.values()), job["steps"], job["rate"], job["every"])
+    for (name, robot), run in zip(robots.items(), runs, strict=True):
+        answer[name]["run"] = by_link(robot.links, run)
 else:
-    answer["run"] = by_link(robot.links, robot.rest(job["steps"], job["rate"], job["every"]))
+    robot = Articulation(physx, job["robot"])
+    answer = started(robot)
+    if "frames" in job:
+        answer["links"] = by_link(robot.links, [robot.place(f) for f in job["frames"]])
+    elif "targets" in job:
+        answer["run"] = by_link(robot.links, robot.drive(job["joints"], job["targets"], job["rate"], job["every"]))
+    else:
+        (run,) = rest(physx, [robot], job["steps"], job["rate"], job["every"])
+        answer["run"] = by_link(robot.links, run)
 print(json.dumps(answer), flush=True)
 os._exit(0)  # its own way out complains about a stage that it still holds

@@ -22,8 +22,8 @@ SCENE_COMMANDS = ("info", "run", "view", "serve", "export")
 
 
 def scene_commands(scene: Scene) -> tuple[str, ...]:
-    """Return the commands that accept a scene; without protocols those that play none."""
-    return SCENE_COMMANDS if scene.plays else ("info", "view", "serve")
+    """Return the commands that accept a scene; without protocols those that play none; with tasks also "operate"."""
+    return (*(SCENE_COMMANDS if scene.plays else ("info", "view", "serve")), *(("operate",) if scene.tasks else ()))
 
 
 @dataclass(frozen=True)

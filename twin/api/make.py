@@ -109,18 +109,21 @@ def audit(path: str | Path, robot: Robot | str | Path | None = None, progress: P
     """Compare files of a moving robot with each other; the readers share no code with the writers.
 
     Args:
-        path: a folder, or one .glb, .gltf, USD, .usdz, track, MJCF or URDF file.
+        path: a folder, an exported scene, or one .glb, .gltf, USD, .usdz, track, MJCF or URDF file.
         robot: if given, each clip is also compared with this robot's poses in the protocol of the same name.
         progress: see `Progress`.
 
     Raises:
         TwinError: the file does not exist, or no clip has the name of a protocol of the robot.
     """
+    from twin.exchange.audit import SCENE
     from twin.exchange.audit import audit as audit_
 
     path = Path(path)
     if robot is None:
         return audit_(path, progress=progress)
+    if (path / SCENE).is_file():
+        raise TwinError(f"{path} is an exported scene: audit it without a robot, or the folder of one of its robots")
     robot = robot if isinstance(robot, Robot) else load(robot)
     return audit_(path, truth=_truth(robot, path, progress), mechanism=robot.weighed().mechanism, progress=progress)
 

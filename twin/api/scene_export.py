@@ -1,28 +1,30 @@
 """Export of a scene: a checked bundle for each robot with its base pose, and one USD stage with all robots.
 
 Formats other than USD contain one robot with its motion. `scene.json` contains the pose of each robot's base; a player
-places the bases and starts all motions at the same time.
+places the bases and starts all motions at the same time. A robot that a console leads has no motion: its files hold it
+where the console takes it over, and `scene.json` contains its joint values there.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from twin.api.make import export
-from twin.api.robot import Progress, load, silent
+from twin.api.robot import Progress, Robot, load, silent
 from twin.core import assets
 from twin.core.findings import Finding, by_severity, disagreement
 from twin.core.quantity import Quantity
 from twin.core.result import Part, Result, Table
+from twin.core.spatial import Array
 from twin.core.units import UM
 from twin.exchange.write.bundle import Bundle, chosen_formats
-from twin.exchange.write.clip import Budget
-from twin.model.scene import Scene, load_scene
+from twin.exchange.write.clip import Budget, home_poses
+from twin.model.scene import Place, Scene, load_scene
 
 _TOLERANCE = 1 * UM
 """Maximum difference in m between a link in the scene's stage and in its robot's bundle, both in world."""
@@ -65,7 +67,8 @@ class SceneBundle(Result):
                     "folder": p.name,
                     "protocol": p.protocol,
                     "T_world_base": p.T_world_base.tolist(),
-                    "duration_s": float(bundles[p.name].order.clips[0].times[-1]),
+                    "duration_s": _seconds(bundles[p.name]),
+                    "start": {} if p.protocol else _start(bundles[p.name]),
                     "verdict": bundles[p.name].verdict,
                     "checks": len(bundles[p.name].checks),
                 }
@@ -84,7 +87,7 @@ class SceneBundle(Result):
         yield from (f for f in by_severity(self.findings) if f.severity != "info")
         bundles = self.bundles
         rows = [
-            (p.name, p.protocol, f"{bundles[p.name].order.clips[0].times[-1]:.1f} s", str(len(bundles[p.name].checks)))
+            (p.name, p.protocol or "console", f"{_seconds(bundles[p.name]):.1f} s", str(len(bundles[p.name].checks)))
             for p in self.scene.places
         ]
         yield Table(("robot", "protocol", "takes", "checks"), rows)
@@ -117,16 +120,15 @@ def export_scene(
     """
     scene, kinds = load_scene(file), chosen_formats(formats)
     root = folder or Path("twin-out") / scene.name / "export"
-    scene.require_protocols()
     assets.require_writable(root)
     bundles: dict[str, Bundle] = {}
     with assets.atomic_folder(root) as work:
         for place in scene.places:
             bundles[place.name] = export(
-                load(place.robot),
+                _robot(place),
                 folder=work / place.name,
                 formats=kinds,
-                protocols=[place.protocol],
+                protocols=[place.protocol] if place.protocol else [],
                 budget=budget,
                 progress=lambda label, part, name=place.name: progress(f"{name}: {label}", part),
             )
@@ -137,46 +139,65 @@ def export_scene(
     return found
 
 
+def _robot(place: Place) -> Robot:
+    """Return the robot of a place; one without a protocol rests where the console takes it over, with its masses."""
+    from twin.simulation.console_scene import start
+
+    robot = load(place.robot)
+    if place.protocol:
+        return robot
+    robot = robot.weighed()
+    rest = robot.reference().solve(start(place, robot.mechanism)).link_poses
+    return robot.with_mechanism(replace(robot.mechanism, rest=rest))
+
+
 def _write_stage(scene: Scene, bundles: Mapping[str, Bundle], folder: Path) -> Path:
     from twin.cad.build import read_mechanism
+    from twin.exchange.write.usd import write_simulated
     from twin.simulation.scene_stage import write_scene
 
-    stages = {p.name: Path("..") / p.name / "usd" / f"{p.robot}_{p.protocol}.usda" for p in scene.places}
+    stages = {p.name: Path("..") / p.name / "usd" / f"{'_'.join(filter(None, (p.robot, p.protocol)))}.usda"
+              for p in scene.places}  # fmt: skip
     mechanisms = {n: b.order.mechanism for n, b in bundles.items()}
     props = None if scene.props is None else read_mechanism(scene.props, with_mass=False).mechanism
-    return write_scene(scene, folder, stages, mechanisms, props, _duration(bundles))
+    stage = write_scene(scene, folder, stages, mechanisms, props, _duration(bundles))
+    if not any(p.protocol for p in scene.places):  # else the stage holds baked motions, which a simulator would fight
+        write_simulated(scene.name, folder)
+    return stage
 
 
 def _duration(bundles: Mapping[str, Bundle]) -> float:
-    return max(float(c.times[-1]) for b in bundles.values() for c in b.order.clips)
+    return max(map(_seconds, bundles.values()))
+
+
+def _seconds(bundle: Bundle) -> float:
+    """Return the duration of a robot's motion in s; 0 without motion."""
+    return max((float(c.times[-1]) for c in bundle.order.clips), default=0.0)
+
+
+def _start(bundle: Bundle) -> dict[str, float]:
+    """Return the coordinate in m or rad of every joint with a single coordinate, in the files of a robot at rest."""
+    from twin.reference import ReferenceModel
+
+    return {n: round(v, 13) + 0.0 for n, v in ReferenceModel(bundle.order.mechanism).home().q_full.items()}
 
 
 def _check(stage: Path, scene: Scene, bundles: Mapping[str, Bundle]) -> dict[str, Any]:
-    """Return the maximum deviation of the links in the composed USD stage, at points up to 0.1 m from their origins."""
-    from pxr import Usd, UsdGeom
+    """Return the maximum deviation of the links in the composed USD stage from what was written robot by robot."""
+    from twin.exchange.audit.scene import Shown, deviation
 
-    opened = Usd.Stage.Open(str(stage))
-    rate = opened.GetTimeCodesPerSecond()
-    corners = np.vstack([np.zeros(3), 0.1 * np.eye(3)])
-    worst, where = 0.0, ""
-    for place in scene.places:
-        (clip,) = bundles[place.name].order.clips
-        for k in (0, len(clip.times) // 2, len(clip.times) - 1):
-            cache = UsdGeom.XformCache(clip.times[k] * rate)
-            for link, Ts in clip.links.items():
-                prim = opened.GetPrimAtPath(f"/{scene.name}/{place.name}/{link}")
-                if not prim:
-                    return _row(np.inf, f"{place.name}/{link} is missing")
-                T = np.array(cache.GetLocalToWorldTransform(prim)).T
-                wanted = place.T_world_base @ Ts[k]
-                off = corners @ (T - wanted)[:3, :3].T + (T - wanted)[:3, 3]
-                distance = float(np.linalg.norm(off, axis=1).max())
-                if distance >= worst:
-                    worst, where = distance, f"{place.name}/{link}, t = {clip.times[k]:.3f} s"
-    return _row(worst, where)
+    shown = {p.name: Shown(p.T_world_base, *_keys(bundles[p.name])) for p in scene.places}
+    return _row(*deviation(stage, shown))
 
 
-def _row(worst: float, where: str) -> dict[str, Any]:
+def _keys(bundle: Bundle) -> tuple[Array, Mapping[str, Array]]:
+    """Return times (k,) in s and link poses (k, 4, 4): of the motion, else the poses at rest at time 0."""
+    for clip in bundle.order.clips:
+        return clip.times, clip.links
+    return np.zeros(1), {n: T[None] for n, T in home_poses(bundle.order.mechanism).items()}
+
+
+def _row(worst: float, where: str, when: str) -> dict[str, Any]:
     return {
         "check": "every link in world, first, middle and last key",
         "tool": "pxr",
@@ -184,7 +205,7 @@ def _row(worst: float, where: str) -> dict[str, Any]:
         "unit": "m",
         "tolerance": _TOLERANCE,
         "verdict": "agree" if worst <= _TOLERANCE else "disagree",
-        "where": where,
+        "where": ", ".join(filter(None, (where, when))),
     }
 
 
@@ -203,6 +224,10 @@ def _readme(scene: Scene, formats: Sequence[str]) -> str:
         f"Formats: {', '.join(formats)}. Each file holds one robot in its base frame, z up, m, with its motion.",
         "scene.json   T_world_base of each robot (4 x 4, rows), and its protocol; all motions start together.",
     ]
+    if led := [p.name for p in scene.places if not p.protocol]:
+        lines.append(f"A console leads {', '.join(led)}: no motion; joint values where it begins are in scene.json.")
     if "usd" in formats:
         lines.append(f"usd/{scene.name}.usda   all robots at their places with their motions, and the props.")
+    if "usd" in formats and not any(p.protocol for p in scene.places):
+        lines.append(f"usd/{scene.name}_sim.usda   the same in a physics scene: open this file to simulate.")
     return "\n".join(lines) + "\n"

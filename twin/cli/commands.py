@@ -219,7 +219,7 @@ def _own_file(name: str) -> Callable[[argparse.Namespace], int]:
 
 
 _OWN = ("explain", "view", "serve", "operate", "track", "study", "console", "new", "export", "audit", "selftest")
-_OWN += ("workspace", "tolerance", "sweep", "doctor")
+_OWN += ("session", "workspace", "tolerance", "sweep", "doctor")
 
 COMMANDS = {
     "list": list_robots,

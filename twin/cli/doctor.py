@@ -17,9 +17,11 @@ def doctor(args: argparse.Namespace) -> int:
     packages = _needed()
     extras = {
         "distributed": "sweeps, on several processors or machines (extra: cluster)",
+        "mcap": "sessions for Foxglove (extra: mcap)",
         "pyarrow": "--parquet (extra: parquet)",
         "segno": "a QR code of the address of twin serve --host (extra: qr)",
         "pyyaml": "loops of a URDF from a closure YAML (extra: yaml)",
+        "aiomqtt": "--mqtt of twin serve (extra: mqtt)",
         "build123d": "redraw the CAD (make cad-check)",
     }
     programs = {"chromium": "pictures of the viewer", "uv": "the locked environment"}

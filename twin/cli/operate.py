@@ -1,4 +1,4 @@
-"""`twin operate`: simulate an operator (handle, clutch pedal), with the same measures as in a user study."""
+"""`twin operate`: simulate an operator (hands, pedals) at a robot or a console, with the measures of a user study."""
 
 from __future__ import annotations
 
@@ -8,12 +8,20 @@ from pathlib import Path
 from twin import api
 from twin.cli import show
 from twin.core import assets
+from twin.core.errors import TwinError
+
+_SCALE = 0.1
+"""Default motion scale of a robot's operator; a console has its own."""
 
 
 def operate(args: argparse.Namespace) -> int:
     """Simulate the operator, print the measures, write JSON, CSV and a picture; exit 1 if a goal was not reached."""
     from twin.ui.report.files import write_result
 
+    if (file := assets.scene_file(args.robot)) is not None:
+        return _at_console(file, args)
+    if args.task is not None:
+        raise TwinError(f"--task is for the console of a scene; {args.robot} is a robot: give a protocol")
     robot = api.load(args.robot)
     protocol = robot.protocol(args.protocol)
     folder = Path(args.out) if args.out else Path("twin-out") / robot.name / f"{protocol.name}-operator"
@@ -25,10 +33,32 @@ def operate(args: argparse.Namespace) -> int:
             trials=args.trials,
             seed=args.seed,
             clutch=args.clutch,
-            scale=args.scale,
+            scale=_SCALE if args.scale is None else args.scale,
             solver=args.solver,
             progress=progress,
         )
     with assets.atomic_folder(folder) as work:
         pictures = write_result(found, work)
     return show.finish(found, args, folder, pictures)
+
+
+def _at_console(file: Path, args: argparse.Namespace) -> int:
+    """Simulate a surgeon at the console of a scene; write its session and what `twin session --out` writes."""
+    from twin.api.session import FILE, operate_console
+    from twin.simulation.session.run import task_of
+    from twin.ui.report.files import write_result
+
+    if args.protocol is not None:
+        raise TwinError(f"{args.robot} is a scene: give a task by --task instead of the protocol '{args.protocol}'")
+    wrong = [n for n, v in (("trials", 1), ("clutch", "corrected"), ("solver", "damped")) if getattr(args, n) != v]
+    if wrong:
+        raise TwinError(f"--{wrong[0]} is for one robot; the console of a scene takes --task, --seed and --scale")
+    scene = api.load_scene(file)
+    task = task_of(scene, args.task)
+    folder = Path(args.out) if args.out else Path("twin-out") / scene.name / f"{task.name}-operator"
+    assets.require_writable(folder)
+    with show.progress(args.quiet or args.json) as progress:
+        found = operate_console(scene, task.name, seed=args.seed, scale=args.scale, progress=progress)
+    with assets.atomic_folder(folder) as work:
+        pictures = write_result(found, work)
+    return show.finish(found, args, folder, [*pictures, FILE])

@@ -25,7 +25,7 @@ exit codes: 0 agree or done, 1 disagree, 2 could not check or wrong usage
 """
 
 NAMES = ("list", "info", "build", "plan", "validate", "explain", "run", "view", "serve")
-NAMES += ("operate", "track", "study", "console", "export", "audit", "new", "selftest")
+NAMES += ("operate", "session", "track", "study", "console", "export", "audit", "new", "selftest")
 NAMES += ("workspace", "tolerance", "sweep", "doctor")
 """Names of all commands."""
 
@@ -59,6 +59,23 @@ def _port(text: str) -> int:
     if not re.fullmatch(r"[0-9]+", text) or int(text) > 65535:
         raise argparse.ArgumentTypeError(f"{text} is not a port: give 0 to 65535; 0 chooses a free port")
     return int(text)
+
+
+def _packets(text: str) -> tuple[str, int]:
+    """Convert [HOST:]PORT to host and port; default 127.0.0.1."""
+    host, _, port = text.rpartition(":")
+    return host or "127.0.0.1", _port(port)
+
+
+def _broker(text: str) -> tuple[str, int]:
+    """Convert HOST[:PORT] to host and port; default 1883, the port of MQTT."""
+    host, _, port = text.partition(":")
+    if not host:
+        raise argparse.ArgumentTypeError(f"{text} has no host: give HOST or HOST:PORT")
+    number = _port(port or "1883")
+    if number == 0:
+        raise argparse.ArgumentTypeError(f"{text}: port 0 is not the port of a broker; give 1 to 65535")
+    return host, number
 
 
 def parser() -> argparse.ArgumentParser:
@@ -256,9 +273,11 @@ def parser() -> argparse.ArgumentParser:
         "  twin serve my_robot/                or a USD stage without a robot folder\n"
         "  twin serve vsrs                     all robots of a scene, on one clock\n"
         "  twin serve davinci                  its two instruments and its camera, led by mouse, keyboard or gamepad\n"
+        "  twin serve davinci --packets 9870 --mqtt 127.0.0.1    or by UDP packets, the motion scale by MQTT\n"
         "  twin serve sils --host 0.0.0.0 --cert cert.pem --key key.pem    for every headset in the network\n"
         "  twin serve sils --record session.json        record requests and what clients see\n"
-        "  twin serve sils --replay session.json",
+        "  twin serve sils --replay session.json\n"
+        "  twin serve davinci --session hands.session    record the hands at a console, for twin session",
     )
     sub.add_argument("robot", help="a built-in robot, the path of a robot folder, or a USD stage")
     sub.add_argument("protocol", nargs="?", help="name or path; default the robot's default protocol")
@@ -269,6 +288,26 @@ def parser() -> argparse.ArgumentParser:
     sub.add_argument("--no-browser", action="store_true", help="open no browser")
     sub.add_argument("--record", metavar="FILE", help="record the session: requests, states and frames, as JSON")
     sub.add_argument("--replay", metavar="FILE", help="replay a recorded session instead, frame by frame")
+    sub.add_argument(
+        "--packets",
+        type=_packets,
+        metavar="[HOST:]PORT",
+        help="UDP port for hands of other programs, of a scene with a console (docs/console.md, Packets)",
+    )
+    sub.add_argument(
+        "--mqtt",
+        type=_broker,
+        metavar="HOST[:PORT]",
+        help="MQTT broker that sets the motion scale of a scene with a console (port 1883 unless given)",
+    )
+    sub.add_argument(
+        "--mqtt-topic",
+        metavar="TOPIC",
+        help="topic of the motion scale; it is set by TOPIC/set (default twin/<scene>/scale)",
+    )
+    sub.add_argument(
+        "--session", metavar="FILE", help="record the hands at a console, tick by tick; twin session replays them"
+    )
     sub.add_argument("--cert", metavar="FILE", help="certificate (PEM) for https, which headsets require for AR")
     sub.add_argument(
         "--key", metavar="FILE", help="private key (PEM) of the certificate, if it is not in the same file"
@@ -276,13 +315,15 @@ def parser() -> argparse.ArgumentParser:
 
     sub = add(
         "operate",
-        "simulate an operator (handle, clutch pedal) doing a protocol, and measure the result",
+        "simulate an operator (hands, pedals) doing a protocol or a task, and measure the result",
         "  twin operate sher phantom\n  twin operate sher phantom --trials 5 --seed 10 --json\n"
         "  twin operate sher phantom --clutch printed      the published clutch, with which the tool jumps\n"
-        "  twin operate sils lowered_patient --scale 0.5",
+        "  twin operate sils lowered_patient --scale 0.5\n"
+        "  twin operate davinci --seed 3       a surgeon with two hands, clutch and camera at a scene's console",
     )
-    robot(sub)
+    sub.add_argument("robot", help="a built-in robot, the path of a robot folder, or a scene with a console")
     sub.add_argument("protocol", nargs="?", help="name or path; default the robot's default protocol")
+    sub.add_argument("--task", metavar="NAME", help="task at the console of a scene (default: its first task)")
     out(sub, "./twin-out/<robot>/<protocol>-operator/")
     sub.add_argument(
         "--seed", type=int, default=0, help="random seed of the simulated hand (default 0); each further trial adds 1"
@@ -291,11 +332,10 @@ def parser() -> argparse.ArgumentParser:
     sub.add_argument(
         "--scale",
         type=float,
-        default=0.1,
         metavar="S",
         help=(
-            "ratio of tool motion to hand motion (default 0.1, ASSUMED: the paper states none); rotations are not "
-            "scaled"
+            "ratio of tool motion to hand motion (default 0.1, ASSUMED: the paper states none; at a console that of "
+            "the scene); rotations are not scaled"
         ),
     )
     sub.add_argument(
@@ -307,6 +347,16 @@ def parser() -> argparse.ArgumentParser:
     sub.add_argument(
         "--solver", choices=("damped", "slsqp"), default="damped", help="solver of the joint steps (default damped)"
     )
+
+    sub = add(
+        "session",
+        "replay a session recorded at a console, compare it bit by bit, measure it, export it",
+        "  twin session hands.session\n  twin session hands.session --json\n"
+        "  twin session hands.session --out session/       page, plots, CSV, tracks, GLB, MCAP",
+    )
+    sub.add_argument("file", help="a file of twin serve --session, or hands.session of twin operate")
+    sub.add_argument("--scene", metavar="SCENE", help="its scene, by path (default: the built-in scene that it names)")
+    sub.add_argument("--out", metavar="FOLDER", help="folder to write to (default: nothing is written)")
 
     sub = add(
         "track",

@@ -35,6 +35,8 @@ def refuse(args: argparse.Namespace) -> None:
     if args.command in api.SCENE_COMMANDS or (file := assets.scene_file(name)) is None:
         return
     scene = load_scene(file)
+    if args.command in scene_commands(scene):
+        return
     robots = sorted({p.robot for p in scene.places})
     raise TwinError(
         f"'{name}' is a scene, not a robot. Commands for scenes: "

@@ -34,6 +34,10 @@ def serve(args: argparse.Namespace) -> int:
         if args.replay is not None:
             raise TwinError("--record and --replay cannot be combined: the session is already recorded")
         assets.require_writable(Path(args.record).parent)
+    if args.session is not None:
+        if args.replay is not None:
+            raise TwinError("--session and --replay cannot be combined: nobody's hands lead a replay")
+        assets.require_writable(Path(args.session).parent)
     name, make = _what(args)
     asyncio.run(_run(args, name, make, port, context))
     return 0
@@ -44,8 +48,17 @@ def _what(args: argparse.Namespace) -> tuple[str, Callable[[], Served]]:
     from twin.ui.headset import served
 
     plans = args.replay is None
+    linked = next((n for n in ("packets", "mqtt", "mqtt_topic") if getattr(args, n) is not None), None)
+    option = f"--{linked}".replace("_", "-")
+    if linked == "mqtt_topic" and args.mqtt is None:
+        raise TwinError("--mqtt-topic requires --mqtt HOST")
+    if linked is not None and not plans:
+        raise TwinError(f"{option} and --replay cannot be combined: nothing leads a recorded session")
     file = scenes.find(args.robot)
     if file is None:
+        if linked is not None:
+            raise TwinError(f"{option} leads a scene with a console, such as davinci; {args.robot} is a robot")
+        _require_no_session(args)
         robot = api.load(args.robot)
         if args.protocol is not None:
             robot.protocol(args.protocol)
@@ -57,8 +70,19 @@ def _what(args: argparse.Namespace) -> tuple[str, Callable[[], Served]]:
     scene = load_scene(file)
     robots, props = scenes.content(scene)
     if scene.console is not None:
-        return scene.name, lambda: served.of_console(scene, robots, props)
+        session = None if args.session is None else Path(args.session)
+        return scene.name, lambda: served.of_console(
+            scene, robots, props, session, args.packets, args.mqtt, args.mqtt_topic
+        )
+    if linked is not None:
+        raise TwinError(f"{option}: scene '{scene.name}' has no console: add the table [console] to {file.name}")
+    _require_no_session(args)
     return scene.name, lambda: served.of_scene(scene, robots, props, plans)
+
+
+def _require_no_session(args: argparse.Namespace) -> None:
+    if args.session is not None:
+        raise TwinError(f"--session records the hands at a console, which {args.robot} does not have: use --record")
 
 
 async def _run(
@@ -100,7 +124,8 @@ async def _run(
         await server.run()
     finally:
         live.close()
-    print()
+    saved = args.session is not None and Path(args.session).is_file()
+    print(f"\n  twin session {args.session}" if saved else "")
 
 
 def _tls(cert: str | None, key: str | None) -> ssl.SSLContext | None:

@@ -83,6 +83,10 @@ class WorldError(TwinError):
     """Blocks of a World do not fit together, a signal is not finite, or a recording is from another World."""
 
 
+class DeviceError(TwinError):
+    """A packet of an input device is malformed; the message names the field, its value and its limit."""
+
+
 class OutputError(TwinError):
     """A result cannot be written; no partial result remains."""
 

@@ -7,7 +7,14 @@ from types import ModuleType
 
 from twin.core.errors import TwinError
 
-EXTRAS = {"distributed": "cluster", "segno": "qr", "yaml": "yaml", "pyarrow": "parquet"}
+EXTRAS = {
+    "aiomqtt": "mqtt",
+    "distributed": "cluster",
+    "mcap": "mcap",
+    "pyarrow": "parquet",
+    "segno": "qr",
+    "yaml": "yaml",
+}
 """Name of the extra of this package that installs each module, by module name."""
 
 

@@ -218,29 +218,41 @@ class Evaluator:
         self.shape = shape or (out.numel(),)
         self.function = ca.Function(name, [z], [symbolic.flat(out) if out.shape[1] > 1 else ca.densify(out)])
         self._lock = threading.Lock()
-        self._in = np.zeros(z.numel())
-        self._out = np.zeros(int(np.prod(self.shape)))
-        self._buffer, self._trigger = self.function.buffer()
-        if self._out.size:
-            self._buffer.set_arg(0, self._in.data)  # pyright: ignore[reportCallIssue]
-            self._buffer.set_res(0, self._out.data)  # pyright: ignore[reportCallIssue]
         self.one = self._caller()
 
     def _caller(self) -> Callable[[Array], Array]:
         # Local names, no `with`, no `[:]`: these would cost as much as the function itself.
-        acquire, release, given, trigger = self._lock.acquire, self._lock.release, self._in, self._trigger
-        copy = self._out.reshape(self.shape).copy
+        (given, call), lock = self.bind(), threading.Lock()
+        acquire, release = lock.acquire, lock.release
 
         def one(z: Array) -> Array:
             acquire()
             try:
                 given[...] = z
-                trigger()
-                return copy()
+                return call()
             finally:
                 release()
 
         return one
+
+    def bind(self) -> tuple[Array, Callable[[], Array]]:
+        """Return a vector z to fill, and the function that returns the value at z; only one thread may use the two.
+
+        For control loops: `one` needs a lock, and its argument in one array.
+        """
+        z, out = np.zeros(self.function.size1_in(0)), np.zeros(int(np.prod(self.shape)))
+        buffer, trigger = self.function.buffer()
+        if out.size:
+            buffer.set_arg(0, z.data)  # pyright: ignore[reportCallIssue]
+            buffer.set_res(0, out.data)  # pyright: ignore[reportCallIssue]
+        copy = out.reshape(self.shape).copy
+
+        def call() -> Array:
+            trigger()
+            return copy()
+
+        call.__dict__["buffer"] = buffer  # must live as long as this function
+        return z, call
 
     @cached_property
     def _kernel(self) -> Kernel | None:
@@ -248,14 +260,14 @@ class Evaluator:
 
         stage = codegen.Stage(self.function, ("z",), ("out",))
         try:
-            return codegen.Kernel([stage], {"z": self._in.size}, ["out"])
+            return codegen.Kernel([stage], {"z": self.function.size1_in(0)}, ["out"])
         except ValueError:  # a rootfinder, or an operation that kernels do not support: CasADi evaluates it
             return None
 
     @cached_property
     def _mapped(self) -> tuple:
         function = self.function.map(_BLOCK)
-        inputs, outputs = np.zeros((_BLOCK, self._in.size)), np.zeros((_BLOCK, self._out.size))
+        inputs, outputs = np.zeros((_BLOCK, self.function.size1_in(0))), np.zeros((_BLOCK, self.function.size1_out(0)))
         buffer, trigger = function.buffer()
         buffer.set_arg(0, inputs.reshape(-1).data)  # pyright: ignore[reportCallIssue]
         buffer.set_res(0, outputs.reshape(-1).data)  # pyright: ignore[reportCallIssue]
@@ -264,13 +276,13 @@ class Evaluator:
     def many(self, Z: Array) -> Array:
         """Return the values (k, *shape) at the rows of Z (k, n)."""
         k = len(Z)
-        if k >= _MANY and self._out.size and self._kernel is not None:
+        if k >= _MANY and self.function.size1_out(0) and self._kernel is not None:
             return self._kernel.rows(np.asarray(Z, float)).reshape(k, *self.shape)
-        result = np.zeros((k, self._out.size))
+        result = np.zeros((k, self.function.size1_out(0)))
         if k <= 16:
             for i in range(k):
                 result[i] = self.one(Z[i]).ravel()
-        elif self._out.size:
+        elif self.function.size1_out(0):
             with self._lock:
                 inputs, outputs, trigger, _ = self._mapped
                 for start in range(0, k, _BLOCK):

@@ -43,7 +43,15 @@ def pose(R: Any, p: Any) -> Any:
     R, p = np.asarray(R), np.asarray(p)
     if R.shape != (3, 3) or p.shape != (3,):
         raise ValueError(f"pose(R, p) takes a rotation (3, 3) and a position (3,), not {R.shape} and {p.shape}")
-    return np.vstack([np.column_stack([R, p]), [0, 0, 0, 1]])
+    T = np.zeros((4, 4), np.result_type(R, p, float))  # objects if an entry is a symbol
+    T[:3, :3], T[:3, 3], T[3, 3] = R, p, 1.0
+    return T
+
+
+def inverse(T: Any) -> Any:
+    """Return the inverse of a pose (4, 4)."""
+    R, p = T[:3, :3], T[:3, 3]
+    return pose(R.T, -(R.T @ p))
 
 
 def plain(array: np.ndarray) -> np.ndarray:

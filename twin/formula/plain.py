@@ -25,19 +25,12 @@ from twin.formula.contract import POSE_SYMBOL, ActiveJoint, Coordinates, Equatio
 from twin.formula.lift import scope
 from twin.formula.loader import text_of
 from twin.formula.rows import POSE, PlainRows, entries
-from twin.formula.scalar import METHODS, Scalar
+from twin.formula.symbol import from_sx, to_sx
 
 FUNCTIONS = ("inverse", "forward", "points")
 
 _LENGTH = 0.1
 """Characteristic length in m of a formula whose parameters include no length."""
-
-
-class Symbol(Scalar):
-    """A scalar whose value is a CasADi SX."""
-
-    __slots__ = ()
-    functions = {**{n: getattr(ca, n) for n in METHODS}, "if_else": ca.if_else}  # noqa: RUF012
 
 
 def is_plain(module: ModuleType) -> bool:
@@ -130,8 +123,8 @@ class _Rows(PlainRows):
         Raises:
             KinematicsError: the function fails, or an output has a wrong shape; the message gives file and line.
         """
-        join = (lambda *q: ca.vertcat(*q)) if self.casadi else (lambda *q: np.array([_enter(x) for x in q], object))
-        arguments = self.arguments(symbols, (lambda x: x) if self.casadi else _enter, join)
+        join = (lambda *q: ca.vertcat(*q)) if self.casadi else (lambda *q: np.array([from_sx(x) for x in q], object))
+        arguments = self.arguments(symbols, (lambda x: x) if self.casadi else from_sx, join)
         value = self.run(arguments)
         parts = self.spread(value, _split)
         return tuple(self._leave(p, n) for p, n in zip(parts, self.outputs, strict=True))
@@ -152,7 +145,7 @@ class _Rows(PlainRows):
         shape = {"inverse": (1, 1), "points": (3, 1), "forward": (4, 4)}[self.name]
         what = {"inverse": "a number", "points": "three numbers", "forward": "a pose (4, 4)"}[self.name]
         try:
-            out = _sx(value)
+            out = to_sx(value)
         except (TypeError, ValueError, NotImplementedError) as error:
             raise self.error(f"{self.name}(): '{name}' is {type(value).__name__}, not {what}") from error
         if shape == (3, 1) and out.shape == (1, 3):
@@ -161,34 +154,6 @@ class _Rows(PlainRows):
             found = np.shape(value) if isinstance(value, np.ndarray) else out.shape
             raise self.error(f"{self.name}(): '{name}' has shape {found}; it must be {what}")
         return out
-
-
-def _enter(x: Any) -> Any:
-    """Convert a CasADi symbol to a NumPy scalar, or array (n,) or (m, n), of symbols."""
-    if not isinstance(x, ca.SX):
-        return x
-    rows, columns = x.shape
-    if (rows, columns) == (1, 1):
-        return Symbol(x)
-    a = np.array([[Symbol(x[i, j]) for j in range(columns)] for i in range(rows)], dtype=object)
-    return a[:, 0] if columns == 1 else a
-
-
-def _sx(value: Any) -> ca.SX:
-    if isinstance(value, Scalar):
-        return ca.SX(value.x)
-    if isinstance(value, ca.SX):
-        return value
-    if isinstance(value, ca.DM | int | float | np.number):
-        return ca.SX(float(value)) if not isinstance(value, ca.DM) else ca.SX(value)
-    if not isinstance(value, np.ndarray | list | tuple):
-        raise TypeError(f"{type(value).__name__} is not a number")
-    a = np.asarray(value, dtype=object)
-    if a.ndim > 2:
-        raise ValueError(f"{a.ndim} dimensions")
-    a = a.reshape(-1, 1) if a.ndim < 2 else a
-    rows = [ca.horzcat(*(_sx(v.item() if isinstance(v, np.ndarray) else v) for v in row)) for row in a]
-    return ca.vertcat(*rows)
 
 
 def _split(value: Any) -> list[Any] | None:
@@ -306,8 +271,8 @@ def _point_names(
     symbols = _symbols(parameters, joints, coordinates)
     arguments = points.arguments(
         symbols,
-        (lambda x: x) if points.casadi else _enter,
-        (lambda *q: ca.vertcat(*q)) if points.casadi else (lambda *q: np.array([_enter(x) for x in q], object)),
+        (lambda x: x) if points.casadi else from_sx,
+        (lambda *q: ca.vertcat(*q)) if points.casadi else (lambda *q: np.array([from_sx(x) for x in q], object)),
     )
     value = points.run(arguments)
     if not isinstance(value, Mapping) or not all(isinstance(k, str) for k in value):

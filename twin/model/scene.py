@@ -1,4 +1,4 @@
-"""The scene file: positions of robots, their ports, cameras, a console and props."""
+"""The scene file: positions of robots, their ports, cameras, a console with its tasks, and props."""
 
 from __future__ import annotations
 
@@ -68,12 +68,44 @@ class CameraTable(Table):
 
 
 class ConsoleTable(Table):
-    """A surgeon's console: the robots of each hand, in the order in which taps select them, and the shared camera."""
+    """A surgeon's console: the robots of each hand, in the order in which taps select them, and the shared camera.
+
+    `tip` is the frame of these robots that touches targets and whose path is measured; default: the tool frame.
+    """
 
     right: list[Identifier] = Field(min_length=1)
     left: list[Identifier] = Field(min_length=1)
     camera: Identifier
+    tip: Identifier | None = None
     scale: float = Field(ge=0.05, le=1)
+    provenance: Origin
+    note: str = Field(min_length=1)
+
+
+class TargetTable(Table):
+    """A target: the points in the world frame, in mm, that the tips of the hands must touch at the same time."""
+
+    name: Identifier
+    right_mm: Vector | None = None
+    left_mm: Vector | None = None
+
+    @model_validator(mode="after")
+    def _someone(self) -> TargetTable:
+        if self.right_mm is None and self.left_mm is None:
+            raise at("name", "a target needs `right_mm`, `left_mm`, or both")
+        return self
+
+
+class TaskTable(Table):
+    """A task at the console: targets to touch in this order.
+
+    A target is touched when all its tips have been within the tolerance for `hold_s`, without interruption.
+    """
+
+    title: str = Field(min_length=1)
+    tolerance_mm: float = Field(gt=0)
+    hold_s: float = Field(ge=0, le=10)
+    target: list[TargetTable] = Field(min_length=1)
     provenance: Origin
     note: str = Field(min_length=1)
 
@@ -91,6 +123,33 @@ class SceneTable(Table):
     robot: list[RobotTable] = Field(min_length=1)
     camera: dict[Identifier, CameraTable] = Field(default_factory=dict)
     console: ConsoleTable | None = None
+    task: dict[Identifier, TaskTable] = Field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Target:
+    """A target of a task: its name and, by hand ("right", "left"), the point (3,) in m in the world frame."""
+
+    name: str
+    p_world: Mapping[str, Array]
+
+
+@dataclass(frozen=True)
+class Task:
+    """A task at a console.
+
+    Attributes:
+        name, title: name and title.
+        tolerance: largest distance in m of a tip from its point during a touch.
+        hold: time in s for which all tips of a target must be within the tolerance.
+        targets: the targets, in order.
+    """
+
+    name: str
+    title: str
+    tolerance: float
+    hold: float
+    targets: tuple[Target, ...]
 
 
 @dataclass(frozen=True)
@@ -128,6 +187,7 @@ class Scene:
         touching: pairs of "owner/body" that touch by design.
         cameras: cameras by name.
         console: the surgeon's console, or None.
+        tasks: tasks at the console, by name.
         parameters: every number with its provenance.
     """
 
@@ -141,6 +201,7 @@ class Scene:
     touching: frozenset[frozenset[str]]
     cameras: dict[str, CameraTable]
     console: ConsoleTable | None
+    tasks: Mapping[str, Task]
     parameters: tuple[Parameter, ...]
 
     @property
@@ -186,6 +247,8 @@ def load_scene(path: Path) -> Scene:
             raise error_at(path, ("camera", name, "robot"), unknown("robot", camera.robot, names))
     if (console := table.console) is not None:
         _console(path, console, table, names)
+    for name in table.task if console is None else ():
+        raise error_at(path, ("task", name), "a task needs a console: add the table [console]")
     props = None if table.props is None else path.parent / table.props
     if props is not None and not props.is_file():
         raise error_at(path, ("props",), f"there is no file {props.name} in the folder of the scene")
@@ -200,6 +263,7 @@ def load_scene(path: Path) -> Scene:
         frozenset(frozenset(p) for p in table.touching),
         dict(table.camera),
         table.console,
+        {name: _task(name, task) for name, task in table.task.items()},
         tuple(_parameters(table)),
     )
 
@@ -209,6 +273,14 @@ def _place(r: RobotTable, table: SceneTable) -> Place:
     ports = _ports(r)
     at = {t: np.array(table.port[p].position_mm) * MM for t, p in ports.items()}
     return Place(r.name, r.robot or r.name, r.protocol or "", T, ports, at, dict(r.start))
+
+
+def _task(name: str, task: TaskTable) -> Task:
+    targets = []
+    for target in task.target:
+        points = {"right": target.right_mm, "left": target.left_mm}
+        targets.append(Target(target.name, {h: np.array(p) * MM for h, p in points.items() if p is not None}))
+    return Task(name, task.title, task.tolerance_mm * MM, task.hold_s, tuple(targets))
 
 
 def _console(path: Path, console: ConsoleTable, table: SceneTable, names: list[str]) -> None:
@@ -243,4 +315,12 @@ def _parameters(table: SceneTable) -> list[Parameter]:
         out.append(Parameter(f"{r.name} yaw", r.yaw_deg * DEG, "deg", r.yaw_deg, r.provenance, r.note))
     if (console := table.console) is not None:
         out.append(Parameter("console scale", console.scale, "1", console.scale, console.provenance, console.note))
+    for name, task in table.task.items():
+        origin = (task.provenance, task.note)
+        out.append(Parameter(f"task {name} tolerance", task.tolerance_mm * MM, "mm", task.tolerance_mm, *origin))
+        out.append(Parameter(f"task {name} hold", task.hold_s, "s", task.hold_s, *origin))
+        for target in task.target:
+            for hand, point in (("right", target.right_mm), ("left", target.left_mm)):
+                for axis, v in zip("xyz", point or (), strict=False):
+                    out.append(Parameter(f"task {name} {target.name} {hand} {axis}", v * MM, "mm", v, *origin))
     return out

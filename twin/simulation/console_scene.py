@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -37,15 +40,15 @@ class Member:
     kin: Kinematics
 
 
-def start(place: Place, member: Member) -> Array:
+def start(place: Place, mechanism: Mechanism) -> Array:
     """Return the joint values (n,) of a robot at the start of a console session.
 
     Raises:
         TwinError: a joint of `place` is not in the robot, or its value is outside the limits.
     """
-    active = member.mechanism.active
+    active = mechanism.active
     names = [j.name for j in active]
-    q = np.array(member.mechanism.posture("home"), float)
+    q = np.array(mechanism.posture("home"), float)
     for name, shown in place.start.items():
         if name not in names:
             raise TwinError(f"{place.name}: start: {unknown('active joint', name, names)}")
@@ -60,7 +63,14 @@ def start(place: Place, member: Member) -> Array:
     return q
 
 
-def world(scene: Scene, members: Mapping[str, Member], device: Block, dt: float = 1e-3, records: bool = True) -> World:
+def world(
+    scene: Scene,
+    members: Mapping[str, Member],
+    device: Block,
+    dt: float = 1e-3,
+    records: bool = True,
+    watch: Block | None = None,
+) -> World:
     """Return a World in which a console controls the robots of a scene.
 
     The camera's arm turns about its port: pan about y, tilt about x of its base. The frame {H} of the hands is parallel
@@ -72,16 +82,14 @@ def world(scene: Scene, members: Mapping[str, Member], device: Block, dt: float 
         device: block that writes poses and gripper angles of `HANDS`, and the pedals.
         dt: duration of one tick in s.
         records: whether every tick is recorded; see `World`.
+        watch: block without outputs that sees all signals at the end of each tick.
 
     Raises:
         TwinError: the scene has no console, the camera is not on its robot's tool, or a start value is wrong.
     """
-    table = scene.console
-    if table is None:
-        raise TwinError(f"scene '{scene.name}' has no console: add the table [console] to {scene.file.name}")
+    table, led = console_of(scene), led_by(scene)
     places = {p.name: p for p in scene.places}
-    led = [places[n] for n in (*table.right, *table.left, scene.cameras[table.camera].robot)]
-    q = {p.name: start(p, members[p.name]) for p in led}
+    q = {p.name: start(p, members[p.name].mechanism) for p in led}
     limits = {p.name: Limits.of(members[p.name].mechanism) for p in led}
     camera = _camera(scene, table, members, q, dt)
     view = camera.camera
@@ -100,10 +108,49 @@ def world(scene: Scene, members: Mapping[str, Member], device: Block, dt: float 
         robots=[Placed(p.name, members[p.name].mechanism, p.T_world_base) for p in led],
         devices=[device],
         controllers=controllers,
-        plants=[Kinematic(n, x, limits[n]) for n, x in q.items()],
+        plants=[*(Kinematic(n, x, limits[n]) for n, x in q.items()), *([] if watch is None else [watch])],
         dt=dt,
         records=records,
     )
+
+
+def console_of(scene: Scene) -> ConsoleTable:
+    """Return the console of a scene.
+
+    Raises:
+        TwinError: the scene has no console.
+    """
+    if scene.console is None:
+        raise TwinError(f"scene '{scene.name}' has no console: add the table [console] to {scene.file.name}")
+    return scene.console
+
+
+def led_by(scene: Scene) -> list[Place]:
+    """Return the robots that the console of a scene moves: those of the right and the left hand, then the camera's."""
+    table, places = console_of(scene), {p.name: p for p in scene.places}
+    return [places[n] for n in (*table.right, *table.left, scene.cameras[table.camera].robot)]
+
+
+def identity(scene: Scene, members: Mapping[str, Member]) -> str:
+    """Return the hash "sha256:..." of what `world` is built from, apart from the equations and the program itself.
+
+    Numbers are rounded to 1e-9, so that the hash does not depend on the processor.
+    """
+
+    def plain(x: Any) -> Any:
+        return (np.round(np.asarray(x, float), 9) + 0.0).tolist()
+
+    table = console_of(scene)
+    about: list[Any] = [scene.name, table.model_dump(include={"right", "left", "camera"})]
+    camera = scene.cameras[table.camera]
+    about.append([camera.robot, camera.frame, plain(camera.in_frame)])
+    for place in led_by(scene):
+        mechanism = members[place.name].mechanism
+        about.append([place.name, place.robot, plain(place.T_world_base), plain(start(place, mechanism))])
+        about.append([plain(next(iter(place.p_world_ports.values()))), [j.name for j in mechanism.active]])
+        about.append([plain(np.nan_to_num(mechanism.limits)), [plain(j.max_speed or 0.0) for j in mechanism.active]])
+        about.append([[f.name, f.body, plain(f.T_body_frame)] for f in mechanism.frames])
+    return "sha256:" + hashlib.sha256(json.dumps(about).encode()).hexdigest()
 
 
 def _camera(

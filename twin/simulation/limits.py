@@ -1,12 +1,15 @@
-"""Position and speed limits of joints."""
+"""Position and speed limits of joints, and the step of one tick that they allow."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
+import casadi as ca
 import numpy as np
 
 from twin.core.spatial import Array
+from twin.formula.flow import Evaluator
 from twin.model.mechanism import Mechanism
 
 
@@ -29,6 +32,29 @@ class Limits:
 
         A joint outside its limits may only move back towards them.
         """
-        reach = self.max_speed * dt  # np.clip is not used: it is much slower for a few numbers
-        lower = np.minimum(np.maximum(self.lower - q, -reach), reach)
-        return lower, np.minimum(np.maximum(self.upper - q, -reach), reach)
+        lower, upper = self._steps.one(np.append(q, dt))
+        return lower, upper
+
+    def steps_of(self, q: ca.SX, dt: ca.SX) -> tuple[ca.SX, ca.SX]:
+        """Return the expressions of `steps`, for compiled functions."""
+        reach = ca.DM(self.max_speed) * dt
+        lower = ca.fmin(ca.fmax(ca.DM(self.lower) - q, -reach), reach)
+        return lower, ca.fmin(ca.fmax(ca.DM(self.upper) - q, -reach), reach)
+
+    @cached_property
+    def _steps(self) -> Evaluator:
+        n = len(self.lower)
+        z = ca.SX.sym("z", n + 1)
+        return Evaluator("steps", z, ca.vertcat(*self.steps_of(z[:n], z[n])), (2, n))
+
+    @cached_property
+    def follow(self) -> Evaluator:
+        """(q (n), command (n), dt in s) -> q (n) after dt on the way to the command, exact if within the limits."""
+        n = len(self.lower)
+        z = ca.SX.sym("z", 2 * n + 1)
+        q, command = z[:n], z[n : 2 * n]
+        lower, upper = self.steps_of(q, z[2 * n])
+        wanted = command - q
+        dq = ca.fmin(ca.fmax(wanted, lower), upper)
+        # A command within the limits is reached without the rounding errors of a difference.
+        return Evaluator("follow", z, ca.if_else(dq == wanted, command, q + dq))

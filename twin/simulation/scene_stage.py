@@ -1,4 +1,8 @@
-"""Write one USD stage for a scene: references to the robots' stages, each at its place, and the cameras."""
+"""Write one USD stage for a scene: references to the robots' stages, each at its place, the props, and the cameras.
+
+Props do not move: they are static colliders with their exact triangles, which engines accept of nothing that moves.
+Pairs of bodies that touch by design do not collide.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +11,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
-from pxr import Gf, Sdf, Usd, UsdGeom
+from pxr import Gf, Kind, Sdf, Usd, UsdGeom, UsdPhysics
 
 from twin.core import spatial
 from twin.core.spatial import Array
@@ -16,7 +20,7 @@ from twin.model.mechanism import Mechanism
 from twin.model.scene import CameraTable, Scene
 from twin.reference import ReferenceModel
 from twin.usd import gf
-from twin.usd.write import write_stage
+from twin.usd.write.geometry import mesh_paths, write_geometry
 from twin.usd.write.layers import describe, new_layer, save
 
 APERTURE_MM = 20.955
@@ -51,22 +55,46 @@ def write_scene(
     layer.comment = f"{scene.title}. Robots are references to their own stages. Z up, metres."
     stage = Usd.Stage.Open(layer)
     references: dict[str, str] = {}
-    UsdGeom.Xform.Define(stage, f"/{scene.name}")
+    root = UsdGeom.Xform.Define(stage, f"/{scene.name}")
+    Usd.ModelAPI(root.GetPrim()).SetKind(Kind.Tokens.assembly)
     if props is not None:
-        home = ReferenceModel(props).home()
-        root = write_stage(props, folder / props.name, home.link_poses, home.q_full).root
+        shapes = write_geometry(props, folder / f"{props.name}.usdc", ReferenceModel(props).home().link_poses)
         UsdGeom.Xform.Define(stage, f"/{scene.name}/{props.name}")
-        references[f"/{scene.name}/{props.name}"] = f"./{props.name}/{root.name}"
+        references[f"/{scene.name}/{props.name}"] = f"./{shapes.name}"
+        for mesh in mesh_paths(props).values():
+            collider = stage.OverridePrim(f"/{scene.name}{mesh}")
+            UsdPhysics.CollisionAPI.Apply(collider)
+            UsdPhysics.MeshCollisionAPI.Apply(collider).CreateApproximationAttr(UsdPhysics.Tokens.none)
     for place in scene.places:
         out = UsdGeom.Xform.Define(stage, f"/{scene.name}/{place.name}")
         references[f"/{scene.name}/{place.name}"] = os.fspath(stages[place.name])
         _pose(out, place.T_world_base)
     for name, camera in scene.cameras.items():
         _camera(stage, scene, name, camera, mechanisms[camera.robot])
+    _let_touch(stage, scene, props)
     del stage  # references can be resolved only after the layer has a path
     for prim, asset in references.items():
         layer.GetPrimAtPath(prim).referenceList.Prepend(Sdf.Reference(asset))
     return save(layer, path)
+
+
+def _let_touch(stage: Usd.Stage, scene: Scene, props: Mechanism | None) -> None:
+    """Switch off collisions between bodies that touch by design; a static body is named by its colliders."""
+    for pair in sorted(sorted(p) for p in scene.touching):
+        sides = [_colliding(scene, name, props) for name in pair]
+        for path in sides[0]:
+            filtered = UsdPhysics.FilteredPairsAPI.Apply(stage.OverridePrim(path))
+            for other in sides[1]:
+                filtered.CreateFilteredPairsRel().AddTarget(other)
+
+
+def _colliding(scene: Scene, name: str, props: Mechanism | None) -> list[str]:
+    """Return the paths of "owner/body" that engines filter: of a robot its body, of props the body's meshes."""
+    owner, body = name.split("/")
+    if props is None or owner != props.name:
+        return [f"/{scene.name}/{name}"]
+    meshes = mesh_paths(props)
+    return [f"/{scene.name}{meshes[m.name]}" for m in props.body(body).meshes]
 
 
 def _pose(prim: UsdGeom.Xform | UsdGeom.Camera, T: Array) -> None:

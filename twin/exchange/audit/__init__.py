@@ -10,6 +10,7 @@ compare_physics    compare joints, drives, masses, frames, surfaces, colours bet
 claims      check what files state about themselves: errors between keys, assumptions, README.txt
 unity, proof                       check the other contents of a bundle
 diagnose    find the common mistake that explains a difference
+scene       an exported scene: each robot's folder, and the scene's stages against them
 """
 
 from __future__ import annotations
@@ -32,12 +33,14 @@ from twin.exchange.audit.folder import Found, find
 from twin.exchange.audit.motion import Content, check_names
 from twin.exchange.audit.physics_truth import mechanism_physics
 from twin.exchange.audit.report import AuditReport, Check, Ledger, finished
+from twin.exchange.audit.scene import FILE as SCENE
+from twin.exchange.audit.scene import audit_scene
 from twin.exchange.audit.sense import check_sense
 
 if TYPE_CHECKING:
     from twin.model.mechanism import Mechanism
 
-__all__ = ["AuditReport", "Check", "audit", "key_times"]
+__all__ = ["SCENE", "AuditReport", "Check", "audit", "key_times"]
 
 Truth = Mapping[str, tuple[np.ndarray, Mapping[str, np.ndarray]]]
 """Expected motions: (times (k,) in s, T_world_link (k, 4, 4) by link) by clip name."""
@@ -56,7 +59,7 @@ def audit(
     """Read a file or a folder of exported files, check each, and compare them with each other.
 
     Args:
-        path: a .glb, .gltf, USD, .usdz, track, MJCF or URDF file, or a folder with any of them.
+        path: a .glb, .gltf, USD, .usdz, track, MJCF or URDF file, a folder with any of them, or an exported scene.
         truth: poses of the reference model by clip; None: poses are compared with those of the tracks.
         mechanism: the expected mechanism; masses, joints, drives and frames of the files are compared with it. None:
             they are compared only between files.
@@ -68,8 +71,19 @@ def audit(
     Raises:
         TwinError: the path does not exist, or has no file that can be audited.
     """
-    found = find(Path(path))
-    tell = progress or (lambda label, fraction: None)
+    path, tell = Path(path), progress or (lambda label, fraction: None)
+    if (path / SCENE).is_file():
+        contents, ledgers = audit_scene(path, lambda folder: _audited(folder, {}, None, tell))
+    else:
+        contents, ledgers = _audited(path, truth or {}, mechanism, tell)
+    return finished(str(path), [c.as_facts() for c in contents], ledgers)
+
+
+def _audited(
+    path: Path, truth: Truth, mechanism: Mechanism | None, tell: Progress
+) -> tuple[list[Content], list[Ledger]]:
+    """Return the contents of one robot's files, compared with each other, and their ledgers."""
+    found = find(path)
     contents: list[Content] = []
     ledgers: list[Ledger] = []
     for ledger, content in _read(found, tell):
@@ -84,7 +98,7 @@ def audit(
             check_names(content)
             check_sense(content)
         tell("compare", 0.9)
-        refs = references(contents, truth or {})
+        refs = references(contents, truth)
         compare(contents, refs)
         compare_rest(contents)
         compare_shapes(contents)
@@ -98,7 +112,7 @@ def audit(
         for (ledger, _), file in zip(proofs, found.proofs, strict=True):
             check_proof_clips(file, contents, ledger)
             ledgers.append(ledger)
-    return finished(str(path), [c.as_facts() for c in contents], ledgers)
+    return contents, ledgers
 
 
 def key_times(path: str | Path) -> dict[str, np.ndarray]:

@@ -222,7 +222,7 @@ class Physics:
                 break
             pending.remove(ready[0])
             at = [j for j in joints if ready[0] in (j.parent, j.child)]
-            joints = [j for j in joints if j not in at]
+            joints = [j for j in joints if ready[0] not in (j.parent, j.child)]
             if len(at) == 2 and all(j.T is not None for j in at):
                 first, second = at
                 first = first if first.child == ready[0] else first.turned()

@@ -59,7 +59,7 @@ def write_usd(mechanism: Mechanism, clips: Sequence[Clip], folder: Path) -> list
     except AssemblyError:  # loops cannot be closed, or there are more drives than degrees of freedom
         efforts = {}
     files = write_stage(mechanism, folder, rounded(home.link_poses), home.q_full, efforts=efforts)
-    out = [files.root, files.physics, files.geometry, _write_scene(mechanism, folder / f"{mechanism.name}_sim.usda")]
+    out = [files.root, files.physics, files.geometry, write_simulated(mechanism.name, folder)]
     for clip in clips:
         motion = Motion(clip.name, clip.times, rounded(clip.links), clip.joints, clip.trocars)
         baked = write_motion(mechanism, folder, motion)
@@ -89,16 +89,19 @@ def bake(mechanism: Mechanism, bound: Mechanism, trajectory: Trajectory, folder:
     write_motion(mechanism, folder, motion)
 
 
-def _write_scene(mechanism: Mechanism, path: Path) -> Path:
-    """Write a root layer with a physics scene outside the robot's prim: references to the robot exclude the scene."""
-    layer = new_layer(path)
-    describe(layer, mechanism.name)
+def write_simulated(name: str, folder: Path) -> Path:
+    """Write <name>_sim.usda: the layer <name>.usda of the same folder, and a physics scene outside its default prim.
+
+    References to a robot exclude the physics scene, of which a stage needs one.
+    """
+    layer = new_layer(path := folder / f"{name}_sim.usda")
+    describe(layer, name)
     layer.comment = (
-        f"{mechanism.name} in a physics scene with {STEPS_PER_SECOND} steps a second, as measured with PhysX on a CPU."
+        f"{name} in a physics scene with {STEPS_PER_SECOND} steps a second, as measured with PhysX on a CPU."
     )
     _add_scene(layer)
     # Set the sublayers last, when no stage is open: USD resolves them at once, but this layer has no path yet.
-    layer.subLayerPaths = [f"./{mechanism.name}.usda"]
+    layer.subLayerPaths = [f"./{name}.usda"]
     return save(layer, path)
 
 

@@ -177,6 +177,24 @@ class LoopSolver:
         Ts[~self._good(gaps)] = np.nan
         return Closed(Ts, states, *gaps)
 
+    def link_poses(self, qs: Array, states: Array) -> dict[str, Array]:
+        """Return T_base_body (k, 4, 4) of every body at active joints qs (k, n) and unknowns states (numbers, k)."""
+        (rows,) = self._links(np.ascontiguousarray(np.asarray(qs, float).T), np.ascontiguousarray(states))
+        rows = rows.T
+        Ts = np.zeros((len(rows), len(self.mechanism.bodies), 4, 4))
+        Ts[..., 3, 3] = 1
+        Ts[..., :3, :] = rows.reshape(len(rows), -1, 3, 4)
+        return {body.name: Ts[:, i] for i, body in enumerate(self.mechanism.bodies)}
+
+    @cached_property
+    def _links(self) -> Kernel:
+        e = self.equations
+        rows = [ca.vec(e.pose(b.name)[:3, :].T) for b in self.mechanism.bodies]
+        function = ca.Function("links", [e.q, e.states], [ca.densify(ca.vertcat(*rows))], {"cse": True})
+        return Kernel(
+            [Stage(function, ("q", "states"), ("links",))], {"q": len(self.q), "states": len(self._start)}, ["links"]
+        )
+
     def _good(self, gaps: Array) -> np.ndarray:
         return (gaps[0] <= self._gap) & (gaps[1] <= self._tilt) & (gaps[2] > 0)
 

@@ -129,13 +129,13 @@ class PhaseTable(Table):
     in_patient: ClassVar[bool] = False
     """Whether the instrument is in the patient during the phase."""
 
+    @abstractmethod
     def follow(self, walk: Walk) -> None:
         """Check the phase against the phases before it, and set its end in `walk`."""
-        raise NotImplementedError
 
+    @abstractmethod
     def phase(self, walk: Walk) -> Phase:
         """Return the phase in SI."""
-        raise NotImplementedError
 
     def leaves(self) -> bool:
         """Return whether the instrument is out of the patient after the phase."""

@@ -9,12 +9,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import casadi as ca
 import numpy as np
 
 from twin.core import spatial
 from twin.core.errors import WorldError
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM
+from twin.formula import symbolic
+from twin.formula.flow import Evaluator
+from twin.formula.symbol import from_sx, to_sx
 from twin.simulation.controllers.console import Console, console
 from twin.simulation.controllers.pedals import CAMERA
 from twin.simulation.world import Block, Signals
@@ -49,40 +53,54 @@ class Dragging:
 
     def __init__(self, at: Array, dt: float, drag: Drag | None = None, laws: Console | None = None) -> None:
         """Start at `at` (4,): pan, tilt, depth, roll; dt is the duration of a tick in s."""
-        self.at, self.dt, self.drag, self.laws = np.array(at, float), dt, drag or Drag(), laws or console()
-        self._hold: tuple[Array, Array, Array] | None = None
+        self.at, self.drag = np.array(at, float), drag or Drag()
+        self._z, self._step = _compile(laws or console(), self.drag, dt).bind()
+        self._hands, self._hands_0, self._at_0, self._at = np.split(self._z, (6, 12, 16))
+        self._held = False
 
-    def step(self, right: Array, left: Array, coupled: bool) -> Array:
+    def release(self) -> None:
+        """End the motion; the next step starts a new one."""
+        self._held = False
+
+    def step(self, right: Array, left: Array) -> Array:
         """Return pan, tilt, depth, roll (4,) in rad and m after one tick.
 
         Args:
             right: (3,) position of the right hand in m in the axes of the picture, from any fixed origin.
             left: (3,) position of the left hand in m, in the same axes.
-            coupled: whether the hands move the camera (camera pedal pressed).
         """
-        if not coupled:
-            self._hold = None
-            return self.at
-        if self._hold is None:
-            self._hold = np.array(right, float), np.array(left, float), self.at
-        right_0, left_0, at = self._hold
-        turn = self.laws.turns(right_0, right, left_0, left, Z)[0]
-        d = self.drag.scale * ((right + left) - (right_0 + left_0)) / 2
-        rho = at[3] - turn
-        along = d[0] * np.cos(rho) - d[1] * np.sin(rho)  # the axes of pan and tilt do not roll with the picture
-        across = d[1] * np.cos(rho) + d[0] * np.sin(rho)
-        reach = at[2] + self.drag.lever
-        wanted = at + np.array([along / reach, -across / reach, d[2], -turn])
-        wanted = np.minimum(np.maximum(wanted, self.drag.lower), self.drag.upper)
-        most = np.array(self.drag.rate) * self.dt
-        self.at = self.at + np.minimum(np.maximum(wanted - self.at, -most), most)
+        self._hands[:3], self._hands[3:], self._at[:] = right, left, self.at
+        if not self._held:
+            self._hands_0[:], self._at_0[:], self._held = self._hands, self.at, True
+        self.at = self._step()
         return self.at
+
+
+def _compile(laws: Console, drag: Drag, dt: float) -> Evaluator:
+    """Return the function (hands (6), hands at the start (6), camera at the start (4), camera (4)) -> camera (4)."""
+    z = ca.SX.sym("z", 20)
+    right, left, right_0, left_0, at_0, at = ca.vertsplit(z, (0, 3, 6, 9, 12, 16, 20))
+    d_R, d_L = laws.laws["eq3"](*(from_sx(p) for p in (right_0, right, left_0, left)))
+    turn = to_sx(laws.laws["eq4"](from_sx(right_0), from_sx(left_0), d_R, d_L, Z)[0])
+    d = drag.scale * ((right + left) - (right_0 + left_0)) / 2
+    rho = at_0[3] - turn
+    along = d[0] * ca.cos(rho) - d[1] * ca.sin(rho)  # the axes of pan and tilt do not roll with the picture
+    across = d[1] * ca.cos(rho) + d[0] * ca.sin(rho)
+    reach = at_0[2] + drag.lever
+    wanted = at_0 + ca.vertcat(along / reach, -across / reach, d[2], -turn)
+    wanted = ca.fmin(ca.fmax(wanted, ca.DM(drag.lower)), ca.DM(drag.upper))
+    most = ca.DM(drag.rate) * dt
+    return Evaluator("drag_camera", z, at + ca.fmin(ca.fmax(wanted - at, -most), most))
 
 
 def view(at: Array) -> Array:
     """Return the pose (4, 4) of the picture about the remote centre; at: pan, tilt, depth, roll in rad and m."""
-    R = spatial.exp_so3(at[0] * Y) @ spatial.exp_so3(at[1] * X)
-    return spatial.pose(R @ spatial.exp_so3(at[3] * Z), -at[2] * R[:, 2])
+    return np.array(ca.DM(_view(ca.DM(at))))
+
+
+def _view(at: ca.SX | ca.DM) -> ca.SX:
+    R = symbolic.rotation_y(at[0]) @ symbolic.rotation_x(at[1])
+    return symbolic.pose(R @ symbolic.rotation_z(at[3]), -at[2] * R[:, 2])
 
 
 def looking(T: Array) -> Array:
@@ -157,20 +175,26 @@ class HandsToCamera(Block):
             T_view_tool: (4, 4) tool of the camera's arm in the frame of the picture; None: identity.
         """
         self.camera, self.right, self.left, self.law = camera, right, left, law
-        self._R, self._T_world_centre = T_view_hand[:3, :3], T_world_centre
-        self._T_base_world = spatial.inverse(np.eye(4) if T_world_base is None else T_world_base)
-        self._T_view_tool = np.eye(4) if T_view_tool is None else T_view_tool
+        self._R = T_view_hand[:3, :3]
+        T_base_world = spatial.inverse(np.eye(4) if T_world_base is None else T_world_base)
+        at = ca.SX.sym("at", 4)
+        T = ca.DM(T_world_centre) @ _view(at)
+        goal = ca.DM(T_base_world) @ T @ ca.DM(np.eye(4) if T_view_tool is None else T_view_tool)
+        poses = ca.vertcat(symbolic.flat(T), symbolic.flat(goal))
+        self._z, self._poses = Evaluator("camera_poses", at, poses).bind()
+        self._at, self._view, self._goal = (f"{camera}.{n}" for n in ("at", "view", "goal"))
         self.outputs = self._signals()
 
     def step(self, signals: Signals, t: float, dt: float) -> dict[str, Array]:
         """Move the camera while the camera pedal is pressed."""
+        if signals.now["console.mode"].item() != CAMERA:
+            self.law.release()
+            return {}
         right, left = (self._R @ signals[f"{n}.pose"].reshape(4, 4)[:3, 3] for n in (self.right, self.left))
-        before = self.law.at
-        return (
-            {} if self.law.step(right, left, bool(signals["console.mode"][0] == CAMERA)) is before else self._signals()
-        )
+        self.law.step(right, left)
+        return self._signals()
 
     def _signals(self) -> dict[str, Array]:
-        T = self._T_world_centre @ view(self.law.at)
-        at, goal = self.law.at, self._T_base_world @ T @ self._T_view_tool
-        return {f"{self.camera}.at": at, f"{self.camera}.view": T.ravel(), f"{self.camera}.goal": goal.ravel()}
+        self._z[:] = self.law.at
+        poses = self._poses()
+        return {self._at: self.law.at, self._view: poses[:16], self._goal: poses[16:]}

@@ -16,9 +16,10 @@ from typing import Any
 from numpy import arctan2, clip, cross
 
 from twin.core.errors import KinematicsError, unknown
-from twin.core.spatial import Array, inverse, pose
+from twin.core.spatial import Array
 from twin.formula.contract import Equation
 from twin.formula.equations import Equations
+from twin.formula.functions import inverse, pose
 
 PAPER = "A novel affordable user interface for robotic surgery training"
 

@@ -8,7 +8,7 @@ the hand jumps.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,6 +19,7 @@ from twin.core.spatial import Array
 from twin.core.units import DEG
 from twin.kinematics import Kinematics
 from twin.simulation.controllers.console import Console, console
+from twin.simulation.controllers.hand_step import HandStep, Pace
 from twin.simulation.controllers.pedals import TOOLS
 from twin.simulation.world import Block, Signals
 
@@ -47,21 +48,6 @@ class Start:
     def shown(self, grip: float, roll: float) -> bool:
         """Return whether the travels in rad of gripper and handle roll show that a person holds the handle."""
         return grip >= self.grip or roll >= self.roll or grip + roll > self.together * (self.grip + self.roll)
-
-
-@dataclass(frozen=True)
-class Pace:
-    """Maximum speed of a tool, and threshold for jumps of a hand; ASSUMED: no console publishes them.
-
-    Attributes:
-        speed, turn: maximum speeds of the tool, in m/s and rad/s.
-        jump, twist: largest hand motion in one tick, in m and rad; after a larger one, the hand is coupled again.
-    """
-
-    speed: float = 0.5
-    turn: float = 10.0
-    jump: float = 0.03
-    twist: float = 0.5
 
 
 class Following:
@@ -95,17 +81,20 @@ class Following:
             pace: maximum speeds and thresholds of jumps; None: the defaults.
             laws: equations of the console; None: the correct reading.
         """
-        self.goal, self.dt, self.aligns = np.array(tool, float), dt, aligns
-        self.start, self.pace, self.laws = start or Start(), pace or Pace(), laws or console()
+        self.goal, self.aligns = np.array(tool, float), aligns
+        self.start = start or Start()
         self.started = self.follows = False
         self.jumps = 0
-        self._wanted = self.goal
-        self._hold: tuple[Array, Array, Array, float] | None = None
-        self._hand: Array | None = None
-        self._given: tuple[bytes, bytes, float, bool] | None = None
+        self._tick = HandStep(laws or console(), pace or Pace(), dt)
+        self._wanted, self._last = self.goal, np.eye(4)
+        self._coupled: tuple[Array, float] = np.eye(4), 1.0  # pose of {H} and scale since the hand was coupled
         self._seen: tuple[Array, float, float, float, float] | None = None
 
-    def step(self, hand: Array, grip: float, tool: Array, T: Array, scale: float, coupled: bool = True) -> Array:
+    def release(self) -> None:
+        """Stop following the hand; the goal remains."""
+        self.follows = False
+
+    def step(self, hand: Array, grip: float, tool: Array, T: Array, scale: float) -> Array:
         """Return the commanded tool pose (4, 4) in {RB} after one tick.
 
         Args:
@@ -114,39 +103,32 @@ class Following:
             tool: (4, 4) current tool pose in {RB}.
             T: (4, 4) pose of {H} in {RB}.
             scale: tool motion per hand motion, limited to `SCALE`.
-            coupled: whether the pedals connect this hand with this tool.
         """
-        if self._rests(hand, T, scale, coupled):
+        self._tick(hand, self._last, self.goal)
+        if not self._tick.rigid:  # ignore an invalid pose
+            self.follows = False
             return self.goal
-        if not _rigid(hand):  # ignore an invalid pose
-            self.follows, self._hold, self._hand = False, None, None
-            return self.goal
-        hand, scale = np.array(hand, float), min(max(float(scale), SCALE[0]), SCALE[1])
-        last, self._hand = self._hand, hand
-        if not coupled:
-            self.follows, self._hold = False, None
-            return self.goal
-        if not self.follows and not self._may_begin(hand, grip, tool, T):
-            return self.goal
-        if self._hold is None or last is None:
-            self._wanted = self.goal = np.array(tool, float)
-            self._hold = hand, self.goal, T, scale
-        elif self._jumped(last, hand):
+        scale = min(max(scale, SCALE[0]), SCALE[1])
+        if not self.follows:
+            if not self._may_begin(hand, grip, tool, T):
+                return self.goal
+            self.goal = np.array(tool, float)
+            self._couple(hand, self.goal, T, scale, hand)
+            self.started = self.follows = True
+        elif self._tick.jumped:
             self.jumps += 1
-            self._hold = hand, self._wanted, T, scale
-        elif scale != self._hold[3] or (self._hold[2] != T).any():
-            self._hold = last, self._wanted, T, scale
-        self.started = self.follows = True
-        W_0, P_0, T, scale = self._hold
-        self._wanted = self.laws.tool(P_0, W_0, hand, T, scale)
-        self.goal = _towards(self.goal, self._wanted, self.pace.speed * self.dt, self.pace.turn * self.dt)
+            self._couple(hand, self._wanted, *self._coupled, hand)
+        elif scale != self._coupled[1] or (T is not self._coupled[0] and (self._coupled[0] != T).any()):
+            self._couple(self._last, self._wanted, T, scale, hand)
+        self._wanted, self.goal = self._tick.wanted, self._tick.goal
+        self._last[...] = hand
         return self.goal
 
-    def _rests(self, hand: Array, T: Array, scale: float, coupled: bool) -> bool:
-        """Return whether the input is unchanged and the goal already reached, so that the tick needs no computation."""
-        given = (hand.tobytes(), T.tobytes(), scale, coupled)
-        same, self._given = given == self._given, given
-        return same and self.follows and self.goal is self._wanted
+    def _couple(self, W_0: Array, P_0: Array, T: Array, scale: float, hand: Array) -> None:
+        """Couple the hand at W_0 with the tool at P_0, and compute this tick again."""
+        self._coupled = T, scale
+        self._tick.couple(W_0, P_0, T, scale)
+        self._tick(hand, self._last, self.goal)
 
     def _may_begin(self, hand: Array, grip: float, tool: Array, T: Array) -> bool:
         apart = float(spatial.rotation_angle(T[:3, :3] @ hand[:3, :3] @ tool[:3, :3].T)) if self.aligns else 0.0
@@ -156,52 +138,10 @@ class Following:
         if self._seen is not None:
             turn = self._seen[0][:3, :3].T @ hand[:3, :3]
             roll = float(spatial.angle_about_z(turn))
-        first, low, high, least, most = self._seen or (hand, grip, grip, roll, roll)
+        first, low, high, least, most = self._seen or (hand.copy(), grip, grip, roll, roll)
         self._seen = first, min(low, grip), max(high, grip), min(least, roll), max(most, roll)
         _, low, high, least, most = self._seen
         return apart < self.start.attitude and self.start.shown(high - low, most - least)
-
-    def _jumped(self, last: Array, hand: Array) -> bool:
-        way = hand[:3, 3] - last[:3, 3]
-        if way @ way > self.pace.jump**2:
-            return True
-        # |R - R'|_F^2 = 4 (1 - cos angle): faster than a matrix logarithm
-        apart = hand[:3, :3] - last[:3, :3]
-        return float(np.sum(apart * apart)) > 4 * (1 - np.cos(self.pace.twist))
-
-
-def _rigid(T: Array, tolerance: float = 1e-6) -> bool:
-    """Return whether T (4, 4) is a rigid pose; much faster than `spatial.is_pose` for a single pose."""
-    (a, b, c, x), (d, e, f, y), (g, h, i, z), last = np.asarray(T, float).tolist()
-    off = (
-        a * a + b * b + c * c - 1,
-        d * d + e * e + f * f - 1,
-        g * g + h * h + i * i - 1,
-        a * d + b * e + c * f,
-        a * g + b * h + c * i,
-        d * g + e * h + f * i,
-        0.0 * (x + y + z),  # NaN for NaN and infinity, which fails the comparison
-    )
-    right_handed = a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g) > 0
-    return all(abs(o) < tolerance for o in off) and right_handed and last == [0.0, 0.0, 0.0, 1.0]
-
-
-def _towards(T: Array, wanted: Array, way: float, turn: float) -> Array:
-    """Return the pose reached from T towards `wanted`, by at most `way` in m and `turn` in rad."""
-    step = wanted[:3, 3] - T[:3, 3]
-    length = float(np.sqrt(step @ step))
-    apart = wanted[:3, :3] - T[:3, :3]
-    small = float(np.sum(apart * apart)) <= 4 * (1 - np.cos(min(turn, np.pi)))
-    if length <= way and small:
-        return wanted
-    out = wanted.copy()
-    if length > way:
-        out[:3, 3] = T[:3, 3] + step * (way / length)
-    if not small:
-        rotation = spatial.log_so3(wanted[:3, :3] @ T[:3, :3].T)
-        angle = float(np.linalg.norm(rotation))
-        out[:3, :3] = spatial.exp_so3(rotation * (turn / angle)) @ T[:3, :3]
-    return out
 
 
 @dataclass(frozen=True)
@@ -265,22 +205,40 @@ class HandToPose(Block):
         self._T_view_hand, self._T_base_world = T_view_hand, [spatial.inverse(a.T_world_base) for a in arms]
         self._tools = [a.kin.forward(x) for a, x in zip(arms, q, strict=True)]
         self._laws = [Following(T, dt, aligns=aligns, start=start, pace=pace) for T in self._tools]
+        self._view: tuple[bytes, list[Array]] = b"", []
+        self._said = [(0.0, 0.0)] * len(arms)
+        self._pose, self._grip, self._scale = f"{hand}.pose", f"{hand}.grip", f"{device}.scale"
+        self._names = [tuple(f"{a.robot}.{n}" for n in ("goal", "follows", "jumps")) for a in arms]
         self.outputs = {f"{a.robot}.goal": T.ravel() for a, T in zip(arms, self._tools, strict=True)}
         self.outputs |= {f"{a.robot}.{n}": 0.0 for a in arms for n in ("follows", "jumps")}
 
     def step(self, signals: Signals, t: float, dt: float) -> dict[str, Array | float]:
         """Move the selected arm; the other arms remain at rest."""
-        pose, grip = signals[f"{self.hand}.pose"].reshape(4, 4), float(signals[f"{self.hand}.grip"][0])
-        T_world_view = signals[f"{self.view}.view"].reshape(4, 4) if isinstance(self.view, str) else self.view
-        tools = signals["console.mode"][0] == TOOLS
-        active = int(signals["console.taps"][0]) % len(self.arms)
-        scale = float(signals[f"{self.device}.scale"][0])
+        now, follow = signals.now, self._laws
+        pose, grip = now[self._pose].reshape(4, 4), now[self._grip].item()
+        active = int(now["console.taps"].item()) % len(follow) if now["console.mode"].item() == TOOLS else -1
         out: dict[str, Array | float] = {}
-        for i, (arm, law) in enumerate(zip(self.arms, self._laws, strict=True)):
-            coupled = tools and i == active
-            if coupled and not law.follows:  # the tool's current pose is used when the hand is coupled
-                self._tools[i] = arm.kin.forward(signals[f"{arm.robot}.encoder"], self._tools[i])
-            T = self._T_base_world[i] @ T_world_view @ self._T_view_hand
-            out[f"{arm.robot}.goal"] = law.step(pose, grip, self._tools[i], T, scale, coupled).ravel()
-            out[f"{arm.robot}.follows"], out[f"{arm.robot}.jumps"] = float(law.follows), float(law.jumps)
+        for i, law in enumerate(follow):
+            if i == active:
+                if not law.follows:  # the tool's current pose is used when the hand is coupled
+                    arm = self.arms[i]
+                    self._tools[i] = arm.kin.forward(signals[f"{arm.robot}.encoder"], self._tools[i])
+                T = self._poses_of_hand(now)[i]
+                law.step(pose, grip, self._tools[i], T, now[self._scale].item())
+            else:
+                law.release()
+            goal, follows, jumps = self._names[i]
+            out[goal] = law.goal.ravel()
+            said = float(law.follows), float(law.jumps)
+            if said != self._said[i]:
+                self._said[i] = out[follows], out[jumps] = said
         return out
+
+    def _poses_of_hand(self, now: Mapping[str, Array]) -> list[Array]:
+        """Return the pose of {H} in the base of each arm; the same arrays as before if the view has not moved."""
+        view = now[f"{self.view}.view"] if isinstance(self.view, str) else self.view
+        seen = view.tobytes()
+        if seen != self._view[0]:
+            T_world_hand = view.reshape(4, 4) @ self._T_view_hand
+            self._view = seen, [T @ T_world_hand for T in self._T_base_world]
+        return self._view[1]

@@ -6,9 +6,8 @@ deg/s until its difference from the gripper is below 2 deg.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
-
-import numpy as np
 
 from twin.core.spatial import Array
 from twin.core.units import DEG
@@ -42,7 +41,7 @@ class Jaw:
     def __init__(self, lower: float, upper: float, angle: float, dt: float, grip: Grip | None = None) -> None:
         """Start at `angle` in rad; `lower` is the lower limit, `upper` the angle for an open gripper, both in rad."""
         self.lower, self.upper, self.angle, self.dt, self.grip = lower, upper, angle, dt, grip or Grip()
-        self.closed = np.inf
+        self.closed = math.inf
         self._slow, self._led = True, False
 
     def step(self, grip: float, follows: bool) -> float:
@@ -58,7 +57,7 @@ class Jaw:
         off = wanted - self.angle
         self._slow = self._slow and abs(off) >= g.near
         most = (g.slow if self._slow else g.fast) * self.dt
-        self.angle = wanted if abs(off) <= most else self.angle + np.copysign(most, off)
+        self.angle = wanted if abs(off) <= most else self.angle + math.copysign(most, off)
         return self.angle
 
 
@@ -67,10 +66,11 @@ class GripToJaw(Block):
 
     def __init__(self, hand: str, robot: str, jaw: Jaw) -> None:
         """Connect a gripper to a jaw."""
-        self.hand, self.robot, self.jaw = hand, robot, jaw
-        self.outputs = {f"{robot}.jaw": jaw.angle}
+        self.jaw = jaw
+        self._grip, self._follows, self._jaw = f"{hand}.grip", f"{robot}.follows", f"{robot}.jaw"
+        self.outputs = {self._jaw: jaw.angle}
 
     def step(self, signals: Signals, t: float, dt: float) -> dict[str, Array | float]:
         """Move the jaw towards the gripper."""
-        follows = signals[f"{self.robot}.follows"][0] > 0.5
-        return {f"{self.robot}.jaw": float(self.jaw.step(float(signals[f"{self.hand}.grip"][0]), bool(follows)))}
+        now = signals.now
+        return {self._jaw: self.jaw.step(now[self._grip].item(), now[self._follows].item() > 0.5)}

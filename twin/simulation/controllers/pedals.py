@@ -23,16 +23,17 @@ class Pedals(Block):
 
     def __init__(self, device: str, tap: float = TAP) -> None:
         """Connect to the pedals of a device; both pedals start released."""
-        self.device, self.tap = device, tap
+        self.tap = tap
+        self._clutch, self._camera, self._silent = (f"{device}.{n}" for n in ("clutch", "camera", "silent"))
         self._taps = 0
         self._since: float | None = None  # time in s at which the clutch was pressed; infinity: unknown
         self.outputs = {"console.mode": TOOLS, "console.taps": 0.0}
 
     def step(self, signals: Signals, t: float, dt: float) -> dict[str, float | Array]:
         """Read both pedals."""
-        clutch = signals[f"{self.device}.clutch"][0] > 0.5
-        camera = signals[f"{self.device}.camera"][0] > 0.5
-        silent = f"{self.device}.silent" in signals and signals[f"{self.device}.silent"][0] > 0.5
+        now = signals.now
+        clutch, camera = now[self._clutch].item() > 0.5, now[self._camera].item() > 0.5
+        silent = self._silent in now and now[self._silent].item() > 0.5
         if silent:
             self._since = math.inf if clutch else None
         elif clutch:

@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import math
+
+import casadi as ca
 import numpy as np
 
 from twin.core.spatial import Array
+from twin.formula.flow import Evaluator
 from twin.kinematics import Kinematics
+from twin.kinematics.compiled import POSE_TOL
 from twin.simulation.controllers.velocity import Solver, step
 from twin.simulation.limits import Limits
 from twin.simulation.world import Block, Signals
@@ -30,35 +35,52 @@ class PoseToJoints(Block):
         self.robot, self.kin, self.limits = robot, kin, limits
         self.solver: Solver = solver
         self._T = kin.forward(q)
-        self._given: tuple[bytes, bytes, bytes] | None = None
+        self._encoder, self._goal, self._jaw = (f"{robot}.{n}" for n in ("encoder", "goal", "jaw"))
+        self._command, self._auxiliary = f"{robot}.command", np.flatnonzero(kin.auxiliary)
+        self._z, self._near = _near_inverse(kin, limits).bind() if kin.closed_inverse else (np.zeros(17 + len(q)), None)
+        self._given: tuple[bytes, bytes] | None = None
         self._said: dict[str, Array] = {}
-        self.outputs = {f"{robot}.command": q}
+        self.outputs = {self._command: q}
 
     def step(self, signals: Signals, t: float, dt: float) -> dict[str, Array]:
         """Make one step towards the goal."""
-        q, goal = signals[f"{self.robot}.encoder"], signals[f"{self.robot}.goal"].reshape(4, 4)
-        jaw = signals[f"{self.robot}.jaw"] if f"{self.robot}.jaw" in signals else q[self.kin.auxiliary]
-        given = (q.tobytes(), goal.tobytes(), jaw.tobytes())
-        if self.kin.closed_inverse and given == self._given:
-            return self._said  # unchanged input: return the previous result
-        self._given = given
-        command = self._closed(q, goal, dt)
-        if command is None:
+        z, now = self._z, signals.now
+        q, goal = now[self._encoder], now[self._goal]
+        jaw = now[self._jaw] if self._jaw in now else q[self._auxiliary]
+        z[:16], z[16:-1], z[-1] = goal, q, dt
+        command = self._near() if self._near else None
+        if command is not None and not math.isnan(command[0]):
+            self._given = None
+        else:
+            given = (z.tobytes(), jaw.tobytes())
+            if self._near and given == self._given:
+                return self._said  # unchanged input: return the previous result
+            self._given = given
             if not self.kin.closed_forward:
                 self._T = self.kin.forward(q, self._T)
-            command = step(self.kin, q, goal, dt, self.limits, self.solver, seed=self._T).q
-        command[self.kin.auxiliary] = jaw
-        self._said = {f"{self.robot}.command": command}
+            command = step(self.kin, q, goal.reshape(4, 4), dt, self.limits, self.solver, seed=self._T).q
+        command[self._auxiliary] = jaw
+        self._said = {self._command: command}
         return self._said
 
-    def _closed(self, q: Array, goal: Array, dt: float) -> Array | None:
-        if not self.kin.closed_inverse:
-            return None
-        found = self.kin.inverse_near(goal, q)
-        if found is None:
-            return None
-        lower, upper = self.limits.steps(q, dt)
-        step = found - q
-        # Comparisons with NaN (no inverse) are false.
-        near = (step >= np.maximum(lower, -_NEAR)) & (step <= np.minimum(upper, _NEAR))
-        return found if near.all() else None
+
+def _near_inverse(kin: Kinematics, limits: Limits) -> Evaluator:
+    """Return the function (pose (16), q (n), dt in s) -> q (n) by the closed-form inverse, with angles nearest to q.
+
+    All results are NaN if the pose is not rigid or out of reach, or if a joint step exceeds a limit or `_NEAR`.
+    Auxiliary joints keep their values.
+    """
+    n = len(kin.joints)
+    z = ca.SX.sym("z", 16 + n + 1)
+    q, dt = z[16 : 16 + n], z[16 + n]
+    inverse = kin.program.inverse.function(z[:16])
+    found, misfit = inverse[:n], inverse[n]
+    turns = ca.DM(np.where(kin.revolute, 1 / (2 * np.pi), 0.0))
+    found -= 2 * np.pi * ca.floor((found - q) * turns + 0.5)
+    found = ca.if_else(ca.DM(kin.auxiliary.astype(float)), q, found)
+    lower, upper = limits.steps_of(q, dt)
+    step = found - q
+    # Comparisons with NaN (no inverse) are false.
+    above, below = step >= ca.fmax(lower, -_NEAR), step <= ca.fmin(upper, _NEAR)
+    near = ca.logic_and(ca.mmin(ca.vertcat(above, below)), misfit <= POSE_TOL)
+    return Evaluator("near_inverse", z, ca.if_else(near, found, np.nan))

@@ -110,7 +110,9 @@ class GivenHands(Block):
     def _order(self, state: HandState, t: float) -> None:
         hand, last = state.hand, self._last[state.hand]
         silent = self.silent(hand, t)
-        if last is not None:
+        if (
+            last is not None and self._heard[hand] > -math.inf
+        ):  # after `leave`, another sender counts from its own number
             ahead = (state.number - last.number + 2**31) % 2**32 - 2**31
             if not silent and not 0 < ahead <= _LEAP:
                 self._ignored += 1

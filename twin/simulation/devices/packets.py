@@ -5,7 +5,7 @@ clutch, 2 camera), 0 (u8), sequence number (u32, per hand), time of the sender (
 float64, m), orientation (4 float64, unit quaternion, w first), gripper (float64, rad). The answer with the force has 36
 bytes: "TWNF", version, hand, 0, 0 (u8 each), sequence number of the answered packet (u32), force in {H} (3 float64, N).
 
-The owner of the socket passes packets to `take`; this module does not use the network. A packet that is late, repeated,
+The owner of the socket passes packets to `read`; this module does not use the network. A packet that is late, repeated,
 damaged or in another layout is ignored and counted.
 """
 
@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from twin.core import spatial
+from twin.core.errors import DeviceError
 from twin.core.spatial import Array
 from twin.simulation.devices.given import GivenHands, HandState
 
@@ -25,8 +26,8 @@ HAND, FORCE = struct.Struct("<4sBBBBIQ8d"), struct.Struct("<4sBBBBI3d")
 _MAGIC, _ANSWER, _VERSION = b"TWNH", b"TWNF", 1
 _CLUTCH, _CAMERA = 1, 2
 
-_FAR, _OPEN = 10.0, 2 * math.pi
-"""Largest accepted coordinate in m and gripper angle in rad."""
+_FAR, _OPEN, _UNIT = 10.0, 2 * math.pi, 1e-3
+"""Largest accepted coordinate in m, gripper angle in rad, and difference of a quaternion's length from 1."""
 
 
 def pack(
@@ -38,32 +39,50 @@ def pack(
     return HAND.pack(_MAGIC, _VERSION, hand, pedals, 0, number % 2**32, time, *pose[:3, 3], *q, grip)
 
 
-def unpack(data: bytes) -> HandState | None:
-    """Return the hand state in a packet; None if the layout is wrong or a number is implausible."""
+def unpack(data: bytes) -> HandState:
+    """Return the hand state in a packet.
+
+    Raises:
+        DeviceError: the layout is wrong or a number is implausible; the message names the field, its value and limit.
+    """
     if len(data) != HAND.size:
-        return None
+        raise DeviceError(f"the length is {len(data)} bytes; it must be {HAND.size}")
     magic, version, hand, pedals, zero, number, _, *numbers = HAND.unpack(data)
     p, q, grip = numbers[:3], numbers[3:7], numbers[7]
-    if (magic, version, zero) != (_MAGIC, _VERSION, 0) or hand > 1 or pedals > _CLUTCH + _CAMERA:
-        return None
+    if (magic, version, zero) != (_MAGIC, _VERSION, 0):
+        raise DeviceError(
+            f"the first 8 bytes are {data[:8]!r}; they must be TWNH, version {_VERSION}, hand, pedals and 0"
+        )
+    if hand > 1:
+        raise DeviceError(f"hand is {hand}; it must be 0 (right) or 1 (left)")
+    if pedals > _CLUTCH + _CAMERA:
+        raise DeviceError(f"pedals are {pedals}; they must be the sum of {_CLUTCH} (clutch) and {_CAMERA} (camera)")
     # NaN and infinity fail these comparisons.
-    if not all(abs(x) <= _FAR for x in p) or not abs(grip) <= _OPEN or not abs(math.hypot(*q) - 1) <= 1e-3:
-        return None
+    for axis, x in zip("xyz", p, strict=True):
+        if not abs(x) <= _FAR:
+            raise DeviceError(f"position {axis} is {x:g} m; it must be within ±{_FAR:g} m")
+    if not abs(math.hypot(*q) - 1) <= _UNIT:
+        raise DeviceError(f"the quaternion has length {math.hypot(*q):g}; it must be 1 ± {_UNIT:g}")
+    if not abs(grip) <= _OPEN:
+        raise DeviceError(f"gripper is {grip:g} rad; it must be within ±{_OPEN:.4g} rad")
     pose = spatial.pose(spatial.matrix_from_quat_wxyz(q), p)
     return HandState(hand, bool(pedals & _CLUTCH), bool(pedals & _CAMERA), number, pose, grip)
 
 
 class Packets(GivenHands):
-    """Hands whose states arrive as packets; ignored packets are counted in `<device>.ignored`."""
+    """Hands whose states arrive as packets, beside those that are passed to `give`."""
 
-    def take(self, data: bytes) -> int | None:
-        """Process the bytes of one packet; return the hand (0 or 1) to answer, or None if the layout is wrong."""
-        state = unpack(data)
-        if state is None:
+    def read(self, data: bytes) -> HandState:
+        """Return the hand state in a packet, to be passed to `give`; count a malformed packet in `<device>.ignored`.
+
+        Raises:
+            DeviceError: the packet is malformed, see `unpack`.
+        """
+        try:
+            return unpack(data)
+        except DeviceError:
             self._ignored += 1
-            return None
-        self.give(state)
-        return state.hand
+            raise
 
     def answer(self, hand: int, force: ArrayLike) -> bytes:
         """Return the packet with a force (3,) in {H} in N, to be sent to a hand."""

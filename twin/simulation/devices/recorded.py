@@ -32,8 +32,8 @@ class Recorded(Block):
         """Return the next row; None at the end of the recording."""
         if self._tick == self._count:
             return None
-        self._tick += 1
-        return {name: rows[self._tick - 1] for name, rows in self._rows.items()}
+        k, self._tick = self._tick, self._tick + 1
+        return {name: rows[k] for name, rows in self._rows.items()}
 
 
 def _is_of(signal: str, wanted: str) -> bool:

@@ -18,22 +18,21 @@ class Kinematic(Block):
 
     def __init__(self, robot: str, q: ArrayLike, limits: Limits) -> None:
         """Start at q (n,) in m or rad."""
-        self.robot, self.q, self.limits = robot, np.array(q, float), limits
-        self._rests = False
+        self.q = np.array(q, float)
+        n = len(self.q)
+        self._z, self._follow = limits.follow.bind()
+        self._from, self._to = self._z[:n], self._z[n : 2 * n]
+        self._command, self._q, self._encoder = (f"{robot}.{n}" for n in ("command", "q", "encoder"))
         self.outputs = self._signals()
 
     def step(self, signals: Signals, t: float, dt: float) -> dict[str, Array]:
         """Move the joints towards the command."""
-        command = signals[f"{self.robot}.command"]
-        if self._rests and np.array_equal(command, self.q):
+        self._from[...], self._to[...], self._z[-1] = self.q, signals.now[self._command], dt
+        q = self._follow()
+        if q.tobytes() == self.q.tobytes():
             return {}
-        wanted = command - self.q
-        lower, upper = self.limits.steps(self.q, dt)
-        dq = np.minimum(np.maximum(wanted, lower), upper)
-        # a target within the limits is reached exactly, without rounding errors of the difference
-        self.q = np.where(dq == wanted, command, self.q + dq)
-        self._rests = not dq.any()
+        self.q = q
         return self._signals()
 
     def _signals(self) -> dict[str, Array]:
-        return {f"{self.robot}.q": self.q, f"{self.robot}.encoder": self.q}
+        return {self._q: self.q, self._encoder: self.q}

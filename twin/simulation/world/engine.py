@@ -17,7 +17,7 @@ from twin.reference import ReferenceModel
 from twin.simulation.frame import Frame
 from twin.simulation.world.block import Block, Hazard
 from twin.simulation.world.recording import Recording
-from twin.simulation.world.signals import Signals
+from twin.simulation.world.signals import Signals, put
 
 
 @dataclass(frozen=True)
@@ -31,11 +31,12 @@ class Placed:
 
 @dataclass(frozen=True)
 class _Run:
-    """A block, the number of ticks between its steps, the signals it writes, and the hazards of these signals."""
+    """A block, the ticks and the time in s between its steps, the memory of its signals, and their hazards."""
 
     block: Block
     every: int
-    writes: frozenset[str]
+    dt: float
+    memory: Mapping[str, Array]
     hazards: Mapping[str, Sequence[Hazard]]
 
 
@@ -49,7 +50,7 @@ class World:
     Attributes:
         dt: duration of one tick in s.
         tick: number of completed ticks.
-        signals: current signals.
+        signals: the current signals.
         ended: whether the input of a device has ended.
     """
 
@@ -103,7 +104,10 @@ class World:
             name = type(block).__name__
             raise WorldError(f"{name} steps every {block.period:g} s, which is not a multiple of {self.dt:g} s")
         hit = {name: [h for h in hazards if h.signal == name] for name in block.outputs}
-        return _Run(block, max(every, 1), frozenset(hit), {name: found for name, found in hit.items() if found})
+        every = max(every, 1)
+        found = {name: hazards for name, hazards in hit.items() if hazards}
+        memory = {name: self.signals.view(f"{name}.written" if name in found else name) for name in hit}
+        return _Run(block, every, every * self.dt, memory, found)
 
     def _need(self, signal: str, size: int, whose: str) -> None:
         if signal not in self.signals:
@@ -138,14 +142,16 @@ class World:
                 return False
             t = self.t
             # No device sees the output of another device in this tick; if one has ended, no signal has changed yet.
-            said = [(run, self._ask(run, t)) for run in self._devices]
-            if any(out is None for _, out in said):
+            said = [self._ask(run, t) for run in self._devices]
+            if None in said:
                 self.ended = True
                 return False
-            for run, out in said:
-                self._write(run, out or {}, t)
+            for run, out in zip(self._devices, said, strict=True):
+                self._write(run, out, t)
             for run in self._moved:
-                self._write(run, self._ask(run, t) or {}, t)
+                out = self._ask(run, t)
+                if out or run.hazards:
+                    self._write(run, out, t)
             self.signals.check(t)
             if self._records:
                 self._log.append(self.signals.row.copy())
@@ -189,19 +195,19 @@ class World:
         return {name: placed.T_world_base @ T for name, T in last.link_poses.items()}
 
     def _ask(self, run: _Run, t: float) -> Mapping[str, ArrayLike] | None:
-        return run.block.step(self.signals, t, run.every * self.dt) if self.tick % run.every == 0 else {}
+        return {} if self.tick % run.every else run.block.step(self.signals, t, run.dt)
 
-    def _write(self, run: _Run, out: Mapping[str, ArrayLike], t: float) -> None:
-        signals = self.signals
-        for name, value in out.items():
-            if name not in run.writes:
+    def _write(self, run: _Run, out: Mapping[str, ArrayLike] | None, t: float) -> None:
+        memory = run.memory
+        for name, value in (out or {}).items():
+            if name not in memory:
                 raise WorldError(f"{type(run.block).__name__} writes '{name}', which is not among its outputs")
-            signals.write(f"{name}.written" if name in run.hazards else name, value)
+            put(memory[name], name, value)
         for name, hazards in run.hazards.items():
-            value = signals[f"{name}.written"]
+            value = memory[name].copy()
             for hazard in hazards:
                 value = np.asarray(hazard.change(t, value), float)
-            signals.write(name, value)
+            put(self.signals.view(name), name, value)
 
 
 def _once(names: Iterable[str]) -> set[str]:

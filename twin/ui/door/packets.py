@@ -2,28 +2,39 @@
 
 from __future__ import annotations
 
+import math
 import socket
+from collections import deque
 from types import TracebackType
 from typing import Self
 
 from numpy.typing import ArrayLike
 
-from twin.core.errors import TwinError
+from twin.core.errors import DeviceError, TwinError
 from twin.simulation.devices.packets import HAND, Packets
+from twin.ui.door.reports import Reports
 
-_MOST = 64
-"""Maximum number of packets read in one tick, so that too many packets do not delay the tick."""
+_MOST = 256
+"""Maximum number of packets read at a time, so that too many packets do not delay the ticks."""
+
+_QUIET = 5.0
+"""Time in s without a problem of a kind after which it is reported again."""
+
+Address = tuple[str, int]
 
 
 class PacketDoor:
-    """A UDP socket for a packet device; the caller of `World.step` calls `pump` before each tick.
+    """A UDP socket for a packet device; the caller of `World.step` calls `pump` before the ticks.
 
     Each hand is controlled by the address that first sent a packet for it, until packets for this hand stop. By
     default, only programs on this machine can send packets.
 
     Attributes:
         port: port on which the socket listens.
-        refused: number of packets from addresses that do not control the hand.
+        holder: name of another device that controls the hands; packets are refused meanwhile. None: there is none.
+        refused: number of well-formed packets that were refused: of another address or during another device's control,
+            or because the camera pedal was pressed when the hand began.
+        reports: receives a message about each refused or malformed packet.
     """
 
     def __init__(self, device: Packets, port: int = 0, host: str = "127.0.0.1") -> None:
@@ -33,40 +44,81 @@ class PacketDoor:
             TwinError: the port is in use.
         """
         self.device, self.refused = device, 0
-        self._owners: dict[int, tuple[str, int]] = {}
+        self.holder: str | None = None
+        self.reports = Reports(_QUIET)
+        self._owners: dict[int, tuple[Address, float]] = {}
+        self._waiting: deque[tuple[bytes, Address]] = deque()
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         try:
             self._socket.bind((host, port))
-        except OSError as error:
+        except (OSError, OverflowError) as error:
             self._socket.close()
+            why = error.strerror if isinstance(error, OSError) and error.strerror else error
             raise TwinError(
-                f"cannot listen for packets on {host}:{port}: {error.strerror or error}; choose another port, "
-                "or 0 for any"
+                f"cannot listen for packets on {host}:{port}: {why}; choose another port, or 0 for any"
             ) from error
         self._socket.setblocking(False)
         self.port: int = self._socket.getsockname()[1]
 
-    def pump(self, t: float) -> int:
-        """Read the packets that have arrived before the tick at time t in s; return their number."""
-        for count in range(_MOST):
-            try:
-                data, address = self._socket.recvfrom(HAND.size + 1)
-            except (BlockingIOError, ConnectionResetError):
-                return count
-            hand = data[5] if len(data) == HAND.size else -1
-            owner = self._owners.get(hand)
-            if owner is not None and owner != address and not self.device.silent(hand, t):
-                self.refused += 1
-                continue
-            taken = self.device.take(data)
-            if taken is not None:
-                self._owners[taken] = address
-        return _MOST
+    def pump(self, t: float, parts: int = 1) -> int:
+        """Pass on packets that have arrived before the tick at time t in s; return how many the device accepted.
 
-    def answer(self, hand: int, force: ArrayLike) -> None:
-        """Send a force (3,) in N in frame {H} to the address that controls a hand, if any."""
-        if (owner := self._owners.get(hand)) is not None:
+        If the ticks of a frame are computed in several parts, each call with the number of remaining parts passes on an
+        equal share of the packets, so that the hands do not move in the first part only.
+        """
+        while len(self._waiting) < _MOST:
+            try:
+                self._waiting.append(self._socket.recvfrom(HAND.size + 1))
+            except (BlockingIOError, ConnectionResetError):
+                break
+        share = math.ceil(len(self._waiting) / parts)
+        return sum(self._take(*self._waiting.popleft(), t) for _ in range(share))
+
+    def _take(self, data: bytes, address: Address, t: float) -> bool:
+        """Pass a packet to the device, or refuse it and report why."""
+        sender = f"{address[0]}:{address[1]}"
+        try:
+            state = self.device.read(data)
+        except DeviceError as error:
+            self.reports.report("malformed", t, f"a packet from {sender} is ignored: {error}")
+            return False
+        side = self.device.hands[state.hand]
+        owner = self.sender(state.hand, t)
+        refusal = None
+        if self.holder is not None:
+            refusal = "held", f"packets from {sender} are ignored: {self.holder} has the hands until it lets go"
+        elif owner is not None and owner != address:
+            held = f"{owner[0]}:{owner[1]} has the {side} hand until it is silent for {self.device.patience:g} s"
+            refusal = "stranger", f"packets from {sender} are ignored: {held}"
+        elif owner is None and state.camera:
+            pressed = "the camera pedal is pressed from the start; release it once"
+            refusal = "pedal", f"packets of the {side} hand from {sender} are ignored: {pressed}"
+        if refusal is not None:
+            self.refused += 1
+            self.reports.report(refusal[0], t, refusal[1])
+            return False
+        self._owners[state.hand] = address, t
+        self.device.give(state)
+        return True
+
+    def sender(self, hand: int, t: float) -> Address | None:
+        """Return the address that controls a hand at time t in s; None if there is none."""
+        address, heard = self._owners.get(hand, (None, -math.inf))
+        return address if t - heard <= self.device.patience else None
+
+    @property
+    def heard(self) -> float:
+        """Time in s of the last accepted packet; minus infinity before the first one."""
+        return max((t for _, t in self._owners.values()), default=-math.inf)
+
+    def answer(self, hand: int, force: ArrayLike, t: float) -> None:
+        """Send a force (3,) in N in frame {H} to the address that controls a hand at time t in s, if any."""
+        if (owner := self.sender(hand, t)) is None:
+            return
+        try:
             self._socket.sendto(self.device.answer(hand, force), owner)
+        except OSError:  # the sender is gone or its queue is full; its silence will be reported
+            return
 
     def close(self) -> None:
         """Close the socket."""

@@ -1,23 +1,34 @@
-"""Live source of a stream: the robots of a scene in a World, teleoperated by the hands of a client.
+"""Live source of a stream: the robots of a scene in a World, teleoperated by the hands of a client or by UDP packets.
 
-The World and its hands are a `LiveConsole`; here messages become hands, and poses become frames.
+The World and its hands are a `LiveConsole`. Here messages and packets become states of the input device `Packets`, of
+one owner at a time, and poses become frames.
 """
 
 from __future__ import annotations
 
+import asyncio
+import logging
 from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from twin.api import Robot
 from twin.core import spatial
+from twin.core.errors import TwinError
 from twin.core.spatial import Array
 from twin.model.scene import Scene
-from twin.simulation.console_scene import HANDS
+from twin.simulation.console_scene import HANDS, PEDALS
 from twin.simulation.controllers.following import SCALE
 from twin.simulation.devices.given import HandState
+from twin.simulation.devices.packets import Packets
+from twin.simulation.session.file import LONGEST, SessionWriter
+from twin.simulation.session.run import head_of
+from twin.simulation.session.tape import Tape
+from twin.ui.door.mqtt import ScaleTopic
 from twin.ui.headset import protocol as wire
+from twin.ui.headset.packet_hands import UDP, PacketHands
 from twin.ui.headset.protocol import RefusedError
 from twin.ui.headset.scene_frame import pack_scene
 from twin.ui.session.console import HeldError, LiveConsole
@@ -31,13 +42,33 @@ class Operation(LiveConsole):
     """Source of a stream: the robots of a scene, controlled by its console.
 
     Attributes:
+        device: the input device, which receives the hands of a client, or of UDP packets.
+        owner: identifier of the client whose hands control the robots; `UDP`: packets; None: nobody.
+        packets: hands by UDP; None: see `listen`.
+        tablet: motion scale by MQTT; None: see `connect`.
         send: function that sends a document to all clients.
     """
 
+    device: Packets
+
     replays, alone, version = False, False, wire.VERSION
 
-    def __init__(self, scene: Scene, robots: Mapping[str, Robot]) -> None:
-        super().__init__(scene, robots)
+    def __init__(self, scene: Scene, robots: Mapping[str, Robot], session: Path | None = None) -> None:
+        """Create the World with the robots at the places of the scene; `session` is the file of the session, or None.
+
+        Raises:
+            TwinError: the scene has no console, or the console does not match its robots.
+            OutputError: the session cannot be written.
+        """
+        self.packets: PacketHands | None = None
+        self.tablet: ScaleTopic | None = None
+        self._connection: asyncio.Future[None] | None = None
+        self._tape = None if session is None else Tape()
+        scale = 1.0 if scene.console is None else scene.console.scale
+        super().__init__(scene, robots, Packets(PEDALS, HANDS, scale), self._tape)
+        self._session = None
+        if session is not None:
+            self._session = SessionWriter(session, head_of(scene, self.members, self.world, self.device))
         self.send: Callable[[dict[str, Any]], object] = lambda document: None
         self._bodies = {n: [b.name for b in m.mechanism.bodies] for n, m in self.members.items()}
         self._tick, self._sent, self._seq = -1, -HEARTBEAT, 0
@@ -65,8 +96,57 @@ class Operation(LiveConsole):
         """Names of all active joints, "<robot>/<joint>"."""
         return tuple(f"{n}/{j.name}" for n, m in self.members.items() for j in m.mechanism.active)
 
+    def listen(self, host: str, port: int) -> None:
+        """Accept hands by UDP at an address and a port (0: any free port).
+
+        Raises:
+            TwinError: the port is in use.
+        """
+        self.packets = PacketHands(self.device, host, port, self._warn)
+
+    def connect(self, host: str, port: int, topic: str) -> None:
+        """Take the motion scale from an MQTT broker; call this function in an event loop.
+
+        Raises:
+            TwinError: the topic is invalid, or the package for MQTT is not installed.
+        """
+        self.tablet = ScaleTopic(host, port, topic, SCALE, self.table.scale, self.device.rescale)
+        self.tablet.reports.tell = self._warn
+        self._connection = asyncio.ensure_future(self.tablet.run())
+
     def close(self) -> None:
-        """Do nothing, because there are no processes or threads to end."""
+        """End the connections to packets and broker, and complete the session file."""
+        if self.packets is not None:
+            self.packets.door.close()
+            self.packets = None
+        if self._connection is not None:
+            self._connection.cancel()
+        self._write()
+        session, self._session = self._session, None
+        try:
+            if session is not None:
+                session.close()
+        except TwinError as error:
+            logging.getLogger(__name__).error("the session is incomplete: %s", error)
+
+    def _write(self) -> None:
+        """Write the ticks since the last call to the session file; an error ends the recording, not the World."""
+        session, rows = self._session, None if self._tape is None else self._tape.take()
+        if session is None or rows is None:
+            return
+        rows = rows[: self.world.tick - session.ticks]  # not those of a tick that failed
+        try:
+            if len(rows):
+                session.add(rows)
+            if session.full:
+                session.close()
+                text = "the session has reached %g s, the maximum: %s is complete"
+                logging.getLogger(__name__).warning(text, LONGEST, session.path)
+                self._session = None
+        except TwinError as error:
+            session.abandon()
+            self._session = None
+            logging.getLogger(__name__).error("the session is no longer recorded: %s", error)
 
     # -- time -----------------------------------------------------------------------------------------
 
@@ -74,8 +154,11 @@ class Operation(LiveConsole):
         """Advance to a tick of 1 / RATE s; return a frame if a joint moved or after `HEARTBEAT` ticks, else None."""
         passed = (tick - self._tick) / RATE if self._tick >= 0 else 0.0
         self._tick = tick
+        scale = self.reading["scale"]
         for text in self.advance(passed):
-            self.send({"type": "error", "code": "failed", "message": text})
+            self._send(text)
+        if self.tablet is not None and self.reading["scale"] != scale:
+            self.tablet.show(self.reading["scale"])
         row = np.concatenate([self.world.signals[f"{n}.q"] for n in self.members])
         moved = self._shown is None or not np.array_equal(row, self._shown)
         if not moved and tick - self._sent < HEARTBEAT:
@@ -87,6 +170,38 @@ class Operation(LiveConsole):
         self._seq += 1
         robots = [self._pack(name, server_time) for name in self.members]
         return pack_scene(self._seq - 1, server_time, self.world.t, 0, robots, ())
+
+    def _before_steps(self, parts: int, dt: float) -> None:
+        if self.packets is not None:
+            self._exchange(self.packets, parts, dt)
+
+    def _after_steps(self, behind: bool) -> None:
+        if behind and self.packets is not None:  # what has come by now is used at once, so that no delay builds up
+            self._exchange(self.packets, 1, self.world.dt)
+        self._write()
+
+    def _exchange(self, packets: PacketHands, parts: int, dt: float) -> None:
+        """Receive packets for the next steps of the World, which take dt in s, and send the forces."""
+        t, udp = self.world.t, self.owner == UDP
+        packets.door.holder = None if udp or self.silent else self.owner
+        if packets.door.pump(t, parts):
+            self.own(UDP)
+        elif udp and packets.gone(t):
+            self.release(UDP)
+        if self.owner == UDP:
+            packets.answer([self._beyond(hand) for hand in HANDS], t, dt)
+
+    def _beyond(self, hand: str) -> Array:
+        """Return the way (3,) in m from the tool of a hand to its goal in {H}, if its arm is at a limit; else zeros."""
+        state = self.reading["hands"][hand]
+        if state["wall"] is None:
+            return np.zeros(3)
+        name = state["robot"]
+        goal = self.world.signals[f"{name}.goal"].reshape(4, 4)
+        T = self.members[name].kin.forward(self.world.signals[f"{name}.q"], goal)
+        camera = self.scene.cameras[self.table.camera].robot
+        R_world_view = self.world.signals[f"{camera}.view"].reshape(4, 4)[:3, :3]
+        return R_world_view.T @ self._places[name].T_world_base[:3, :3] @ (goal - T)[:3, 3]
 
     def _look(self) -> None:
         frame = self.world.frame()
@@ -147,3 +262,15 @@ class Operation(LiveConsole):
             "robots": [{"name": n, "reason": None} for n in self.members],
             "console": self.reading,
         }
+
+    def _read(self) -> dict[str, Any]:
+        packets = None if self.packets is None else self.packets.state(self.world.t, self.world.signals)
+        return super()._read() | {"packets": packets, "mqtt": None if self.tablet is None else self.tablet.state}
+
+    def _warn(self, text: str) -> None:
+        """Write a message to the log, and send it to all clients."""
+        logging.getLogger(__name__).warning("%s", text)
+        self._send(text)
+
+    def _send(self, text: str) -> None:
+        self.send({"type": "error", "code": "failed", "message": text})

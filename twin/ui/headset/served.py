@@ -7,6 +7,7 @@ import hashlib
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -31,6 +32,9 @@ _ROBOTS = "robots/{}/"
 """Path of the files of a robot in a scene."""
 
 _PROPS = "props.glb"
+
+Endpoint = tuple[str, int]
+"""Host and port."""
 
 
 @dataclass(frozen=True)
@@ -96,13 +100,39 @@ def of_scene(
     return _placed(scene, robots, Live(twins, clock, feed), about, props, feed)
 
 
-def of_console(scene: Scene, robots: Mapping[str, Robot], props: Mechanism | None) -> Served:
-    """Return the content for a scene whose robots are controlled by its console; for the arguments see `of_scene`.
+def of_console(
+    scene: Scene,
+    robots: Mapping[str, Robot],
+    props: Mechanism | None,
+    session: Path | None = None,
+    packets: Endpoint | None = None,
+    mqtt: Endpoint | None = None,
+    topic: str | None = None,
+) -> Served:
+    """Return the content for a scene whose robots are controlled by its console; call this function in an event loop.
+
+    Args:
+        scene: the scene.
+        robots: robots by name of their place.
+        props: mechanism of the props; None: no props.
+        session: file of the session; None: it is not recorded.
+        packets: address for hands by UDP; None: no packets.
+        mqtt: address of the MQTT broker for the motion scale; None: no broker.
+        topic: topic of the motion scale; None: twin/<scene>/scale.
 
     Raises:
-        TwinError: the scene has no console, or the console does not match its robots.
+        TwinError: the scene has no console, the console does not match its robots, or the port of packets is in use.
+        OutputError: the session cannot be written.
     """
-    operation = Operation(scene, robots)
+    operation = Operation(scene, robots, session)
+    try:
+        if packets is not None:
+            operation.listen(*packets)
+        if mqtt is not None:
+            operation.connect(*mqtt, f"twin/{scene.name}/scale" if topic is None else topic)
+    except TwinError:
+        operation.close()
+        raise
     about = [describe(robots[p.name], Desk(robots[p.name]), {}, {}, p) for p in scene.places]
     nothing = {"protocols": [], "variants": [], "postures": [], "has_workspace": False}
     return _placed(scene, robots, operation, [a | nothing for a in about], props, None)

@@ -7,6 +7,7 @@ state and in the log. Web pages and viewer use this class and differ in how hand
 from __future__ import annotations
 
 import logging
+import math
 import time
 from collections.abc import Mapping
 from typing import Any
@@ -22,14 +23,18 @@ from twin.model.scene import Scene
 from twin.simulation import console_scene
 from twin.simulation.console_scene import HANDS, Member
 from twin.simulation.controllers.camera import Drag
-from twin.simulation.controllers.pedals import CAMERA, FREE
+from twin.simulation.controllers.pedals import CAMERA, FREE, TOOLS
 from twin.simulation.devices.given import GivenHands, HandState
+from twin.simulation.world import Block
 
 _BUDGET, _CHUNK = 0.012, 4
 """Maximum real time in s for steps of the World per call; number of steps between two checks of this time."""
 
 _OWED = 0.1
 """Maximum delay in s of the World; a larger delay is dropped, so that the World runs slower than real time."""
+
+_STUCK = 30.0
+"""Time in s for which a pedal is pressed before it is reported, because it may be stuck (ASSUMED)."""
 
 _WALL = (0.5 * MM, 1 * DEG)
 """Minimum distance in m and angle in rad between goal and tool at which a joint limit is reported."""
@@ -51,8 +56,16 @@ class LiveConsole:
         reading: the last state: controlled arms, arms at a limit, and the reason if nothing moves.
     """
 
-    def __init__(self, scene: Scene, robots: Mapping[str, Robot]) -> None:
+    def __init__(
+        self, scene: Scene, robots: Mapping[str, Robot], device: GivenHands | None = None, watch: Block | None = None
+    ) -> None:
         """Create the World with the robots at the places of the scene.
+
+        Args:
+            scene: the scene.
+            robots: robots by the names of their places.
+            device: the input device; None: `GivenHands`.
+            watch: see `World`.
 
         Raises:
             TwinError: the scene has no console, or the console does not match its robots.
@@ -60,13 +73,13 @@ class LiveConsole:
         if scene.console is None:
             raise TwinError(f"scene '{scene.name}' has no console: add the table [console] to {scene.file.name}")
         self.scene, self.table = scene, scene.console
-        self.device = GivenHands(console_scene.PEDALS, HANDS, self.table.scale)
+        self.device = device or GivenHands(console_scene.PEDALS, HANDS, self.table.scale)
         self.members = {n: Member(r.mechanism, r.kinematics()) for n, r in robots.items()}
-        self.world = console_scene.world(scene, self.members, self.device, records=False)
+        self.world = console_scene.world(scene, self.members, self.device, records=False, watch=watch)
         self.owner: str | None = None
         self._places = {p.name: p for p in scene.places}
         self._camera = scene.cameras[self.table.camera].robot
-        self._owed, self._rate, self._stopped = 0.0, 1.0, ""
+        self._owed, self._rate, self._stopped, self._pressed = 0.0, 1.0, "", 0.0
         self.reading = self._read()
 
     # -- time -----------------------------------------------------------------------------------------
@@ -87,6 +100,7 @@ class LiveConsole:
         try:
             while done > 0:
                 n = min(done, _CHUNK)
+                self._before_steps(math.ceil(done / _CHUNK), n * dt)
                 self.world.step(n)
                 done -= n
                 if time.monotonic() > end:
@@ -94,9 +108,16 @@ class LiveConsole:
         except TwinError as error:
             self._stopped = str(error)
             logging.getLogger(__name__).error("the World has stopped: %s", error)
+        self._after_steps(done > 0)
         self._owed = min(self._owed - (wanted - done) * dt, _OWED)
         share = min(1.0, passed) * 0.5
         self._rate += share * ((wanted - done) * dt / passed - self._rate)
+
+    def _before_steps(self, parts: int, dt: float) -> None:
+        """Prepare steps of the World, which take dt in s; `parts`: number of such groups of steps that are left."""
+
+    def _after_steps(self, behind: bool) -> None:
+        """Finish a call of `advance`; `behind`: whether the machine was too slow for all steps."""
 
     # -- hands ----------------------------------------------------------------------------------------
 
@@ -106,12 +127,25 @@ class LiveConsole:
         Raises:
             HeldError: another client has the hands.
         """
+        self.own(client)
+        self.device.give(right)
+        self.device.give(left)
+
+    def own(self, client: str) -> None:
+        """Make a client the owner of the hands.
+
+        Raises:
+            HeldError: another client has the hands.
+        """
         self.require_free(client)
         if self.owner != client:
             self.device.leave()
             self.owner = client
-        self.device.give(right)
-        self.device.give(left)
+
+    @property
+    def silent(self) -> bool:
+        """Whether a hand is silent."""
+        return any(self.device.silent(hand, self.world.t) for hand in (0, 1))
 
     def rescale(self, client: str, scale: float) -> None:
         """Set the motion scale.
@@ -134,7 +168,7 @@ class LiveConsole:
         Raises:
             HeldError: another client has the hands.
         """
-        if self.owner not in (None, client) and not any(self.device.silent(k, self.world.t) for k in (0, 1)):
+        if self.owner not in (None, client) and not self.silent:
             raise HeldError(f"{self.owner} has the hands of the console; wait until it lets go")
 
     # -- state ----------------------------------------------------------------------------------------
@@ -168,7 +202,9 @@ class LiveConsole:
     def _read(self) -> dict[str, Any]:
         signals = self.world.signals
         mode = float(signals["console.mode"][0])
-        silent = bool(signals[f"{console_scene.PEDALS}.silent"][0])
+        silent, t = bool(signals[f"{console_scene.PEDALS}.silent"][0]), self.world.t
+        if mode == TOOLS or silent:
+            self._pressed = t
         hands = {}
         for hand in HANDS:
             arm = self.arm(hand)
@@ -184,6 +220,7 @@ class LiveConsole:
             "scale": float(signals[f"{console_scene.PEDALS}.scale"][0]),
             "hands": hands,
             "camera": self._camera_wall() if mode == CAMERA else None,
+            "pedal": None if mode == TOOLS or silent or t - self._pressed < _STUCK else _stuck(mode),
             "rate": round(self._rate, 1),
             "stopped": self._stopped or None,
         }
@@ -217,6 +254,8 @@ class LiveConsole:
         log, said = logging.getLogger(__name__), []
         if new["silent"] and not old["silent"]:
             log.warning("nothing was heard of the hands for %g s: nothing moves", self.device.patience)
+        if new["pedal"] and not old["pedal"]:
+            log.warning("%s", new["pedal"])
         for hand, now in new["hands"].items():
             before = old["hands"][hand]
             if now["jumps"] > before["jumps"]:
@@ -225,3 +264,8 @@ class LiveConsole:
             if now["wall"] and now["wall"] != before["wall"]:
                 log.warning("%s: %s", now["robot"], now["wall"])
         return said
+
+
+def _stuck(mode: float) -> str:
+    which = "camera" if mode == CAMERA else "clutch"
+    return f"the {which} pedal has been pressed for {_STUCK:g} s: release it if it is stuck"

@@ -45,6 +45,12 @@ With its default of 32 the platform of SILS sags by 6 um under its weight at 1 k
 (measured).
 """
 
+TENDON, TENDON_STEP = 0.25, 1e-3
+"""Stiffness of a tendon, at most, as a part of inertia / step^2, and the step in s for which this holds.
+
+An explicit spring diverges at 4. At 0.67 the jaws of the da Vinci PSM swing and drive the arm about (measured).
+"""
+
 
 def drive_kind(joint: Joint) -> str:
     """Return "angular" or "linear", the UsdPhysics instance name for a joint with one coordinate."""
@@ -113,7 +119,7 @@ def write_physics(
         joint = _as_driven(mechanism, joint)
         _write_joint(stage, mechanism, joint, joint.name in loops, q_full.get(joint.name), efforts.get(joint.name, 0.0))
     for coupling in mechanism.couplings:
-        _write_tendon(stage, mechanism, coupling)
+        _write_tendon(stage, mechanism, coupling, link_poses)
     for joint in joints.tree:
         if joint.type == "spherical":
             _start_at_zero(stage, mechanism, joint, link_poses)
@@ -276,24 +282,49 @@ def _start_at_zero(stage: Usd.Stage, mechanism: Mechanism, joint: Joint, link_po
         _attribute(prim, "twin:cone", Sdf.ValueTypeNames.Double, float(joint.cone))
 
 
-def _write_tendon(stage: Usd.Stage, mechanism: Mechanism, coupling: Coupling) -> None:
+def _write_tendon(stage: Usd.Stage, mechanism: Mechanism, coupling: Coupling, link_poses: Mapping[str, Array]) -> None:
     """Write a coupling as a PhysX tendon over its joints, with the joint nearest to the base first.
 
     UsdPhysics cannot express couplings; without the tendon, a passive joint of a belt drive moves freely in PhysX. The
     tendon has the stiffness of the drives: PhysX integrates tendons explicitly, and a tendon with damping or much
-    higher stiffness is unstable at 1 kHz.
+    higher stiffness is unstable at 1 kHz. Where little mass hangs on a joint, as on a jaw, it is softer.
     """
     ratios = dict(zip(coupling.joints, coupling.ratios, strict=True))
-    stiff = max((d.stiffness for d in (mechanism.joint(n).drive for n in ratios) if d), default=1.0)
-    for i, joint in enumerate(j for j in spanning(mechanism).tree if j.name in ratios):
+    stiff = max((d.stiffness for d in (mechanism.joint(n).drive for n in ratios) if d), default=np.inf)
+    joints = [j for j in spanning(mechanism).tree if j.name in ratios]
+    carried = (_carried(mechanism, j, link_poses) / ratios[j.name] ** 2 for j in joints)
+    stiff = min([stiff, *(TENDON * c / TENDON_STEP**2 for c in carried if c > 0)])
+    for i, joint in enumerate(joints):
         prim = stage.GetPrimAtPath(f"/{mechanism.name}/joints/{joint.name}")
         prim.AddAppliedSchema(f"PhysxTendonAxis{'' if i else 'Root'}API:{coupling.name}")
         place = f"physxTendon:{coupling.name}"
         _attribute(prim, f"{place}:gearing", Sdf.ValueTypeNames.FloatArray, [float(ratios[joint.name])])
         if i == 0:
-            _attribute(prim, f"{place}:stiffness", Sdf.ValueTypeNames.Float, stiff)
+            _attribute(prim, f"{place}:stiffness", Sdf.ValueTypeNames.Float, stiff if np.isfinite(stiff) else 1.0)
             _attribute(prim, f"{place}:damping", Sdf.ValueTypeNames.Float, 0.0)
             _attribute(prim, f"{place}:restLength", Sdf.ValueTypeNames.Float, to_usd(joint, coupling.total))
+
+
+def _carried(mechanism: Mechanism, joint: Joint, link_poses: Mapping[str, Array]) -> float:
+    """Return the inertia in kg or kg m2 of all bodies beyond a joint with one coordinate.
+
+    It is infinite if a loop is closed there, because then the joint carries more than the tree shows.
+    """
+    beyond, joints = {joint.child}, spanning(mechanism)
+    for other in joints.tree:
+        beyond |= {other.child} if other.parent in beyond else set()
+    if any(beyond & {c.parent, c.child} for c in joints.cut):
+        return np.inf
+    T = link_poses[joint.parent] @ joint.T_parent_joint
+    out = 0.0
+    for body in map(mechanism.body, sorted(beyond)):
+        if (inertia := body.inertia) is None:
+            continue
+        R, p = link_poses[body.name][:3, :3], link_poses[body.name][:3, 3]
+        axis, arm = R.T @ T[:3, 2], inertia.p_body_com - R.T @ (T[:3, 3] - p)
+        turn = axis @ inertia.I_com @ axis + inertia.mass * (arm @ arm - (arm @ axis) ** 2)
+        out += float(turn if joint.is_angle else inertia.mass)
+    return out
 
 
 def _write_actuation(prim: Usd.Prim, joint: Joint, q: float | None, effort: float) -> None:

@@ -7,7 +7,7 @@ import { Keys } from './keys';
 import type { Status } from './model';
 import { Pad } from './pad';
 import { Pens, SIDES } from './pens';
-import type { CameraInfo, ConsoleInfo, SceneInfo, Side } from './protocol';
+import { type CameraInfo, type ConsoleInfo, type SceneInfo, type Side, UDP } from './protocol';
 import { Views } from './views';
 
 /** m from the lens to what is worked at: there a tool goes with the mouse at the scale that a session begins with. */
@@ -134,10 +134,12 @@ export class Console {
     const state = this.app.model.console;
     if (!state) return null;
     if (state.stopped) return { tone: 'bad', text: `The simulation has stopped: ${state.stopped}` };
-    const other = state.owner !== null && state.owner !== this.app.model.client && !state.silent;
+    const packets = state.owner === UDP;
+    const other = !packets && state.owner !== null && state.owner !== this.app.model.client && !state.silent;
     if (other) return { tone: 'warn', text: `Client ${state.owner} has the hands: you can watch.` };
-    if (!this.pens.active) return null;
-    if (state.silent) return { tone: 'warn', text: 'The server does not hear the hands: nothing moves.' };
+    if (!this.pens.active && !packets) return this.broker();
+    if (state.silent) return { tone: 'warn', text: `${this.missing(packets)}: nothing moves.` };
+    if (state.pedal) return { tone: 'warn', text: sentence(state.pedal) };
     for (const side of SIDES) {
       const { wall, robot } = state.hands[side];
       if (wall) return { tone: 'warn', text: `${robot}: ${wall}` };
@@ -147,6 +149,24 @@ export class Console {
     if (state.mode === 'nothing') return { tone: 'good', text: 'Clutch: the hands move freely, the instruments stand.' };
     if (state.mode === 'camera') return { tone: 'good', text: 'Camera: both hands drag the picture.' };
     const led = SIDES.filter((s) => state.hands[s].follows).map((s) => state.hands[s].robot);
-    return led.length ? { tone: 'good', text: `You lead ${led.join(' and ')}.` } : null;
+    const who = packets ? 'UDP packets lead' : 'You lead';
+    if (packets && !led.length) return { tone: 'good', text: 'UDP packets have the hands: roll a handle or open a gripper.' };
+    return led.length ? { tone: 'good', text: `${who} ${led.join(' and ')}.` } : null;
+  }
+
+  /** That the broker of the motion scale is gone. */
+  private broker(): Status | null {
+    const mqtt = this.app.model.console?.mqtt;
+    return mqtt && !mqtt.connected && mqtt.problem ? { tone: 'warn', text: mqtt.problem } : null;
+  }
+
+  /** What the server does not hear. */
+  private missing(packets: boolean): string {
+    const from = this.app.model.console?.packets?.from;
+    if (!packets || !from) return 'The server does not hear the hands';
+    const silent = SIDES.filter((s) => from[s] === null);
+    return `No packets of the ${silent.join(' and the ') || 'right'} hand`;
   }
 }
+
+const sentence = (text: string): string => `${text.charAt(0).toUpperCase()}${text.slice(1)}.`;

@@ -85,7 +85,30 @@ export interface ConsoleInfo {
 
 export type Side = 'right' | 'left';
 
+/** Hands by UDP. */
+export interface PacketsState {
+  port: number;
+  /** Address that leads each hand. */
+  from: Record<Side, string | null>;
+  /** Packets that never came in time. */
+  lost: Record<Side, number>;
+  /** Packets that came and were not used. */
+  ignored: number;
+}
+
+/** The motion scale by MQTT. */
+export interface MqttState {
+  broker: string;
+  topic: string;
+  connected: boolean;
+  problem: string | null;
+}
+
+/** Owner of the hands that packets lead. */
+export const UDP = 'udp';
+
 export interface ConsoleState {
+  /** A client of the stream, or UDP. */
   owner: string | null;
   /** Number of the message that is answered by this state. */
   heard: number;
@@ -98,6 +121,10 @@ export interface ConsoleState {
   /** Of the World against the clock. */
   rate: number;
   stopped: string | null;
+  /** Which pedal has been pressed for so long that it may be stuck. */
+  pedal: string | null;
+  packets: PacketsState | null;
+  mqtt: MqttState | null;
 }
 
 /** One robot or several, and the props. */

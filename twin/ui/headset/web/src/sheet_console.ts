@@ -6,6 +6,7 @@ import type { Control, Tab } from './controls';
 import { KEYS } from './keys';
 import { PAD } from './pad';
 import { SIDES } from './pens';
+import { type ConsoleState, type MqttState, UDP } from './protocol';
 
 export function atConsole(app: App, console: Console): Tab {
   const list = (id: string, rows: readonly (readonly [string, string])[]): Control => ({
@@ -49,6 +50,14 @@ export function atConsole(app: App, console: Console): Tab {
         { kind: 'button', id: 'let-go', label: () => 'Let go', off: () => !console.pens.active, press: () => console.pens.drop() },
       ],
     },
+    { kind: 'head', text: 'Network' },
+    { kind: 'text', id: 'packets', text: () => packetText(app.model.console) },
+    {
+      kind: 'text',
+      id: 'mqtt',
+      text: () => mqttText(app.model.console?.mqtt ?? null),
+      tone: () => (app.model.console?.mqtt?.problem ? 'warn' : 'plain'),
+    },
     { kind: 'head', text: 'Gamepad' },
     {
       kind: 'text',
@@ -60,4 +69,20 @@ export function atConsole(app: App, console: Console): Tab {
     },
   ];
   return { id: 'console', label: 'Console', controls };
+}
+
+function packetText(state: ConsoleState | null): string {
+  const packets = state?.packets;
+  if (!packets) return 'UDP packets: off, see twin serve --packets';
+  const hands = SIDES.map((s) => {
+    const from = packets.from[s];
+    return `${s} hand: ${from ? `from ${from}` : 'nobody'}, ${packets.lost[s]} packets lost`;
+  });
+  return [`UDP packets: port ${packets.port}${state.owner === UDP ? ', lead the hands' : ''}`, ...hands, `${packets.ignored} packets ignored`].join('\n');
+}
+
+function mqttText(mqtt: MqttState | null): string {
+  if (!mqtt) return 'Motion scale by MQTT: off, see twin serve --mqtt';
+  if (mqtt.problem) return mqtt.problem;
+  return `Motion scale by MQTT: ${mqtt.connected ? '' : 'connecting, '}${mqtt.topic}/set at ${mqtt.broker}`;
 }

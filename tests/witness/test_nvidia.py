@@ -1,4 +1,4 @@
-"""NVIDIA's asset validator finds nothing in the stages for engines, their motions and the USDZ."""
+"""NVIDIA's validator finds nothing in the stages for engines, their motions and the USDZ."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ from pxr import Usd, UsdGeom
 
 from twin.usd.write import write_stage
 
-pytestmark = pytest.mark.witness("omniverse")
+pytestmark = pytest.mark.witness("nvidia")
 
 from made import mechanisms as made
 
 
-def test_asset_validator_finds_nothing(case, foreign, figures):
+def test_nvidia_finds_nothing(case, foreign, figures):
     files = [case.usd(), *map(case.usd, case.motions), *map(case.usdz, case.motions)]
-    printed = foreign.read("omniverse", "check_omniverse.py", files[0], "--same-meshes", *files[1:], timeout=900)
+    printed = foreign.read("nvidia", "check_nvidia.py", files[0], "--same-meshes", *files[1:], timeout=900)
     for file in files:
         found = printed[str(file)]
         nan = float("nan")
@@ -23,14 +23,14 @@ def test_asset_validator_finds_nothing(case, foreign, figures):
 
 
 @pytest.mark.parametrize("asked", ["first", "again"])
-def test_asset_validator_sees_what_is_wrong(foreign, tmp_path, asked):
+def test_nvidia_sees_what_is_wrong(foreign, tmp_path, asked):
     root = write_stage(made.four_bar(), tmp_path, *made.four_bar_state(made.CRANK_AT_REST)).root
     option = [] if asked == "first" else ["--same-meshes"]
-    assert foreign.read("omniverse", "check_omniverse.py", *option, root)[str(root)] == []
+    assert foreign.read("nvidia", "check_nvidia.py", *option, root)[str(root)] == []
     stage = Usd.Stage.Open(str(root))
     mesh = next(UsdGeom.Mesh(p) for p in stage.Traverse() if p.IsA(UsdGeom.Mesh))
     mesh.GetExtentAttr().Set([(-9, -9, -9), (9, 9, 9)])
     stage.GetRootLayer().pseudoRoot.ClearInfo("metersPerUnit")
     stage.GetRootLayer().Save()
-    rules = {i["rule"] for i in foreign.read("omniverse", "check_omniverse.py", *option, root)[str(root)]}
+    rules = {i["rule"] for i in foreign.read("nvidia", "check_nvidia.py", *option, root)[str(root)]}
     assert {"ExtentsChecker", "StageMetadataChecker"} <= rules

@@ -1,6 +1,6 @@
-"""NVIDIA's asset validator (what Isaac Sim and Omniverse ask for).
+"""NVIDIA's validator of stages (what Isaac Sim and Omniverse ask for).
 
-    python check_omniverse.py file ... --same-meshes file ...
+    python check_nvidia.py file ... --same-meshes file ...
 
 Files behind --same-meshes are not asked again about triangles: those rules take 15 s a robot, and the same geometry
 layer was asked before. All other rules see every file.
@@ -14,7 +14,7 @@ import json
 import logging
 import sys
 
-import omni.asset_validator as av
+import usd_validation_nvidia as av
 
 OF_TRIANGLES = (
     *(av.ManifoldChecker, av.NormalsWindingsChecker, av.NormalsValidChecker, av.ZeroAreaFaceChecker),
@@ -22,7 +22,7 @@ OF_TRIANGLES = (
 )
 
 logging.disable(logging.INFO)
-out: dict[str, object] = {"version": f"omniverse-asset-validator {av.get_version()}"}
+out: dict[str, object] = {"version": f"usd-validation-nvidia {av.get_version()}"}
 again = False
 for path in sys.argv[1:]:
     if path == "--same-meshes":

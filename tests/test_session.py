@@ -1,0 +1,627 @@
+"""Sessions at a console: written second by second, replayed byte for byte, read by other programs."""
+
+from __future__ import annotations
+
+import json
+import logging
+import shutil
+import struct
+import subprocess
+import sys
+import zlib
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import twin
+from twin.api.session import FILE, operate_console, replay_session
+from twin.cli import main
+from twin.core import spatial
+from twin.core.errors import DescriptionError, OutputError, TwinError, WorldError
+from twin.core.units import DEG, MM
+from twin.exchange.audit import audit
+from twin.model.scene import Target, Task, load_scene
+from twin.reference import ReferenceModel
+from twin.simulation.devices.given import HandState
+from twin.simulation.devices.surgeon import Eye, Habits, ScriptedSurgeon
+from twin.simulation.session import file as session_file
+from twin.simulation.session import run
+from twin.simulation.session.file import CHUNK, SessionWriter, read_session
+from twin.simulation.world import Signals
+from twin.ui.headset.operation import Operation
+from twin.ui.session.timeline import RATE
+
+pytestmark = pytest.mark.usefixtures("cad_once")
+
+
+@pytest.fixture(scope="module")
+def davinci():
+    return twin.load_scene("davinci")
+
+
+@pytest.fixture(scope="module")
+def robots(davinci):
+    kinds = {name: twin.load(name) for name in {p.robot for p in davinci.places}}
+    return {p.name: kinds[p.robot] for p in davinci.places}
+
+
+@pytest.fixture(scope="module")
+def members(robots):
+    return {n: run.Member(r.mechanism, r.kinematics()) for n, r in robots.items()}
+
+
+@pytest.fixture(scope="module")
+def near(davinci):
+    """The scene with a task that takes two seconds: both tips go 5 mm."""
+    points = {"right": np.array([14, 44, 914]) * MM, "left": np.array([-14, 44, 914]) * MM}
+    return replace(davinci, tasks={"near": Task("near", "5 mm", 1 * MM, 0.1, (Target("there", points),))})
+
+
+@pytest.fixture(scope="module")
+def performed(near):
+    return operate_console(near, seed=4)
+
+
+@pytest.fixture(scope="module")
+def recorded(performed, tmp_path_factory):
+    path = tmp_path_factory.mktemp("session") / "hands.session"
+    path.write_bytes(performed.recorded)
+    return path
+
+
+@pytest.fixture(scope="module")
+def replayed(recorded, near):
+    return replay_session(recorded, near)
+
+
+# -- the simulated surgeon ------------------------------------------------------------------------------------------
+
+
+STEP = 5e-3
+
+
+class Free:
+    """In place of an arm and its equations: a point whose joints are its position."""
+
+    def forward(self, q, seed=None):
+        return spatial.pose(None, q)
+
+
+class Room:
+    """In place of a console: hands lead points at a scale, the camera pedal drags the picture; no limits."""
+
+    def __init__(self, *targets, seed=0, habits=None):
+        self.q = {"right": np.array([0.01, 0, 0]), "left": np.array([-0.01, 0, 0])}
+        self.T = spatial.pose(None, (0, 0, 0.08))
+        eyes = {hand: Eye(hand, Free(), np.eye(4), np.eye(4)) for hand in self.q}
+        named = [(f"t{i}", {h: np.array(p) * MM for h, p in t.items()}) for i, t in enumerate(targets)]
+        self.surgeon = ScriptedSurgeon("pedals", eyes, "ecm", 70 * DEG, named, 1 * MM, 0.1, 0.5, STEP, seed, habits)
+        self.log = []
+
+    def run(self, stuck=False):
+        last = None
+        for k in range(round(120 / STEP)):
+            state = {f"{h}.q": q for h, q in self.q.items()} | {"ecm.view": self.T.ravel()}
+            said = self.surgeon.step(Signals(state), k * STEP, STEP)
+            if said is None:
+                return self
+            self.log.append(said)
+            hands = {h: said[f"{h}.pose"].reshape(4, 4)[:3, 3] for h in self.q}
+            if last is not None and not said["pedals.clutch"] and not stuck:
+                moved = {h: hands[h] - last[h] for h in hands}
+                if said["pedals.camera"]:
+                    self.T[:3, 3] -= 0.2 * np.mean(list(moved.values()), axis=0)
+                else:
+                    self.q = {h: q + 0.5 * moved[h] for h, q in self.q.items()}
+            last = hands
+        raise AssertionError("the surgeon does not come to an end")
+
+    def column(self, name):
+        return np.array([np.ravel(said[name]) for said in self.log])
+
+    def presses(self, name):
+        return int(np.count_nonzero(np.diff(self.column(name)[:, 0]) > 0))
+
+
+def test_the_surgeon_brings_both_tips_to_every_target():
+    room = Room({"right": (20, 5, -3), "left": (-15, 2, 4)}, {"left": (-5, 0, 0)}).run()
+    assert not room.surgeon.missed
+    assert np.linalg.norm(room.q["left"] - np.array([-5, 0, 0]) * MM) < 1 * MM
+    assert np.linalg.norm(room.q["right"] - np.array([20, 5, -3]) * MM) < 1 * MM
+    assert room.presses("pedals.clutch") == room.presses("pedals.camera") == 0
+    assert room.presses("right.grip") > 0
+
+
+def test_what_is_out_of_reach_takes_the_clutch_and_hands_stay_in_their_range():
+    room = Room({"right": (60, 0, 0), "left": (-60, 0, 0)}, habits=Habits(central=2.0)).run()
+    assert not room.surgeon.missed
+    assert room.presses("pedals.clutch") >= 1, "50 mm of the tip are 100 mm of the hand, whose range is 50 mm"
+    assert room.presses("pedals.camera") == 0
+    for hand, x in (("right", 0.08), ("left", -0.08)):
+        p = room.column(f"{hand}.pose").reshape(-1, 4, 4)[:, :3, 3]
+        assert np.abs(p - (x, 0, 0)).max() < 0.05 + 6 * Habits().hand.tremor
+
+
+def test_what_is_aside_in_the_picture_takes_the_camera():
+    room = Room({"right": (50, 0, 0), "left": (30, 0, 0)}).run()
+    assert not room.surgeon.missed
+    assert room.presses("pedals.camera") == 1
+    assert room.T[0, 3] > 0.02, "the camera has gone to the right"
+    assert abs(room.q["right"][0] - 0.05) < 1 * MM
+
+
+def test_hands_shake_in_the_band_of_tremor_and_by_their_seed():
+    one, same, other = (Room({"right": (12, 0, 0)}, seed=s).run() for s in (1, 1, 2))
+    assert np.array_equal(one.column("right.pose"), same.column("right.pose"))
+    assert not np.array_equal(one.column("left.pose"), other.column("left.pose")[: len(one.log)])
+    still = one.column("left.pose").reshape(-1, 4, 4)[:, :3, 3] - (-0.08, 0, 0)  # the left hand has nothing to do
+    assert np.sqrt((still**2).sum(axis=1).mean()) == pytest.approx(Habits().hand.tremor, rel=0.3)
+    power = (np.abs(np.fft.rfft(still, axis=0)) ** 2).sum(axis=1)
+    f = np.fft.rfftfreq(len(still), STEP)
+    assert power[(f > 7) & (f < 13)].sum() > 0.9 * power.sum()
+
+
+def test_the_surgeon_gives_up_what_does_not_follow():
+    room = Room({"right": (12, 0, 0)}, {"left": (-12, 0, 0)}).run(stuck=True)
+    assert room.surgeon.missed == ["t0", "t1"]
+
+
+@pytest.mark.parametrize("target", [{}, {"third": (0, 0, 0)}])
+def test_a_target_for_no_hand_is_refused(target):
+    with pytest.raises(WorldError, match="target 't0' is for"):
+        Room(target)
+
+
+def test_the_task_is_done_in_the_scene(performed):
+    assert performed.verdict == "agree"
+    (target,) = performed.touched
+    assert target.name == "there"
+    assert 1.0 < target.t < 3.0
+    assert [h.robot for h in performed.hands] == ["psm1", "psm2"]
+    for hand, start in zip(performed.hands, ([9.73, 43.01, 916.8], [-9.73, 43.01, 916.8]), strict=True):
+        way = np.linalg.norm(performed.task.targets[0].p_world[hand.hand] / MM - start)
+        assert way - 1 < hand.path / MM < 3 * way
+        assert 0.5 < hand.economy <= 1
+        assert -3 < hand.smoothness < -1.3
+        assert hand.grasps == 1
+        assert hand.moving + hand.idle == pytest.approx(performed.console.duration, abs=0.01)
+
+
+@pytest.mark.slow
+def test_the_task_of_the_scene_needs_clutch_and_camera_and_is_done(davinci):
+    found = operate_console(davinci, seed=1)
+    assert found.verdict == "agree", found.findings
+    assert len(found.touched) == len(davinci.tasks["touch"].targets)
+    assert found.console.clutches > 2
+    assert found.console.camera_moves >= 2
+    assert not found.console.silent
+
+
+# -- the file -------------------------------------------------------------------------------------------------------
+
+SIZES = {"hand.pose": 3, "pedals.clutch": 1}
+WORLD = {"arm.q": 2, **SIZES}
+DIGEST = "sha256:" + 64 * "0"
+
+
+def written(path, count, closes=True):
+    """A session of `count` ticks with random rows, given piece by piece."""
+    rows = np.random.default_rng(count).normal(size=(count, 6))
+    writer = SessionWriter(path, session_file.head("room", DIGEST, 1e-3, SIZES, WORLD, None, 7))
+    for k in range(0, count, 37):
+        writer.add(rows[k : k + 37])
+    writer.close() if closes else writer.abandon()
+    return rows
+
+
+@pytest.mark.parametrize("count", [1, CHUNK - 1, CHUNK, 3 * CHUNK + 5])
+def test_a_session_is_read_as_it_was_written(tmp_path, count):
+    path = tmp_path / "new/a.session"
+    rows = written(path, count)
+    found = read_session(path)
+    assert not found.lost
+    assert (found.head.scene, found.head.seed, found.head.task) == ("room", 7, None)
+    assert np.array_equal(found.device, rows[:, 2:])
+    at = 0
+    for chunk in found.chunks:
+        part = rows[at : at + len(chunk.device)]
+        assert session_file.digest(part) == chunk.digest
+        assert np.array_equal(chunk.last, part[-1])
+        at += len(part)
+    assert at == count
+    assert [p.name for p in path.parent.iterdir()] == ["a.session"]
+
+
+def test_a_crash_loses_at_most_a_second(tmp_path):
+    path = tmp_path / "a.session"
+    rows = written(path, 2 * CHUNK + 900, closes=False)  # as if the process were killed
+    assert not path.exists()
+    found = read_session(tmp_path / "a.session.part")
+    assert np.array_equal(found.device, rows[: 2 * CHUNK, 2:])
+    assert found.lost == "it ends after 2.000 s without its end mark: the recording was interrupted"
+
+
+def test_a_file_cut_anywhere_gives_its_whole_seconds_or_says_that_there_are_none(tmp_path):
+    path, cut = tmp_path / "a.session", tmp_path / "b.session"
+    rows = written(path, 2 * CHUNK + 10)
+    data = path.read_bytes()
+    line = data.index(b"\n") + 1
+    first = line + 44 + struct.unpack("<I", data[line + 8 : line + 12])[0]
+    for end in (0, 5, line - 1, line, line + 3, line + 44, first - 1):
+        cut.write_bytes(data[:end])
+        with pytest.raises(WorldError, match=r"b\.session: (not a twin-session file|it has no whole second)"):
+            read_session(cut)
+    for end in (first, first + 20, first + 100, len(data) - 45):
+        cut.write_bytes(data[:end])
+        found = read_session(cut)
+        assert "the recording was interrupted" in found.lost
+        assert np.array_equal(found.device, rows[: len(found.device), 2:])
+        assert len(found.device) in (CHUNK, 2 * CHUNK)
+
+
+def with_head(data, **changes):
+    head = json.loads(data[: data.index(b"\n")])
+    return json.dumps(head | changes).encode() + data[data.index(b"\n") :]
+
+
+def swapped(data, at, value):
+    return data[:at] + bytes([value]) + data[at + 1 :]
+
+
+def bomb(data):
+    """The first second unpacks to a gigabyte."""
+    packed = zlib.compress(bytes(40_000_000))
+    line = data.index(b"\n") + 1
+    return data[:line] + struct.pack("<4sII32s", b"TWNS", 1000, len(packed), bytes(32)) + packed
+
+
+@pytest.mark.parametrize(
+    ("change", "text"),
+    [
+        (lambda d: with_head(d, version=2), "not a twin-session file of version 1: version"),
+        (lambda d: with_head(d, schema="twin-world"), "not a twin-session file of version 1: schema"),
+        (lambda d: with_head(d, dt=-1.0), "dt"),
+        (lambda d: with_head(d, more=1), "more"),
+        (lambda d: with_head(d, device=[]), "device"),
+        (lambda d: with_head(d, device=[{"name": "a.b", "size": 4}]), "'a.b' of the device is not among the signals"),
+        (lambda d: with_head(d, device=2 * [{"name": "hand.pose", "size": 3}]), "named twice"),
+        (lambda d: with_head(d, world=[{"name": "hand.pose", "size": 10**6}]), "not among|numbers in a row"),
+        (lambda d: b"{}\n" + d, "not a twin-session file of version 1"),
+        (lambda d: swapped(d, d.index(b"\n") + 1, 0), "damaged after 0.000 s: there is no chunk"),
+        (lambda d: swapped(d, d.index(b"\n") + 60, 255), "damaged after 0.000 s"),
+        (lambda d: swapped(d, len(d) - 1, d[-1] ^ 1), "end mark is not that of its 1010 ticks"),
+        (lambda d: d + b"x", "end mark"),
+        (bomb, "damaged after 0.000 s"),
+    ],
+)
+def test_a_damaged_file_is_named_with_its_fault(tmp_path, change, text):
+    path = tmp_path / "a.session"
+    written(path, CHUNK + 10)
+    path.write_bytes(change(path.read_bytes()))
+    with pytest.raises(WorldError, match=text) as found:
+        read_session(path)
+    assert str(path) in str(found.value)
+
+
+def test_no_file_is_overwritten(tmp_path, capsys):
+    path = tmp_path / "a.session"
+    written(path, 10)
+    before = path.read_bytes()
+    with pytest.raises(OutputError, match="exists, and a session is not overwritten: give another name"):
+        written(path, 20)
+    assert path.read_bytes() == before
+    path.rename(tmp_path / "a.session.part")
+    with pytest.raises(OutputError, match=r"a\.session\.part is left from a session that was interrupted: rename it"):
+        written(path, 20)
+    assert (tmp_path / "a.session.part").read_bytes() == before
+    with pytest.raises(OutputError, match="cannot write to"):
+        written(tmp_path / "a.session.part/b.session", 20)
+
+
+def test_a_session_without_a_tick_leaves_no_file(tmp_path):
+    written(tmp_path / "a.session", 0)
+    assert not list(tmp_path.iterdir())
+
+
+def test_missing_file_is_named(tmp_path, capsys):
+    assert main(["session", str(tmp_path / "no.session")]) == 2
+    assert "no.session: cannot be read: No such file or directory" in capsys.readouterr().err
+
+
+# -- replay ---------------------------------------------------------------------------------------------------------
+
+
+def test_a_session_replays_with_the_same_bytes(replayed, performed):
+    assert replayed.ran.difference is None
+    assert replayed.verdict == "agree"
+    assert np.array_equal(replayed.ran.kept.rows, performed.ran.kept.rows)
+    assert replayed.content() == performed.content() | {"replay": "same"}
+    assert replayed.word == "Same bytes on replay"
+    assert f"the same bytes in all {replayed.ran.ticks} ticks" in "\n".join(
+        p for p in replayed.text() if type(p) is str
+    )
+
+
+def test_a_hand_that_was_a_little_elsewhere_is_found_with_signal_and_second(recorded, replayed, near, members):
+    session = read_session(recorded)
+    chunk = session.chunks[1]
+    changed = chunk.device.copy()
+    names = [s.name for s in session.head.device]
+    column = sum(s.size for s in session.head.device[: names.index("right.pose")]) + 3
+    changed[500:, column] += 1e-9
+    chunks = (session.chunks[0], replace(chunk, device=changed), *session.chunks[2:])
+    ran = run.replay(replace(session, chunks=chunks), near, members, lambda label, part: None)
+    found = ran.difference
+    assert (found.t0, found.t1) == (1.0, 2.0)
+    assert found.signal in ("right.pose", "psm1.goal", "psm1.q", "psm1.command", "psm1.encoder")
+    assert 0 < found.size < 1e-6
+    told = replace(replayed, ran=ran)
+    (finding,) = told.findings
+    assert (finding.code, finding.severity, finding.when) == ("session.differs", "disagreement", "1 .. 2 s")
+    assert told.exit_code == 1
+
+
+def test_an_interrupted_session_is_replayed_as_far_as_it_goes(recorded, near, tmp_path):
+    data = recorded.read_bytes()
+    (tmp_path / "cut.session").write_bytes(data[:-50])
+    found = replay_session(tmp_path / "cut.session", near)
+    assert found.ran.difference is None
+    assert found.ran.ticks == CHUNK * (len(read_session(recorded).chunks) - 1)
+    assert "session.interrupted" in {f.code for f in found.findings if f.severity == "warning"}
+
+
+def test_a_session_of_another_scene_is_refused(recorded, near, davinci, tmp_path):
+    with pytest.raises(TwinError, match="scene 'davinci' has no task 'near', which the session is of"):
+        replay_session(recorded)
+    with pytest.raises(WorldError, match="the session is of scene 'davinci', not of 'other'"):
+        replay_session(recorded, replace(near, name="other"))
+    first = near.places[0]
+    nudged = replace(first, T_world_base=first.T_world_base @ spatial.pose(None, (1e-6, 0, 0)))
+    with pytest.raises(WorldError, match="scene 'davinci' has changed since this session"):
+        replay_session(recorded, replace(near, places=(nudged, *near.places[1:])))
+    with pytest.raises(TwinError, match="scene 'vsrs' has no"):
+        replay_session(recorded, "vsrs")
+    strange = tmp_path / "a.session"
+    strange.write_bytes(with_head(recorded.read_bytes(), scene="nowhere"))
+    with pytest.raises(TwinError, match="scene 'nowhere' is not built in: give its folder with --scene"):
+        replay_session(strange)
+
+
+def test_a_session_of_a_world_with_other_signals_is_refused(recorded, near, members):
+    session = read_session(recorded)
+    fewer = session.head.model_copy(update={"world": session.head.world[1:], "twin": "0.0.9"})
+    with pytest.raises(WorldError, match=r"written by twin 0\.0\.9, whose World has other signals"):
+        run.replay(replace(session, head=fewer), near, members, lambda label, part: None)
+
+
+# -- a person's hands -----------------------------------------------------------------------------------------------
+
+
+def lead(operation, seconds, begin=0):
+    """Both hands show that somebody is there, then move for some seconds; the clutch is pressed once."""
+    for k in range(begin, begin + round(seconds * RATE)):
+        s = k / RATE
+        for hand, x in ((0, 0.08), (1, -0.08)):
+            pose = spatial.pose(spatial.rotation_z(min(s / 0.1, 1) * 5 * DEG), (x + 0.01 * np.sin(3 * s), 0.01 * s, 0))
+            operation.device.give(HandState(hand, 0.6 < s < 0.7, False, k + 1, pose, 0.3 * np.sin(5 * s) ** 2))
+        operation.frame(k, 0.0)
+
+
+@pytest.fixture(scope="module")
+def person(davinci, robots, tmp_path_factory):
+    """The file of a session of a person, through what `twin serve` runs."""
+    path = tmp_path_factory.mktemp("person") / "hands.session"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("twin.ui.headset.operation._BUDGET", np.inf)
+        operation = Operation(davinci, robots, path)
+        operation.frame(0, 0.0)
+        lead(operation, 1.1)
+        operation.close()
+        operation.close()  # the server and the command both close it
+    return path
+
+
+def test_the_hands_of_a_person_replay_in_another_process(person):
+    told = subprocess.run(
+        [sys.executable, "-m", "twin", "session", str(person), "--json"], capture_output=True, text=True, check=True
+    )
+    found = json.loads(told.stdout)
+    assert found["schema"] == "twin/session/1"
+    assert found["replay"] == "same"
+    assert found["surgeon"] == "person"
+    assert found["clutches"] == 1
+    assert found["hands"][0]["path_mm"] > 1
+    assert found["verdict"] == "agree"
+    assert "folder" not in found
+
+
+def test_what_is_served_is_written_as_it_runs(davinci, robots, tmp_path, monkeypatch, caplog):
+    monkeypatch.setattr("twin.ui.headset.operation._BUDGET", np.inf)
+    monkeypatch.setattr(session_file, "CHUNK", 200)
+    path = tmp_path / "hands.session"
+    operation = Operation(davinci, robots, path)
+    operation.frame(0, 0.0)
+    lead(operation, 0.3)
+    found = read_session(tmp_path / "hands.session.part")  # the server is still running
+    assert len(found.device) == 200
+
+    def full(self, data):
+        raise OutputError("cannot write to hands.session.part: No space left on device")
+
+    monkeypatch.setattr(SessionWriter, "_put", full)
+    with caplog.at_level(logging.ERROR):
+        lead(operation, 0.3, begin=18)
+        operation.close()
+    assert "the session is no longer recorded: cannot write to hands.session.part" in caplog.text
+    assert operation.world.tick > 500, "the World goes on"
+    assert len(read_session(tmp_path / "hands.session.part").device) == 200
+
+
+def test_a_session_ends_at_its_maximum(tmp_path, davinci, robots, monkeypatch, caplog):
+    monkeypatch.setattr("twin.ui.headset.operation._BUDGET", np.inf)
+    monkeypatch.setattr(session_file, "LONGEST", 0.1)
+    operation = Operation(davinci, robots, tmp_path / "a.session")
+    operation.frame(0, 0.0)
+    lead(operation, 0.3)
+    operation.close()
+    assert "the maximum" in caplog.text
+    assert 100 <= len(read_session(tmp_path / "a.session").device) < 150
+
+
+# -- exports --------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def exported(replayed, performed, recorded, tmp_path_factory):
+    """What `twin session --out` writes; here with the file of the surgeon, as `twin operate` does."""
+    folder = tmp_path_factory.mktemp("exported") / "out"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("twin.cli.session.replay_session", lambda *args: replace(replayed, recorded=performed.recorded))
+        assert main(["session", str(recorded), "--out", str(folder), "--quiet"]) == 0
+    return folder
+
+
+def messages(path, topic):
+    from mcap.reader import make_reader
+
+    with path.open("rb") as file:
+        for schema, channel, message in make_reader(file, validate_crcs=True).iter_messages(topics=[topic]):
+            assert (schema.encoding, channel.message_encoding) == ("jsonschema", "json")
+            yield schema.name, message.log_time, json.loads(message.data)
+
+
+def test_mcap_has_the_poses_of_the_reference_model(exported, replayed, davinci, robots):
+    """Read by the reader of the format's authors; every link in the world, without kinematics."""
+    at = messages(exported / "session.mcap", "/tf")
+    states = messages(exported / "session.mcap", "/joint_states")
+    places = {p.name: p for p in davinci.places}
+    models = {n: ReferenceModel(r.mechanism) for n, r in robots.items()}
+    worst, seen = 0.0, 0
+    for k, ((kind, t, tf), (joint_kind, same, joints)) in enumerate(zip(at, states, strict=True)):
+        assert (kind, joint_kind) == ("foxglove.FrameTransforms", "foxglove.JointStates")
+        assert t == same == k * 20_000_000
+        assert joints["timestamp"] == {"sec": t // 10**9, "nsec": t % 10**9}
+        if k % 40:
+            continue
+        q = {j["name"]: j["position"] for j in joints["joints"]}
+        found = {x["child_frame_id"]: x for x in tf["transforms"]}
+        assert {x["parent_frame_id"] for x in found.values()} == {"world"}
+        for name, model in models.items():
+            own = np.array([q[f"{name}/{j.name}"] for j in robots[name].mechanism.active])
+            assert np.array_equal(own, replayed.ran.kept[f"{name}.q"][4 * k])
+            for link, T in model.solve(own).link_poses.items():
+                x = found.pop(f"{name}/{link}")
+                R = spatial.matrix_from_quat_wxyz([x["rotation"][c] for c in "wxyz"])
+                off = spatial.pose(R, [x["translation"][c] for c in "xyz"]) - places[name].T_world_base @ T
+                worst, seen = max(worst, float(np.abs(off).max())), seen + 1
+        assert not found
+    assert seen >= 2 * sum(len(r.mechanism.bodies) for r in robots.values())
+    assert worst < 1e-9
+
+
+def test_mcap_states_its_schemas_and_the_console(exported):
+    from mcap.reader import make_reader
+
+    with (exported / "session.mcap").open("rb") as file:
+        summary = make_reader(file).get_summary()
+    for schema in summary.schemas.values():
+        told = json.loads(schema.data)
+        assert told["title"] == schema.name
+        assert told["type"] == "object"
+    assert {c.topic for c in summary.channels.values()} == {"/tf", "/joint_states", "/console"}
+    said = [m for _, _, m in messages(exported / "session.mcap", "/console")]
+    assert {m["scale"] for m in said} == {0.5}
+    assert max(m["right_grip"] for m in said) == pytest.approx(30 * DEG)
+
+
+def test_csv_has_hands_and_tips(exported, replayed):
+    path = exported / "session.csv"
+    names = path.read_text().splitlines()[0].split(",")
+    rows = np.loadtxt(path, delimiter=",", skiprows=1)
+    assert len(names) == len(set(names)) == rows.shape[1]
+    column = {n: rows[:, i] for i, n in enumerate(names)}
+    assert np.allclose(np.diff(column["t_s"]), 0.02)
+    tip = np.column_stack([column[f"psm1_tip_{a}_m"] for a in "xyz"])
+    assert np.linalg.norm(tip[-1] - replayed.task.targets[0].p_world["right"]) < 1 * MM
+    assert {"right_grip_rad", "psm2_follows", "psm1_q3_m", "psm1_q1_rad", "ecm_q4_rad"} <= set(names)
+
+
+@pytest.mark.slow
+def test_glb_and_tracks_pass_the_audit(exported, davinci):
+    for place in davinci.places:
+        found = audit(exported / place.name)
+        assert found.verdict == "agree", found.findings
+
+
+def test_a_folder_has_page_picture_data_and_motions(exported):
+    assert {p.relative_to(exported).as_posix() for p in exported.rglob("*") if p.is_file()} == {
+        *("session.json", "session.html", "session.png", "session.csv", "session.mcap", FILE),
+        *(f"{n}/tracks/session.{suffix}" for n in ("psm1", "psm2", "ecm") for suffix in ("csv", "json")),
+        *("psm1/davinci_psm.glb", "psm2/davinci_psm.glb", "ecm/davinci_ecm.glb"),
+    }
+    page = (exported / "session.html").read_text(encoding="utf-8")
+    assert "session of a simulated surgeon, seed 4" in page
+    assert "<svg" in page
+    assert (exported / "session.png").read_bytes().startswith(b"\x89PNG")
+    assert read_session(exported / FILE).head.seed == 4
+
+
+def test_without_the_extra_the_rest_is_written_and_the_command_says_what_to_install(replayed, monkeypatch):
+    monkeypatch.setattr("twin.api.session.find_spec", lambda name: None)
+    (finding,) = replayed.findings
+    assert finding.message == "session.mcap is not written: pip install 'twin-robotics[mcap]'"
+    assert (finding.severity, replayed.verdict) == ("info", "agree")
+
+
+# -- wrong requests -------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("argv", "text"),
+    [
+        (["operate", "davinci", "table2"], "davinci is a scene: give a task by --task instead of the protocol"),
+        (["operate", "davinci", "--task", "tuch"], "there is no task 'tuch'. Did you mean 'touch'?"),
+        (["operate", "davinci", "--trials", "2"], "--trials is for one robot"),
+        (["operate", "davinci", "--clutch", "printed"], "--clutch is for one robot"),
+        (["operate", "davinci", "--scale", "3"], "--scale 3: a console takes 0.05 to 1"),
+        (["operate", "vsrs"], "'vsrs' is a scene, not a robot"),
+        (["operate", "sher", "--task", "touch"], "--task is for the console of a scene; sher is a robot"),
+        (["serve", "sils", "--session", "a.session"], "--session records the hands at a console, which sils does not"),
+        (["serve", "vsrs", "--session", "a.session"], "--session records the hands at a console, which vsrs does not"),
+        (["serve", "davinci", "--session", "a", "--replay", "b"], "--session and --replay cannot be combined"),
+    ],
+)
+def test_a_wrong_request_is_named(argv, text, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert main(argv) == 2
+    assert text in capsys.readouterr().err
+    assert not [p for p in tmp_path.iterdir() if p.name != "twin-out"]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "text"),
+    [
+        ("tolerance_mm = 1.0", "tolerance_mm = 0", "task.touch.tolerance_mm"),
+        ("hold_s = 0.2", "hold_s = -1", "task.touch.hold_s"),
+        (", right_mm = [22, 45, 912], left_mm = [-22, 45, 912]", "", "a target needs `right_mm`, `left_mm`, or both"),
+        ("right_mm = [22, 45, 912]", "right_mm = [22, 45]", "right_mm"),
+        ("[task.touch]", "[task.Touch]", "task"),
+    ],
+)
+def test_a_wrong_task_is_named(davinci, tmp_path, old, new, text):
+    body = davinci.file.read_text(encoding="utf-8").replace('props = "theatre.toml"\n', "")
+    assert old in body
+    (tmp_path / "scene.toml").write_text(body.replace(old, new), encoding="utf-8")
+    with pytest.raises(DescriptionError, match=text):
+        load_scene(tmp_path / "scene.toml")
+
+
+def test_a_task_needs_a_console(tmp_path, davinci):
+    vsrs = twin.load_scene("vsrs").file
+    shutil.copytree(vsrs.parent, tmp_path / "vsrs")
+    body = davinci.file.read_text(encoding="utf-8")
+    with (tmp_path / "vsrs/scene.toml").open("a", encoding="utf-8") as file:
+        file.write("\n" + body[body.index("[task.touch]") :])
+    with pytest.raises(DescriptionError, match=r"a task needs a console: add the table \[console\]"):
+        load_scene(tmp_path / "vsrs/scene.toml")

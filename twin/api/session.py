@@ -1,0 +1,412 @@
+"""Sessions at a surgeon's console: simulate a surgeon, replay a session, measure and export both."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from twin.api.act import load_scene
+from twin.api.robot import Progress, Robot, load, silent
+from twin.core import assets
+from twin.core.atomic import Scratch
+from twin.core.errors import AssemblyError, TwinError
+from twin.core.extras import EXTRAS
+from twin.core.findings import Finding, by_severity, disagreement, info, warning
+from twin.core.quantity import Quantity, mm
+from twin.core.result import Part, Result, Table
+from twin.core.spatial import Array
+from twin.core.units import MM
+from twin.model.mechanism import Mechanism
+from twin.model.scene import Place, Scene, Task
+from twin.simulation import console_scene
+from twin.simulation.console_scene import HANDS, PEDALS, Member
+from twin.simulation.session import measures, movement
+from twin.simulation.session.measures import ArmMeasures, ConsoleMeasures
+from twin.simulation.session.run import Ran
+from twin.simulation.session.touch import Touched, touched
+
+if TYPE_CHECKING:
+    from twin.exchange.write.clip import Clip
+
+FILE = "hands.session"
+"""Name of the session file that a simulated surgeon writes."""
+
+_STRIDE = 4
+"""Number of samples of `run.SAMPLE` (5 ms) between two keys of exported motions: 50 keys per second."""
+
+
+@dataclass(frozen=True)
+class Arm:
+    """A robot of a session: its place, its mechanism, and its motion at the samples of the session.
+
+    Attributes:
+        place, mechanism: its place in the scene, and its mechanism.
+        q: (k, n) active joints in m or rad.
+        links: T_base_link (k, 4, 4) by link, from the mechanism with closed loops, without its equations.
+        tip: (k, 3) position in m of the measured frame in the World.
+    """
+
+    place: Place
+    mechanism: Mechanism
+    q: Array
+    links: Mapping[str, Array]
+    tip: Array
+
+
+@dataclass(frozen=True)
+class ConsoleSession(Result):
+    """Measures of a session at a console.
+
+    Attributes:
+        scene: the scene.
+        source: the replayed file; "" for a session that was simulated now.
+        seed: random seed of a simulated surgeon; None: a person.
+        task: the task; None: none.
+        ran: signals of the session.
+        arms: all robots that the console moves, by name.
+        lost: what is missing at the end of the file; "" if it is complete.
+        recorded: content of the session file of a simulated surgeon; None for a replayed file.
+    """
+
+    scene: Scene
+    source: str
+    seed: int | None
+    task: Task | None
+    ran: Ran
+    arms: Mapping[str, Arm]
+    lost: str = ""
+    recorded: bytes | None = None
+
+    kind = "session"
+
+    @property
+    def word(self) -> str:
+        """The verdict as text."""
+        if self.verdict == "agree":
+            return "Same bytes on replay" if self.source else "All targets were touched"
+        return super().word
+
+    @property
+    def t(self) -> Array:
+        """Times (k,) in s of the samples."""
+        return self.ran.kept.t
+
+    @cached_property
+    def hands(self) -> Sequence[ArmMeasures]:
+        """Measures of every arm."""
+        return measures.of_arms(self.ran.kept, console_scene.console_of(self.scene), self._tips)
+
+    @cached_property
+    def console(self) -> ConsoleMeasures:
+        """Measures of pedals and camera."""
+        return measures.of_console(self.ran.kept, console_scene.console_of(self.scene), self.camera, self.ran.duration)
+
+    @cached_property
+    def touched(self) -> Sequence[Touched]:
+        """Result of every target; empty without a task."""
+        if self.task is None:
+            return ()
+        table = console_scene.console_of(self.scene)
+        tips = {hand: self.arms[getattr(table, hand)[0]].tip for hand in HANDS}
+        return touched(self.task, self.t, tips)
+
+    @property
+    def camera(self) -> str:
+        """Name of the robot of the camera."""
+        return self.scene.cameras[console_scene.console_of(self.scene).camera].robot
+
+    @property
+    def _tips(self) -> dict[str, Array]:
+        return {name: arm.tip for name, arm in self.arms.items()}
+
+    @property
+    def findings(self) -> Sequence[Finding]:
+        """Differences of the replay, lost ends, targets that were not touched."""
+        out: list[Finding] = []
+        if (d := self.ran.difference) is not None:
+            size = f"; the largest is {d.size:.3g} in {d.signal}" if d.signal else "; all signals are equal at its end"
+            out.append(
+                disagreement(
+                    "session.differs",
+                    d.signal,
+                    f"the replay gives other bytes from this second on{size}",
+                    suggestion="replay it with the version of twin and on the kind of processor that recorded it",
+                    when=f"{d.t0:g} .. {d.t1:g} s",
+                )
+            )
+        if self.lost:
+            out.append(warning("session.interrupted", self.source, self.lost))
+        if self.console.time == 0:
+            out.append(warning("session.idle", "", "no arm followed a hand: the start condition was never met"))
+        if self.task is not None:
+            out += [
+                disagreement(
+                    "task.missed",
+                    target.name,
+                    "this target was not touched: smallest distance of its tips",
+                    mm(target.nearest),
+                    mm(self.task.tolerance),
+                    word="required",
+                )
+                for target in self.touched
+                if target.t is None
+            ]
+        if find_spec("mcap") is None:
+            text = f"session.mcap is not written: pip install 'twin-robotics[{EXTRAS['mcap']}]'"
+            out.append(info("session.no_mcap", "", text))
+        return out
+
+    def content(self) -> dict[str, Any]:
+        """Return the measures; keys end with their unit."""
+        c = self.console
+        return {
+            "scene": self.scene.name,
+            "surgeon": "person" if self.seed is None else "simulated",
+            "seed": self.seed,
+            "replay": None if not self.source else "same" if self.ran.difference is None else "differs",
+            "ticks": self.ran.ticks,
+            "duration_s": c.duration,
+            "time_s": c.time,
+            "hands": [
+                {
+                    "hand": h.hand,
+                    "robot": h.robot,
+                    "path_mm": h.path / MM,
+                    "movements": h.movements,
+                    "moving_s": h.moving,
+                    "idle_s": h.idle,
+                    "economy": h.economy,
+                    "smoothness_sparc": h.smoothness,
+                    "grasps": h.grasps,
+                }
+                for h in self.hands
+            ],
+            "clutches": c.clutches,
+            "clutched_s": c.clutched,
+            "camera_moves": c.camera_moves,
+            "camera_s": c.camera_time,
+            "silent_s": c.silent,
+            "taps": c.taps,
+            "scale": list(c.scale),
+            "task": None if self.task is None else self.task.name,
+            "targets": [{"name": x.name, "t_s": x.t, "nearest_mm": x.nearest / MM} for x in self.touched],
+        }
+
+    def text(self) -> Iterator[Part]:
+        """Yield the measures of hands and console, the targets, the result of the replay, and the findings."""
+        c = self.console
+        who = "a person" if self.seed is None else f"a simulated surgeon, seed {self.seed} (its habits are ASSUMED)"
+        yield f"{self.scene.name} · session of {who}\n"
+        rows = [
+            (
+                h.hand,
+                h.robot,
+                str(mm(h.path)),
+                str(h.movements),
+                f"{h.moving:.1f} s",
+                f"{h.idle:.1f} s",
+                _number(h.economy),
+                _number(h.smoothness),
+                str(h.grasps),
+            )
+            for h in self.hands
+        ]
+        header = ("hand", "arm", "path", "movements", "moving", "idle", "economy", "SPARC", "grasps")
+        yield Table(header, rows)
+        yield ""
+        scale = f"{c.scale[0]:g}" if c.scale[0] == c.scale[1] else f"{c.scale[0]:g} to {c.scale[1]:g}"
+        console = [
+            ("time since the first motion", f"{c.time:.1f} s of {c.duration:.1f} s"),
+            ("clutch", f"{c.clutches} presses, {c.clutched:.1f} s, {c.taps} quick taps"),
+            ("camera", f"{c.camera_moves} moves, {c.camera_time:.1f} s"),
+            ("device silent", f"{c.silent:.1f} s"),
+            ("motion scale", scale),
+        ]
+        yield Table((), console)
+        if self.task is not None:
+            yield f"\n  {self.task.name}: {self.task.title}"
+            targets = [
+                (x.name, "not touched" if x.t is None else f"{x.t:.1f} s", str(mm(x.nearest))) for x in self.touched
+            ]
+            yield Table(("target", "touched at", "smallest distance"), targets)
+        if self.source and self.ran.difference is None:
+            yield f"\n  replay: the same bytes in all {self.ran.ticks} ticks"
+        yield ""
+        yield from by_severity(self.findings)
+
+    def write(self, folder: Path) -> None:
+        """Write session.csv, session.mcap and, for each robot, <robot>/<kind>.glb and <robot>/tracks/session.*."""
+        from twin.exchange.write.glb import write_glb
+        from twin.exchange.write.tracks import write_tracks
+
+        if self.recorded is not None:
+            (folder / FILE).write_bytes(self.recorded)
+        columns = self._columns()
+        body = np.column_stack([v[::_STRIDE] for v in columns.values()])
+        np.savetxt(folder / "session.csv", body, "%.9g", ",", header=",".join(columns), comments="")
+        for name, arm in self.arms.items():
+            clip = self._clip(arm)
+            (folder / name).mkdir()
+            write_glb(arm.mechanism, [clip], folder / name / f"{arm.mechanism.name}.glb")
+            write_tracks(arm.mechanism, clip, folder / name / "tracks")
+        if find_spec("mcap") is not None:
+            self._write_mcap(folder / "session.mcap")
+
+    def _columns(self) -> dict[str, Array]:
+        """Return the columns (k,) of the CSV, by name with unit."""
+        kept = self.ran.kept
+        out = {"t_s": self.t, "mode": kept["console.mode"][:, 0]}
+        out |= {n: kept[f"{PEDALS}.{n}"][:, 0] for n in ("clutch", "camera", "scale")}
+        for hand in HANDS:
+            p = kept[f"{hand}.pose"].reshape(-1, 4, 4)[:, :3, 3]
+            out |= {f"{hand}_{axis}_m": p[:, i] for i, axis in enumerate("xyz")}
+            out[f"{hand}_grip_rad"] = kept[f"{hand}.grip"][:, 0]
+        for name, arm in self.arms.items():
+            if name != self.camera:
+                out[f"{name}_follows"] = kept[f"{name}.follows"][:, 0]
+                out |= {f"{name}_tip_{axis}_m": arm.tip[:, i] for i, axis in enumerate("xyz")}
+                out[f"{name}_speed_m_per_s"] = movement.speed(arm.tip, kept.dt)
+            for j, joint in enumerate(arm.mechanism.active):
+                out[f"{name}_{joint.name}_{'rad' if joint.is_angle else 'm'}"] = arm.q[:, j]
+        return out
+
+    def _clip(self, arm: Arm) -> Clip:
+        from twin.exchange.write.clip import Clip, extremes, key_rows, measure_between
+        from twin.exchange.write.sampled import coordinates
+
+        keys = key_rows(len(self.t), _STRIDE)
+        links = {n: np.round(T, 13) + 0.0 for n, T in arm.links.items()}
+        reaches = {b.name: extremes(arm.mechanism, b) for b in arm.mechanism.bodies}
+        at_keys = {n: T[keys] for n, T in links.items()}
+        return Clip(
+            "session",
+            f"{arm.place.name} in a session of {self.scene.name}",
+            self.t[keys],
+            at_keys,
+            coordinates(arm.mechanism, at_keys),
+            tuple(j.name for j in arm.mechanism.active),
+            (("session", 0.0, float(self.t[-1])),),
+            1 / (_STRIDE * self.ran.kept.dt),
+            measure_between(arm.mechanism, self.t, links, keys, reaches),
+            frame=arm.mechanism.tool,
+            phase_rcm=(None,),
+            trocars=arm.mechanism.trocar_places,
+        )
+
+    def _write_mcap(self, path: Path) -> None:
+        from twin.exchange.write.mcap import write_mcap
+
+        links, joints, kept = {}, {}, self.ran.kept
+        for name, arm in self.arms.items():
+            for link, Ts in arm.links.items():
+                links[f"{name}/{link}"] = arm.place.T_world_base @ Ts[::_STRIDE]
+            for j, joint in enumerate(arm.mechanism.active):
+                joints[f"{name}/{joint.name}"] = arm.q[::_STRIDE, j]
+        console = {"mode": kept["console.mode"][::_STRIDE, 0]}
+        console |= {n: kept[f"{PEDALS}.{n}"][::_STRIDE, 0] for n in ("clutch", "camera", "scale")}
+        console |= {f"{hand}_grip": kept[f"{hand}.grip"][::_STRIDE, 0] for hand in HANDS}
+        write_mcap(path, self.t[::_STRIDE], links, joints, console)
+
+
+def operate_console(
+    scene: Scene,
+    task: str | None = None,
+    *,
+    seed: int = 0,
+    scale: float | None = None,
+    progress: Progress = silent,
+) -> ConsoleSession:
+    """Simulate a surgeon who performs a task at the console of a scene; the surgeon's habits are ASSUMED.
+
+    Args:
+        scene: a scene with a console.
+        task: a task of the scene; default: its first one.
+        seed: random seed; the same seed gives the same session.
+        scale: motion scale, 0.05 to 1; default: that of the console.
+        progress: see `Progress`.
+
+    Raises:
+        TwinError: the scene has no console or no such task, or the scale is out of range.
+    """
+    from twin.simulation.controllers.following import SCALE
+    from twin.simulation.session import run
+
+    console_scene.console_of(scene)
+    if scale is not None and not SCALE[0] <= scale <= SCALE[1]:
+        raise TwinError(f"--scale {scale:g}: a console takes {SCALE[0]:g} to {SCALE[1]:g}")
+    chosen = run.task_of(scene, task)
+    progress("read CAD", 0.0)
+    robots, members = _members(scene)
+    with Scratch() as folder:
+        file = Path(folder) / FILE
+        ran = run.perform(scene, members, chosen, file, seed=seed, scale=scale, progress=progress)
+        recorded = file.read_bytes()
+    return ConsoleSession(scene, "", seed, chosen, ran, _arms(scene, robots, ran), recorded=recorded)
+
+
+def replay_session(
+    path: str | Path, scene: Scene | str | Path | None = None, progress: Progress = silent
+) -> ConsoleSession:
+    """Replay a session in a new World, compare it with the recording bit by bit, and measure it.
+
+    Args:
+        path: a session file.
+        scene: its scene, by name, path or as loaded; default: the built-in scene that the file names.
+        progress: see `Progress`.
+
+    Raises:
+        WorldError: the file is damaged, of another version or of another scene.
+        TwinError: there is no such scene, or it has no console.
+    """
+    from twin.simulation.session import run
+    from twin.simulation.session.file import read_session
+
+    path = Path(path)
+    session = read_session(path)
+    start = session.head
+    if scene is None and start.scene not in assets.scenes():
+        raise TwinError(f"{path}: scene '{start.scene}' is not built in: give its folder with --scene")
+    placed = scene if isinstance(scene, Scene) else load_scene(scene or start.scene)
+    if start.task is not None and start.task not in placed.tasks:
+        raise TwinError(f"{path}: scene '{placed.name}' has no task '{start.task}', which the session is of")
+    progress("read CAD", 0.0)
+    robots, members = _members(placed)
+    run.require_scene(session, path, placed, members)
+    ran = run.replay(session, placed, members, progress)
+    task = None if start.task is None else placed.tasks[start.task]
+    return ConsoleSession(placed, str(path), start.seed, task, ran, _arms(placed, robots, ran), session.lost)
+
+
+def _members(scene: Scene) -> tuple[dict[str, Robot], dict[str, Member]]:
+    led = console_scene.led_by(scene)
+    kinds = {name: load(name) for name in {p.robot for p in led}}
+    robots = {p.name: kinds[p.robot] for p in led}
+    return robots, {n: Member(r.mechanism, r.kinematics()) for n, r in robots.items()}
+
+
+def _arms(scene: Scene, robots: Mapping[str, Robot], ran: Ran) -> dict[str, Arm]:
+    """Return the motions of all robots, from their mechanisms."""
+    out, tip = {}, console_scene.console_of(scene).tip
+    camera = scene.cameras[console_scene.console_of(scene).camera].robot
+    for place in console_scene.led_by(scene):
+        mechanism, q = robots[place.name].mechanism, ran.kept[f"{place.name}.q"]
+        solver = robots[place.name].loops
+        closed = solver.forward_many(q)
+        if not np.isfinite(closed.Ts_base_tool).all():
+            k = int(np.flatnonzero(~np.isfinite(closed.Ts_base_tool).all(axis=(1, 2)))[0])
+            raise AssemblyError(f"{place.name}: its loops cannot be closed at {ran.kept.t[k]:.3f} s of the session")
+        links = solver.link_poses(q, closed.states)
+        frame = mechanism.frame(tip if tip is not None and place.name != camera else mechanism.tool)
+        at = place.T_world_base @ links[frame.body] @ frame.T_body_frame
+        out[place.name] = Arm(place, mechanism, q, links, at[:, :3, 3])
+    return out
+
+
+def _number(value: float) -> str:
+    return str(Quantity(value)) if np.isfinite(value) else "-"

@@ -1,0 +1,26 @@
+"""`twin session`: replay a recorded session at a console, measure it, and export it."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from twin.api.session import replay_session
+from twin.cli import show
+from twin.core import assets
+
+
+def session(args: argparse.Namespace) -> int:
+    """Replay the session and print its measures; with --out write page, picture and data; exit 1 if it differs."""
+    from twin.ui.report.files import write_result
+
+    folder = None if args.out is None else Path(args.out)
+    if folder is not None:
+        assets.require_writable(folder)
+    with show.progress(args.quiet or args.json) as progress:
+        found = replay_session(args.file, args.scene, progress)
+    if folder is None:
+        return show.finish(found, args)
+    with assets.atomic_folder(folder) as work:
+        pictures = write_result(found, work)
+    return show.finish(found, args, folder, pictures)

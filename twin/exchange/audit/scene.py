@@ -1,0 +1,148 @@
+"""Audit an exported scene: the folder of each robot, and the scene's stages against what the robots' files show."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from pxr import Tf, Usd
+
+from twin.core.foreign.budget import check_size
+from twin.exchange.audit.compare import references
+from twin.exchange.audit.motion import Content
+from twin.exchange.audit.poses import Array
+from twin.exchange.audit.report import POSITION_TOL, Ledger, quantity
+from twin.exchange.audit.usd import World
+from twin.exchange.audit.usd_checks import version
+from twin.usd.check import run_usd_validators
+
+FILE = "scene.json"
+"""File of an exported scene: its robots, their folders and the poses of their bases."""
+
+REACH = 0.1
+"""Distance in m from a link's origin of the points at which a deviation is measured, so that rotation counts."""
+
+Audited = tuple[list[Content], list[Ledger]]
+
+
+@dataclass(frozen=True)
+class Shown:
+    """What a robot's own files show.
+
+    Attributes:
+        T_world_base: (4, 4), of scene.json.
+        times: times (k,) in s.
+        links: T_base_link (k, 4, 4) by link.
+    """
+
+    T_world_base: Array
+    times: Array
+    links: Mapping[str, Array]
+
+
+def audit_scene(folder: Path, audited: Callable[[Path], Audited]) -> Audited:
+    """Return the contents and ledgers of all robots of a scene, with their names before those of files, and of stages.
+
+    Args:
+        folder: the exported scene, with scene.json.
+        audited: function that audits the folder of one robot.
+    """
+    contents: list[Content] = []
+    ledger = Ledger(FILE, "twin.exchange.audit scene", "1")
+    ledgers, robots = [ledger], {}
+    for name, protocol, T, path in _places(folder, ledger):
+        own, theirs = audited(path)
+        robots[name] = _shown(own, protocol, T)
+        contents += own
+        for one in theirs:
+            one.file = f"{name}/{one.file}"
+            one.checks = [replace(c, file=f"{name}/{c.file}") for c in one.checks]
+            one.found = [replace(f, where=f"{name}/{f.where}") for f in one.found]
+        ledgers += theirs
+    ledger.row("robots", float(len(robots)), "found")
+    for stage in sorted((folder / "usd").glob("*.usda")) if robots else ():
+        ledgers.append(_audit_stage(stage, robots))
+    return contents, ledgers
+
+
+def _places(folder: Path, ledger: Ledger) -> Iterator[tuple[str, str, Array, Path]]:
+    """Yield (name, protocol or "", T_world_base, folder) of each robot in scene.json; report what cannot be used."""
+    check_size(folder / FILE, "JSON")
+    try:
+        data = json.loads((folder / FILE).read_text(encoding="utf-8"))
+        rows = [(str(r["name"]), str(r["protocol"]), r["T_world_base"], str(r["folder"])) for r in data["robots"]]
+    except (ValueError, KeyError, TypeError, RecursionError) as error:
+        ledger.add("scene.unreadable", "error", f"it lacks a list of robots: {type(error).__name__}, {error}.")
+        return
+    for name, protocol, rows_of_T, own in rows:
+        try:
+            T = np.array(rows_of_T, float)
+        except (ValueError, TypeError):
+            T = np.zeros(0)
+        path = folder / own
+        if T.shape != (4, 4) or not np.allclose(T[:3, :3] @ T[:3, :3].T, np.eye(3), atol=1e-9):
+            ledger.add("scene.pose", "error", f"robot '{name}': T_world_base is not a pose (4, 4).", where=name)
+        elif not path.resolve().is_relative_to(folder.resolve()) or not path.is_dir():
+            ledger.add("scene.folder", "error", f"robot '{name}': there is no folder '{own}' here.", where=name)
+        else:
+            yield name, protocol, T, path
+
+
+def _shown(contents: Sequence[Content], protocol: str, T_world_base: Array) -> Shown:
+    """Return the motion of a protocol in a robot's files or, without one, its poses at rest.
+
+    Poses at rest are those of the GLB, if there is one, because the scene refers to the stage.
+    """
+    for name, ref in references(contents, {}).items():
+        if protocol and (name == protocol or name.endswith(f"_{protocol}")):
+            return Shown(T_world_base, ref.clip.times, ref.clip.links)
+    still = sorted((c for c in contents if c.links and c.rest), key=lambda c: c.format != "glb")
+    links = {n: still[0].rest[n][None] for n in still[0].links or ()} if still and not protocol else {}
+    return Shown(T_world_base, np.zeros(1), links)
+
+
+def _audit_stage(path: Path, robots: Mapping[str, Shown]) -> Ledger:
+    ledger = Ledger(f"usd/{path.name}", "pxr", version())
+    try:
+        public = [f for f in run_usd_validators(path) if f.severity != "info"]
+        worst, where, when = deviation(path, robots)
+    except (Tf.ErrorException, RuntimeError) as error:
+        ledger.add("usd.unreadable", "error", f"OpenUSD cannot read it: {str(error).strip().splitlines()[-1][:200]}.")
+        return ledger
+    for f in public:
+        ledger.add(f.code, f.severity, f.message, where=f.where)
+    ledger.row("public validators", float(len(public)), "found", 0.0)
+    ledger.row("every link in world, against its robot's files", worst, "m", POSITION_TOL, where=where, when=when)
+    if not worst <= POSITION_TOL:
+        text = f"{where}: " + (f"{quantity(worst, 'm')} off its robot's files." if np.isfinite(worst) else "missing.")
+        ledger.add("scene.link", "disagreement", text, where=where, when=when, size=worst, unit="m", limit=POSITION_TOL)
+    return ledger
+
+
+def deviation(stage: Path, robots: Mapping[str, Shown]) -> tuple[float, str, str]:
+    """Return the largest deviation in m of a point up to 0.1 m from a link's origin, its robot and link, and its time.
+
+    It is infinite if the stage lacks a link. First, middle and last key are compared.
+    """
+    opened = Usd.Stage.Open(str(stage))
+    opened.Reload()  # USD keeps layers in memory, but the file may have changed
+    world, rate, root = World(opened), opened.GetTimeCodesPerSecond(), opened.GetDefaultPrim().GetPath()
+    corners = np.vstack([np.zeros(3), REACH * np.eye(3)])
+    worst, where, when = 0.0, "", ""
+    for name, robot in robots.items():
+        keys = sorted({0, len(robot.times) // 2, len(robot.times) - 1})
+        if not robot.links:
+            return np.inf, f"{name}: its files show no link", ""
+        for link, Ts in robot.links.items():
+            if not (prim := opened.GetPrimAtPath(root.AppendChild(name).AppendChild(link))):
+                return np.inf, f"{name}/{link}", ""
+            codes = [Usd.TimeCode(float(robot.times[k] * rate)) for k in keys]
+            for k, T in zip(keys, world.poses(prim, codes), strict=True):
+                off = T - robot.T_world_base @ Ts[k]
+                distance = float(np.linalg.norm(corners @ off[:3, :3].T + off[:3, 3], axis=1).max())
+                if not distance < worst:
+                    worst, where, when = distance, f"{name}/{link}", f"t = {robot.times[k]:.3f} s"
+    return worst, where, when

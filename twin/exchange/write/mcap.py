@@ -1,0 +1,105 @@
+"""Write .mcap: link poses and joint values over time, with the messages of Foxglove, as JSON with their schemas.
+
+Every link's pose is given in "world", so that a viewer needs no kinematics. Messages and their names are those of
+Foxglove's documentation (docs.foxglove.dev/docs/sdk/schemas): /tf holds foxglove.FrameTransforms, /joint_states
+foxglove.JointStates, /console the numbers of a console. Times are those of the session: it begins at 0.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from twin.core.extras import require
+from twin.core.spatial import Array
+from twin.core.version import __version__
+from twin.exchange.write.clip import quaternions_xyzw
+
+WORLD = "world"
+"""Name of the frame in which the poses are given."""
+
+_NANO = 1_000_000_000
+
+
+def _object(title: str, **properties: Any) -> dict[str, Any]:
+    return {"title": title, "type": "object", "properties": properties}
+
+
+_NUMBER = {"type": "number"}
+_TIME = _object("time", sec={"type": "integer", "minimum": 0}, nsec={"type": "integer", "minimum": 0})
+_TRANSFORM = _object(
+    "foxglove.FrameTransform",
+    timestamp=_TIME,
+    parent_frame_id={"type": "string"},
+    child_frame_id={"type": "string"},
+    translation=_object("foxglove.Vector3", x=_NUMBER, y=_NUMBER, z=_NUMBER),
+    rotation=_object("foxglove.Quaternion", x=_NUMBER, y=_NUMBER, z=_NUMBER, w=_NUMBER),
+)
+_JOINT = _object("foxglove.JointState", name={"type": "string"}, position=_NUMBER)
+
+
+def write_mcap(
+    path: Path,
+    t: Array,
+    links: Mapping[str, Array],
+    joints: Mapping[str, Array],
+    console: Mapping[str, Array],
+) -> Path:
+    """Write the file and return its path; the same input gives the same bytes.
+
+    Args:
+        path: the .mcap file.
+        t: (k,) times in s, from 0.
+        links: T_world_link (k, 4, 4), by name of the link ("psm1/yaw").
+        joints: joint values (k,) in m or rad, by name of the joint ("psm1/q1").
+        console: further numbers (k,), by name.
+
+    Raises:
+        TwinError: the package `mcap` is not installed.
+    """
+    require("mcap", "writing MCAP")
+    from mcap.writer import Writer
+
+    schemas = {
+        "/tf": _object("foxglove.FrameTransforms", transforms={"type": "array", "items": _TRANSFORM}),
+        "/joint_states": _object("foxglove.JointStates", timestamp=_TIME, joints={"type": "array", "items": _JOINT}),
+        "/console": _object("twin.Console", timestamp=_TIME, **dict.fromkeys(console, _NUMBER)),
+    }
+    nanoseconds = np.round(np.asarray(t) * _NANO).astype(int).tolist()
+    places = {n: (Ts[:, :3, 3].tolist(), quaternions_xyzw(Ts).tolist()) for n, Ts in links.items()}
+    values = {n: v.tolist() for n, v in joints.items()}
+    numbers = {n: v.tolist() for n, v in console.items()}
+    with Path(path).open("wb") as file:
+        writer = Writer(file)
+        writer.start(profile="", library=f"twin {__version__}")
+        channels = {}
+        for topic, schema in schemas.items():
+            known = writer.register_schema(schema["title"], "jsonschema", json.dumps(schema).encode())
+            channels[topic] = writer.register_channel(topic, "json", known)
+        for k, ns in enumerate(nanoseconds):
+            stamp = {"sec": ns // _NANO, "nsec": ns % _NANO}
+            transforms = [_transform(stamp, name, p[k], q[k]) for name, (p, q) in places.items()]
+            states = [{"name": name, "position": v[k]} for name, v in values.items()]
+            for topic, message in (
+                ("/tf", {"transforms": transforms}),
+                ("/joint_states", {"timestamp": stamp, "joints": states}),
+                ("/console", {"timestamp": stamp, **{name: v[k] for name, v in numbers.items()}}),
+            ):
+                data = json.dumps(message, separators=(",", ":"), allow_nan=False).encode()
+                writer.add_message(channels[topic], log_time=ns, publish_time=ns, data=data, sequence=k)
+        writer.finish()
+    return Path(path)
+
+
+def _transform(stamp: Mapping[str, int], name: str, p: list[float], q: list[float]) -> dict[str, Any]:
+    return {
+        "timestamp": stamp,
+        "parent_frame_id": WORLD,
+        "child_frame_id": name,
+        "translation": dict(zip("xyz", p, strict=True)),
+        "rotation": dict(zip("xyzw", q, strict=True)),
+    }

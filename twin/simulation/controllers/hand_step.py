@@ -1,0 +1,133 @@
+"""One tick of the control law that moves a tool by a hand, as one compiled function."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from twin.core.spatial import Array
+from twin.formula import symbolic
+from twin.formula.flow import Evaluator
+from twin.formula.symbol import from_sx, to_sx
+from twin.simulation.controllers.console import Console
+
+Law = Callable[..., Any]
+
+_RIGID = 1e-6
+"""Largest error of the rotation matrix of a valid pose."""
+
+_SCALE = 96
+"""Index of the scale in the input, after six poses."""
+
+
+@dataclass(frozen=True)
+class Pace:
+    """Maximum speed of a tool, and threshold for jumps of a hand; ASSUMED: no console publishes them.
+
+    Attributes:
+        speed, turn: maximum speeds of the tool, in m/s and rad/s.
+        jump, twist: largest hand motion in one tick, in m and rad; after a larger one, the hand is coupled again.
+    """
+
+    speed: float = 0.5
+    turn: float = 10.0
+    jump: float = 0.03
+    twist: float = 0.5
+
+
+class HandStep:
+    """Equations (2) and (1) of the console and the speed limits of the tool, for one hand and one tool.
+
+    Attributes:
+        rigid: whether the hand's pose was a rigid pose in the last call.
+        jumped: whether the hand had moved farther from `last` than `Pace.jump` or `Pace.twist` allow.
+        wanted: (4, 4) tool pose in {RB} by the equations, without speed limits.
+        goal: (4, 4) tool pose in {RB} after the tick: from the previous goal towards `wanted`, within the limits.
+    """
+
+    def __init__(self, laws: Console, pace: Pace, dt: float) -> None:
+        """Compile the law for ticks of dt in s."""
+        law, slow = _compile(laws.laws["eq2"], laws.laws["eq1"], pace, dt)
+        (z, self._law), (pair, self._slow) = law.bind(), slow.bind()
+        self._hand, self._last, self._goal, self._W_0, self._P_0, self._T = z[:_SCALE].reshape(6, 4, 4)
+        self._scale, (self._from, self._to) = z[_SCALE:], pair.reshape(2, 4, 4)
+        self.rigid = self.jumped = False
+        self.goal = self.wanted = self._goal.copy()
+
+    def couple(self, W_0: Array, P_0: Array, T: Array, scale: float) -> None:
+        """Set the poses (4, 4) of hand and tool of the coupling, the pose of {H} in {RB}, and the scale."""
+        self._W_0[...], self._P_0[...], self._T[...], self._scale[...] = W_0, P_0, T, scale
+
+    def __call__(self, hand: Array, last: Array, goal: Array) -> None:
+        """Compute one tick; all poses (4, 4).
+
+        Args:
+            hand: pose of the handle in {H}.
+            last: its pose one tick earlier.
+            goal: goal of the tool in {RB} one tick earlier.
+        """
+        self._hand[...], self._last[...], self._goal[...] = hand, last, goal
+        out = self._law()
+        rigid, jumped, near = out[:3].tolist()
+        self.rigid, self.jumped, self.wanted = rigid > 0, jumped > 0, out[3:].reshape(4, 4)
+        if near:
+            self.goal = self.wanted
+        else:
+            self._from[...], self._to[...] = goal, self.wanted
+            self.goal = self._slow().reshape(4, 4)
+
+
+@cache
+def _compile(eq2: Law, eq1: Law, pace: Pace, dt: float) -> tuple[Evaluator, Evaluator]:
+    """Return two functions: the law, with the tests of its input; the step towards a goal that is too far for a tick.
+
+    The second one is apart because it costs more than the first and is seldom needed.
+    """
+    z, pair = ca.SX.sym("z", _SCALE + 1), ca.SX.sym("pair", 32)
+    hand, last, goal, W_0, P_0, T = (symbolic.unflat(z[16 * i : 16 * i + 16], 4, 4) for i in range(6))
+    dW = eq2(*(from_sx(x) for x in (W_0, hand, T, z[_SCALE])))
+    wanted = to_sx(eq1(dW, from_sx(P_0)))
+    way, turn = pace.speed * dt, pace.turn * dt
+    near = ca.logic_and(ca.sumsqr(wanted[:3, 3] - goal[:3, 3]) <= way**2, _apart(goal, wanted) <= _chord(turn))
+    out = ca.vertcat(_is_rigid(hand), _has_jumped(last, hand, pace), near, symbolic.flat(wanted))
+    slow = symbolic.flat(_towards(symbolic.unflat(pair[:16], 4, 4), symbolic.unflat(pair[16:], 4, 4), way, turn))
+    return Evaluator("hand_step", z, out), Evaluator("towards", pair, slow)
+
+
+def _is_rigid(T: ca.SX) -> ca.SX:
+    R, p = T[:3, :3], T[:3, 3]
+    good = ca.logic_and(ca.norm_inf(ca.vec(R.T @ R - ca.SX.eye(3))) < _RIGID, ca.det(R) > 0)
+    finite = ca.sumsqr(p) < np.inf  # false for NaN
+    return ca.logic_and(ca.logic_and(good, finite), ca.sumsqr(T[3, :] - ca.SX([0, 0, 0, 1]).T) == 0)
+
+
+def _has_jumped(last: ca.SX, hand: ca.SX, pace: Pace) -> ca.SX:
+    far = ca.sumsqr(hand[:3, 3] - last[:3, 3]) > pace.jump**2
+    return ca.logic_or(far, _apart(last, hand) > _chord(pace.twist))
+
+
+def _apart(T: ca.SX, other: ca.SX) -> ca.SX:
+    """Return |R - R'|^2 (Frobenius), which is 4 (1 - cos angle): faster than a matrix logarithm."""
+    return ca.sumsqr(ca.vec(other[:3, :3] - T[:3, :3]))
+
+
+def _chord(angle: float) -> float:
+    return float(4 * (1 - np.cos(min(angle, np.pi))))
+
+
+def _towards(T: ca.SX, wanted: ca.SX, way: float, turn: float) -> ca.SX:
+    """Return the pose reached from T towards `wanted`, by at most `way` in m and `turn` in rad."""
+    step = wanted[:3, 3] - T[:3, 3]
+    length = symbolic.norm(step)
+    far = length > way
+    p = ca.if_else(far, T[:3, 3] + step * (way / ca.if_else(far, length, 1)), wanted[:3, 3])
+    small = _apart(T, wanted) <= _chord(turn)
+    rotation = symbolic.log_so3(wanted[:3, :3] @ T[:3, :3].T)
+    angle = ca.if_else(small, 1, symbolic.norm(rotation))
+    R = ca.if_else(small, wanted[:3, :3], symbolic.exp_so3(rotation * (turn / angle)) @ T[:3, :3])
+    return symbolic.pose(R, p)

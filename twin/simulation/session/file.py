@@ -1,0 +1,302 @@
+"""File of a session: the device's signals of every tick, written second by second while the session runs.
+
+A `twin-session` file is one line of JSON (`Head`), then chunks of at most `CHUNK` ticks, then an end mark. A chunk is
+"TWNS", its number of ticks and its number of packed bytes (u32 each, little-endian), the SHA-256 of all signals of the
+World in these ticks (float64, little-endian, row by row), and, packed by zlib, the device's signals in these ticks and
+the row of all signals after the last of them. The end mark is "TWNE", the number of all ticks, 0, and the SHA-256 of
+the digests of all chunks.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import struct
+import zlib
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, BinaryIO, Literal
+
+import numpy as np
+from pydantic import Field, ValidationError
+
+from twin.core.errors import OutputError, WorldError
+from twin.core.spatial import Array
+from twin.core.version import __version__
+from twin.schema import Identifier, Table
+from twin.simulation.world.recording import SignalTable
+from twin.simulation.world.signals import columns
+
+CHUNK = 1000
+"""Number of ticks in a chunk: one second at the usual 1 ms, which is the most that a crash loses."""
+
+LONGEST = 3600.0
+"""Maximum duration of a session in s."""
+
+_HEAD = struct.Struct("<4sII32s")
+_MAGIC, _END = b"TWNS", b"TWNE"
+_LONGEST_HEAD, _MOST_NUMBERS = 1_000_000, 10_000
+"""Maximum bytes of the first line; maximum count of numbers in a row."""
+
+
+class Head(Table):
+    """First line of a `twin-session` file. All values are SI; a row holds the signals at the end of its tick."""
+
+    schema_: Annotated[Literal["twin-session"], Field(alias="schema")]
+    version: Literal[1]
+    twin: Annotated[str, Field(description="version of twin that wrote the file")]
+    scene: Annotated[str, Field(description="name of the scene")]
+    identity: Annotated[str, Field(pattern="^sha256:[0-9a-f]{64}$", description="of what the World is built from")]
+    dt: Annotated[float, Field(gt=0, description="s, of one tick")]
+    device: Annotated[list[SignalTable], Field(min_length=1, description="signals of the device, in the order of rows")]
+    world: Annotated[list[SignalTable], Field(min_length=1, description="all signals, in the order of rows")]
+    task: Annotated[Identifier | None, Field(description="task of the scene; null: none")] = None
+    seed: Annotated[int | None, Field(description="random seed of a simulated surgeon; null: a person")] = None
+
+
+@dataclass(frozen=True)
+class Chunk:
+    """Part of a session.
+
+    Attributes:
+        device: (k, n) signals of the device, one row per tick.
+        last: (m,) all signals after the last of these ticks.
+        digest: SHA-256 of the rows of all signals.
+    """
+
+    device: Array
+    last: Array
+    digest: bytes
+
+
+@dataclass(frozen=True)
+class Session:
+    """A session that was read from a file.
+
+    Attributes:
+        head: the first line.
+        chunks: the chunks, in order.
+        lost: "" if the file is complete; otherwise what is missing at its end.
+    """
+
+    head: Head
+    chunks: tuple[Chunk, ...]
+    lost: str
+
+    @property
+    def device(self) -> Array:
+        """The signals of the device (k, n), one row per tick."""
+        return np.concatenate([b.device for b in self.chunks])
+
+
+def sizes(signals: list[SignalTable]) -> dict[str, int]:
+    """Return the number of values of each signal, by name."""
+    return {s.name: s.size for s in signals}
+
+
+def digest(rows: Array) -> bytes:
+    """Return the SHA-256 of rows (k, m) of signals."""
+    return hashlib.sha256(np.ascontiguousarray(rows, "<f8").tobytes()).digest()
+
+
+def head(
+    scene: str,
+    identity: str,
+    dt: float,
+    device: Mapping[str, int],
+    world: Mapping[str, int],
+    task: str | None = None,
+    seed: int | None = None,
+) -> Head:
+    """Return the first line of a file; `device` and `world` are numbers of values by signal, as `Signals.sizes`."""
+    return Head.model_validate(
+        {
+            "schema": "twin-session",
+            "version": 1,
+            "twin": __version__,
+            "scene": scene,
+            "identity": identity,
+            "dt": dt,
+            "device": [{"name": n, "size": s} for n, s in device.items()],
+            "world": [{"name": n, "size": s} for n, s in world.items()],
+            "task": task,
+            "seed": seed,
+        }
+    )
+
+
+class SessionWriter:
+    """Writes a session while it runs; until `close`, the file has the suffix `.part`.
+
+    Attributes:
+        path: the file.
+        ticks: number of ticks so far.
+    """
+
+    def __init__(self, path: Path, head: Head) -> None:
+        """Create the file.
+
+        Raises:
+            OutputError: the file or its `.part` exists, or cannot be written.
+        """
+        self.path, self.ticks, self._head = Path(path), 0, head
+        self._part = self.path.with_name(self.path.name + ".part")
+        if self.path.exists():
+            raise OutputError(f"{self.path} exists, and a session is not overwritten: give another name")
+        found, at = columns(sizes(head.world)), [s.name for s in head.device]
+        self._device = np.concatenate([np.arange(found[n].start, found[n].stop) for n in at])
+        self._rows: list[Array] = []
+        self._held = 0
+        self._digests = hashlib.sha256()
+        if self._part.exists():
+            raise OutputError(
+                f"{self._part} is left from a session that was interrupted: rename it (`twin session` reads it), or "
+                "delete it"
+            )
+        try:
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            self._file: BinaryIO | None = self._part.open("xb")
+            self._put(json.dumps(head.model_dump(by_alias=True)).encode() + b"\n")
+        except OSError as error:
+            raise OutputError(f"cannot write to {self._part}: {error.strerror or error}") from error
+
+    @property
+    def full(self) -> bool:
+        """Whether the maximum duration of a session is reached."""
+        return self.ticks * self._head.dt >= LONGEST
+
+    def add(self, rows: Array) -> None:
+        """Add rows (k, m) of all signals; whole chunks are written at once.
+
+        Raises:
+            OutputError: the file cannot be written; what was written before is kept in the `.part`.
+        """
+        self._rows.append(rows)
+        self._held += len(rows)
+        self.ticks += len(rows)
+        if self._held >= CHUNK:
+            whole = np.concatenate(self._rows)
+            full = len(whole) // CHUNK * CHUNK
+            for k in range(0, full, CHUNK):
+                self._write(whole[k : k + CHUNK])
+            self._rows, self._held = [whole[full:]], len(whole) - full
+
+    def close(self) -> None:
+        """Write the rest and the end mark, and give the file its name; a session without a tick leaves no file.
+
+        Raises:
+            OutputError: the file cannot be written; what was written before is kept in the `.part`.
+        """
+        if self._file is None:
+            return
+        if self._held:
+            self._write(np.concatenate(self._rows))
+        self._put(_HEAD.pack(_END, self.ticks, 0, self._digests.digest()))
+        self._file.close()
+        self._file = None
+        try:
+            if self.ticks:
+                self._part.replace(self.path)
+            else:
+                self._part.unlink()
+        except OSError as error:
+            raise OutputError(f"cannot write to {self.path}: {error.strerror or error}") from error
+
+    def abandon(self) -> None:
+        """Close the file as it is, after an error; its `.part` is kept."""
+        if self._file is not None:
+            with suppress(OSError):
+                self._file.close()
+            self._file = None
+
+    def _write(self, rows: Array) -> None:
+        one = digest(rows)
+        self._digests.update(one)
+        body = np.concatenate([rows[:, self._device].ravel(), rows[-1]])
+        packed = zlib.compress(body.astype("<f8").tobytes(), 6)
+        self._put(_HEAD.pack(_MAGIC, len(rows), len(packed), one) + packed)
+
+    def _put(self, data: bytes) -> None:
+        if self._file is None:
+            raise OutputError(f"{self._part} is closed")
+        try:
+            self._file.write(data)
+            self._file.flush()  # the system has it now, whatever happens to this process
+        except OSError as error:
+            raise OutputError(f"cannot write to {self._part}: {error.strerror or error}") from error
+
+
+def read_session(path: Path) -> Session:
+    """Read the session in a file; of a file that ends too early, all whole chunks.
+
+    Raises:
+        WorldError: the file is missing, damaged, not a `twin-session` file of version 1, too long, or has no whole
+            block.
+    """
+    try:
+        with path.open("rb") as file:
+            line = file.readline(_LONGEST_HEAD)
+            start = _head(path, line)
+            chunks, lost = _chunks(path, file, start)
+    except OSError as error:
+        raise WorldError(f"{path}: cannot be read: {error.strerror or error}") from error
+    if not chunks:
+        raise WorldError(f"{path}: it has no whole second: nothing can be replayed")
+    return Session(start, tuple(chunks), lost)
+
+
+def _head(path: Path, line: bytes) -> Head:
+    try:
+        start = Head.model_validate_json(line)
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        where = ".".join(map(str, first["loc"])) or "first line"
+        raise WorldError(f"{path}: not a twin-session file of version 1: {where}: {first['msg']}") from None
+    own, all_signals = sizes(start.device), sizes(start.world)
+    if len(own) < len(start.device) or len(all_signals) < len(start.world):
+        raise WorldError(f"{path}: a signal is named twice")
+    for name, size in own.items():
+        if all_signals.get(name) != size:
+            raise WorldError(f"{path}: signal '{name}' of the device is not among the signals of the World")
+    if sum(all_signals.values()) > _MOST_NUMBERS:
+        raise WorldError(f"{path}: {sum(all_signals.values())} numbers in a row (limit {_MOST_NUMBERS})")
+    return start
+
+
+def _chunks(path: Path, file: BinaryIO, start: Head) -> tuple[list[Chunk], str]:
+    n, m = sum(sizes(start.device).values()), sum(sizes(start.world).values())
+    chunks: list[Chunk] = []
+    digests, ticks = hashlib.sha256(), 0
+    while True:
+        at = f"after {ticks * start.dt:.3f} s"
+        mark = file.read(_HEAD.size)
+        if len(mark) < _HEAD.size:
+            return chunks, f"it ends {at} without its end mark: the recording was interrupted"
+        magic, count, length, one = _HEAD.unpack(mark)
+        if magic == _END:
+            if count != ticks or one != digests.digest() or file.read(1):
+                raise WorldError(f"{path}: its end mark is not that of its {ticks} ticks: it has been changed")
+            return chunks, ""
+        raw = 8 * (count * n + m)
+        if magic != _MAGIC or not 0 < count <= CHUNK or length > raw + raw // 100 + 1000:
+            raise WorldError(f"{path}: damaged {at}: there is no chunk")
+        packed = file.read(length)
+        if len(packed) < length:
+            return chunks, f"it ends {at}, within a chunk: the recording was interrupted"
+        ticks += count
+        if ticks * start.dt > LONGEST + CHUNK * start.dt:
+            raise WorldError(f"{path}: it is longer than {LONGEST:g} s, the maximum of a session")
+        unpacker = zlib.decompressobj()
+        try:
+            body = unpacker.decompress(packed, raw + 1)
+        except zlib.error as error:
+            raise WorldError(f"{path}: damaged {at}: {error}") from None
+        if len(body) != raw or not unpacker.eof:
+            raise WorldError(f"{path}: damaged {at}: a chunk has {len(body)} bytes; expected {raw}")
+        numbers = np.frombuffer(body, "<f8").astype(float)
+        if not np.isfinite(numbers).all():
+            raise WorldError(f"{path}: damaged {at}: a number is not finite")
+        digests.update(one)
+        chunks.append(Chunk(numbers[: count * n].reshape(count, n), numbers[count * n :], one))

@@ -1,0 +1,84 @@
+"""Measures of the motion of a tip: speed, movements between rests, economy of motion, smoothness."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from twin.core.spatial import Array
+
+RESTS = 5e-3
+"""Speed in m/s up to which a tip is at rest; ASSUMED: above the tremor of a tip at a motion scale of 0.5."""
+
+SHORT = 0.1
+"""Shorter movements are tremor, and shorter rests belong to a movement; in s, ASSUMED."""
+
+CUT_OFF, AMPLITUDE, PADDING = 10.0, 0.05, 4
+"""Parameters of the spectral arc length: largest frequency in Hz, smallest amplitude, powers of two of padding."""
+
+
+def speed(p: Array, dt: float) -> Array:
+    """Return the speed (k,) in m/s of a point p (k, 3) in m, sampled every dt in s, by central differences."""
+    if len(p) < 2:
+        return np.zeros(len(p))
+    return np.linalg.norm(np.gradient(p, dt, axis=0), axis=1)
+
+
+def path_length(p: Array) -> float:
+    """Return the length in m of the path of a point p (k, 3)."""
+    return float(np.linalg.norm(np.diff(p, axis=0), axis=1).sum())
+
+
+def movements(v: Array, dt: float) -> list[tuple[int, int]]:
+    """Return (first, last) samples of each movement in a speed v (k,) in m/s, sampled every dt in s.
+
+    A movement is an interval in which the speed is above `RESTS`. Rests shorter than `SHORT` belong to the movement
+    around them; movements shorter than `SHORT` do not count.
+    """
+    out: list[tuple[int, int]] = []
+    for first, last in runs(v > RESTS):
+        if out and (first - out[-1][1] - 1) * dt < SHORT:
+            out[-1] = out[-1][0], last
+        else:
+            out.append((first, last))
+    return [(a, b) for a, b in out if (b - a + 1) * dt >= SHORT - 1e-9]
+
+
+def runs(flags: np.ndarray) -> list[tuple[int, int]]:
+    """Return (first, last) indices of each run of true values in flags (k,)."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(int)))
+    return [(int(a), int(b) - 1) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+
+
+def economy(p: Array, parts: list[tuple[int, int]]) -> float:
+    """Return the economy of motion: sum of straight distances of movements over the sum of their paths, 0 to 1.
+
+    NaN without a movement. `p` (k, 3) is the point in m, `parts` are its `movements`.
+    """
+    straight = sum(float(np.linalg.norm(p[b] - p[a])) for a, b in parts)
+    path = sum(path_length(p[a : b + 1]) for a, b in parts)
+    return straight / path if path > 0 else np.nan
+
+
+def spectral_arc_length(v: Array, dt: float) -> float:
+    """Return the smoothness of one movement with speed v (k,), sampled every dt in s: SPARC, below 0, 0 is smoothest.
+
+    Source: S. Balasubramanian, A. Melendez-Calderon, A. Roby-Brami, E. Burdet, On the analysis of movement smoothness,
+    J. NeuroEng. Rehabil. 12:112, 2015, eqs (1) to (3); it refines the measure of Balasubramanian et al., IEEE Trans.
+    Biomed. Eng. 59(8), 2012. It is the negative length of the amplitude spectrum, divided by its value at 0, between 0
+    and the last frequency up to 10 Hz at which it is at least 0.05; frequencies are divided by that frequency.
+
+    Raises:
+        ValueError: the speed is zero everywhere.
+    """
+    if not np.any(v):
+        raise ValueError("a movement without speed has no smoothness")
+    count = 2 ** (int(np.ceil(np.log2(len(v)))) + PADDING)
+    f = np.fft.rfftfreq(count, dt)
+    amplitude = np.abs(np.fft.rfft(v, count))
+    amplitude /= amplitude.max()
+    low = f <= CUT_OFF
+    f, amplitude = f[low], amplitude[low]
+    end = int(np.flatnonzero(amplitude >= AMPLITUDE)[-1])
+    if end == 0:
+        return 0.0
+    return -float(np.hypot(np.diff(f[: end + 1]) / f[end], np.diff(amplitude[: end + 1])).sum())

@@ -1,0 +1,257 @@
+"""Run a World with a simulated surgeon and write its session, or replay a session in a new World."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from twin.core.errors import TwinError, WorldError, unknown
+from twin.core.spatial import Array
+from twin.core.units import DEG
+from twin.model.scene import Scene, Task
+from twin.simulation import console_scene
+from twin.simulation.console_scene import HANDS, PEDALS, Member
+from twin.simulation.devices.recorded import Recorded
+from twin.simulation.devices.surgeon import Eye, ScriptedSurgeon
+from twin.simulation.session import file
+from twin.simulation.session.file import Session, SessionWriter
+from twin.simulation.session.tape import Tape
+from twin.simulation.world import Block, Recording, World
+
+SAMPLE = 5e-3
+"""Time in s between two kept rows of signals."""
+
+_KEPT = (".q", ".follows", ".jaw", ".grip", ".pose", ".at")
+_KEPT_OF = ("console.", f"{PEDALS}.", "surgeon.")
+"""Ends and beginnings of the names of the signals that are kept."""
+
+Progress = Callable[[str, float], None]
+
+
+@dataclass(frozen=True)
+class Difference:
+    """First second of a session in which its replay gives other bytes.
+
+    Attributes:
+        t0, t1: start and end of this second in s.
+        signal: signal with the largest difference at t1; "" if all are equal again at t1.
+        size: this difference, in the unit of the signal.
+    """
+
+    t0: float
+    t1: float
+    signal: str
+    size: float
+
+
+@dataclass(frozen=True)
+class Ran:
+    """Signals of a session that has run or was replayed.
+
+    Attributes:
+        kept: the signals that measures and exports use, every `SAMPLE`.
+        ticks: number of all ticks.
+        dt: duration of a tick in s.
+        difference: see `Difference`; None if the replay gave the same bytes, or the session was not replayed.
+        missed: names of the targets that a simulated surgeon gave up.
+    """
+
+    kept: Recording
+    ticks: int
+    dt: float
+    difference: Difference | None = None
+    missed: tuple[str, ...] = ()
+
+    @property
+    def duration(self) -> float:
+        """Duration in s."""
+        return self.ticks * self.dt
+
+
+class _Keep:
+    """Collects every n-th row of the kept signals."""
+
+    def __init__(self, world: World) -> None:
+        self._dt, self._every, self._next = world.dt, max(1, round(SAMPLE / world.dt)), 0
+        all_sizes = world.signals.sizes
+        names = [n for n in all_sizes if n.endswith(_KEPT) or n.startswith(_KEPT_OF)]
+        self._sizes = {n: all_sizes[n] for n in names}
+        ends = dict(zip(all_sizes, np.cumsum([*all_sizes.values()]).tolist(), strict=True))
+        self._columns = np.concatenate([np.arange(ends[n] - all_sizes[n], ends[n]) for n in names])
+        self._rows: list[Array] = []
+        self.ticks = 0
+
+    def add(self, rows: Array) -> None:
+        self._rows.append(rows[self._next :: self._every, self._columns])
+        self._next = (self._next - len(rows)) % self._every
+        self.ticks += len(rows)
+
+    def recording(self) -> Recording:
+        return Recording(self._every * self._dt, self._sizes, np.concatenate(self._rows))
+
+
+def task_of(scene: Scene, name: str | None) -> Task:
+    """Return a task of a scene by name; None: the first one.
+
+    Raises:
+        TwinError: the scene has no such task.
+    """
+    if not scene.tasks:
+        raise TwinError(f"scene '{scene.name}' has no task: add a table [task.NAME] to {scene.file.name}")
+    if name is not None and name not in scene.tasks:
+        raise TwinError(f"{scene.name}: {unknown('task', name, scene.tasks)}")
+    return scene.tasks[name or next(iter(scene.tasks))]
+
+
+def surgeon(
+    scene: Scene, members: Mapping[str, Member], task: Task, seed: int = 0, scale: float | None = None, dt: float = 1e-3
+) -> ScriptedSurgeon:
+    """Return the simulated surgeon of a task, who leads the first arm of each hand.
+
+    Args:
+        scene: a scene with a console.
+        members: robots by the names of their places.
+        task: the task.
+        seed: random seed.
+        scale: motion scale; None: that of the console.
+        dt: duration of a tick in s.
+    """
+    table, places = console_scene.console_of(scene), {p.name: p for p in scene.places}
+    arms = {}
+    for hand in HANDS:
+        name = getattr(table, hand)[0]
+        mechanism = members[name].mechanism
+        T_tool_tip = mechanism.frame_in_tool(table.tip or mechanism.tool)
+        arms[hand] = Eye(name, members[name].kin, places[name].T_world_base, T_tool_tip)
+    camera = scene.cameras[table.camera]
+    return ScriptedSurgeon(
+        PEDALS,
+        arms,
+        camera.robot,
+        camera.view_deg * DEG,
+        [(t.name, t.p_world) for t in task.targets],
+        task.tolerance,
+        task.hold,
+        table.scale if scale is None else scale,
+        dt,
+        seed,
+    )
+
+
+def perform(
+    scene: Scene,
+    members: Mapping[str, Member],
+    task: Task,
+    path: Path,
+    *,
+    seed: int = 0,
+    scale: float | None = None,
+    progress: Progress,
+) -> Ran:
+    """Simulate a surgeon who performs a task, and write the session.
+
+    Args:
+        scene: a scene with a console.
+        members: robots by the names of their places.
+        task: the task.
+        path: the session file.
+        seed: random seed of the surgeon.
+        scale: motion scale; None: that of the console.
+        progress: called with the name of the target and the fraction of targets done.
+
+    Raises:
+        OutputError: the file cannot be written.
+        TwinError: the scene has no console.
+    """
+    device, tape = surgeon(scene, members, task, seed, scale), Tape()
+    world = console_scene.world(scene, members, device, records=False, watch=tape)
+    writer = SessionWriter(path, head_of(scene, members, world, device, task.name, seed))
+    keep = _Keep(world)
+    names = [t.name for t in task.targets]
+    try:
+        while not world.ended and not writer.full:
+            world.step(file.CHUNK)
+            rows = tape.take()
+            writer.add(rows)
+            keep.add(rows)
+            i = max(int(world.signals["surgeon.target"][0]), 0)
+            progress(names[i], i / len(names))
+        writer.close()
+    finally:
+        writer.abandon()
+    return Ran(keep.recording(), keep.ticks, world.dt, missed=tuple(device.missed))
+
+
+def head_of(
+    scene: Scene,
+    members: Mapping[str, Member],
+    world: World,
+    device: Block,
+    task: str | None = None,
+    seed: int | None = None,
+) -> file.Head:
+    """Return the first line of the session file of a World with a device."""
+    own = {n: s for n, s in world.signals.sizes.items() if n in device.outputs}
+    return file.head(scene.name, console_scene.identity(scene, members), world.dt, own, world.signals.sizes, task, seed)
+
+
+def require_scene(session: Session, path: Path, scene: Scene, members: Mapping[str, Member]) -> None:
+    """Raise unless a session was recorded in this scene, as it is now.
+
+    Raises:
+        WorldError: the session is of another scene, or of a scene that has changed since.
+    """
+    if session.head.scene != scene.name:
+        raise WorldError(f"{path}: the session is of scene '{session.head.scene}', not of '{scene.name}'")
+    if session.head.identity != console_scene.identity(scene, members):
+        raise WorldError(
+            f"{path}: scene '{scene.name}' has changed since this session (places, limits, frames or the console): it "
+            "can only be replayed in the scene as it was"
+        )
+
+
+def replay(session: Session, scene: Scene, members: Mapping[str, Member], progress: Progress) -> Ran:
+    """Replay a session in a new World, and compare all signals of every tick.
+
+    Args:
+        session: the session; see `require_scene`.
+        scene: its scene.
+        members: robots by the names of their places.
+        progress: called with "replay" and the fraction done.
+
+    Raises:
+        WorldError: the World has other signals than those of the session.
+    """
+    start = session.head
+    own, device = file.sizes(start.device), session.device
+    recorded = Recorded(Recording(start.dt, own, device), *own)
+    tape = Tape()
+    world = console_scene.world(scene, members, recorded, dt=start.dt, records=False, watch=tape)
+    if world.signals.sizes != file.sizes(start.world):
+        raise WorldError(
+            f"the session was written by twin {start.twin}, whose World has other signals: replay it with that version"
+        )
+    keep, difference, t = _Keep(world), None, 0.0
+    for chunk in session.chunks:
+        world.step(len(chunk.device))
+        rows = tape.take()
+        keep.add(rows)
+        t1 = t + len(rows) * start.dt
+        if difference is None and file.digest(rows) != chunk.digest:
+            difference = _difference(t, t1, rows[-1], chunk.last, world)
+        t = t1
+        progress("replay", keep.ticks / len(device))
+    return Ran(keep.recording(), keep.ticks, start.dt, difference)
+
+
+def _difference(t0: float, t1: float, row: Array, last: Array, world: World) -> Difference:
+    off = np.abs(row - last)
+    k = int(np.argmax(off))
+    if off[k] == 0:
+        return Difference(t0, t1, "", 0.0)
+    ends = np.cumsum([*world.signals.sizes.values()])
+    name = [*world.signals.sizes][int(np.searchsorted(ends, k, side="right"))]
+    return Difference(t0, t1, name, float(off[k]))

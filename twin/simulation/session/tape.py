@@ -1,0 +1,31 @@
+"""See all signals of every tick of a World, as its last plant."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from twin.core.spatial import Array
+from twin.simulation.world import Block, Signals
+
+
+class Tape(Block):
+    """Keeps the row of all signals at the end of every tick until it is taken; the last plant of a World."""
+
+    outputs: Mapping[str, Array] = {}
+
+    def __init__(self) -> None:
+        self._rows: list[Array] = []
+        self._width = 0
+
+    def step(self, signals: Signals, t: float, dt: float) -> dict[str, Array]:
+        """Keep the row of this tick."""
+        self._rows.append(signals.row.copy())
+        self._width = len(signals.row)
+        return {}
+
+    def take(self) -> Array:
+        """Return the rows (k, m) since the last call, and keep them no longer."""
+        rows, self._rows = self._rows, []
+        return np.array(rows, float).reshape(len(rows), self._width)

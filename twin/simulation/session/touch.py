@@ -1,0 +1,49 @@
+"""Judge which targets of a task the tips have touched, and when."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from twin.core.spatial import Array
+from twin.model.scene import Task
+from twin.simulation.session.movement import runs
+
+
+@dataclass(frozen=True)
+class Touched:
+    """Result of one target.
+
+    Attributes:
+        name: name of the target.
+        t: time in s at which the touch was complete; None: it was not touched.
+        nearest: smallest distance in m of the tips since the target before; the largest of all its hands.
+    """
+
+    name: str
+    t: float | None
+    nearest: float
+
+
+def touched(task: Task, t: Array, tips: Mapping[str, Array]) -> list[Touched]:
+    """Return the result of every target of a task, in order; a target counts only after those that were touched before.
+
+    Args:
+        task: the task.
+        t: (k,) times in s, evenly spaced.
+        tips: position (k, 3) in m of the tip of each hand in the World.
+    """
+    dt = float(t[1] - t[0]) if len(t) > 1 else np.inf
+    out, begin = [], 0
+    for target in task.targets:
+        off = np.max([np.linalg.norm(tips[h][begin:] - p, axis=1) for h, p in target.p_world.items()], axis=0)
+        done = next((a for a, b in runs(off <= task.tolerance) if (b - a) * dt >= task.hold - 1e-9), None)
+        nearest = float(off.min()) if len(off) else np.nan
+        if done is None:
+            out.append(Touched(target.name, None, nearest))
+            continue
+        begin += done + round(task.hold / dt)
+        out.append(Touched(target.name, float(t[begin]), nearest))
+    return out

@@ -1,0 +1,172 @@
+"""Motion scale by MQTT, as on the console of the paper, where a tablet sets it.
+
+`<topic>/set` takes the scale as decimal text, such as 0.25; `<topic>` holds the current scale, and `<topic>/available`
+is `online` while this client is connected, both retained. The paper prints no topic and no format.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import socket
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from typing import TYPE_CHECKING, Any
+
+from twin.core.errors import TwinError
+from twin.core.extras import require
+from twin.ui.door.reports import Reports
+
+if TYPE_CHECKING:
+    from aiomqtt import Client, Message
+
+
+_RETRY, _TIMEOUT, _KEEPALIVE = 2.0, 5.0, 10
+"""Time in s between two attempts to connect; for an answer of the broker; between two signs of life."""
+
+_AT_ONCE = [(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)]
+"""Small messages are not held back until earlier ones are acknowledged, which can take 40 ms."""
+
+_QUIET, _SHOWN, _LONGEST = 1.0, 40, 200
+"""Time in s between two messages about payloads; characters of a payload that they show; characters of a topic."""
+
+
+class ScaleTopic:
+    """A topic with which other programs set the motion scale.
+
+    Attributes:
+        connected: whether the broker can be reached.
+        problem: why not, or why the last payload was refused; None if there is no problem.
+        reports: receives each problem as a message.
+    """
+
+    def __init__(
+        self,
+        host: str,
+        port: int,
+        topic: str,
+        limits: tuple[float, float],
+        scale: float,
+        apply: Callable[[float], object],
+    ) -> None:
+        """Prepare to connect to the broker at host and port.
+
+        Args:
+            host: name or address of the broker.
+            port: its port.
+            topic: topic of the current scale.
+            limits: smallest and largest scale.
+            scale: the current scale.
+            apply: function that sets the scale.
+
+        Raises:
+            TwinError: the topic is not one topic, or the package aiomqtt is not installed.
+        """
+        if not 0 < len(topic) <= _LONGEST or set(topic) & set("+#\0") or topic != topic.strip("/ "):
+            raise TwinError(
+                f"--mqtt-topic {topic!r} is not a topic: give up to {_LONGEST} characters without + and #, and without "
+                "/ at its ends"
+            )
+        self._mqtt = require("aiomqtt", "--mqtt")
+        self.broker, self.topic = f"{host}:{port}", topic
+        self.connected = False
+        self.problem: str | None = None
+        self.reports = Reports(_QUIET)
+        self._host, self._port, self._limits, self._apply = host, port, limits, apply
+        self._scale, self._changed = scale, asyncio.Event()
+
+    @property
+    def state(self) -> dict[str, Any]:
+        """Part of the document `state`."""
+        return {"broker": self.broker, "topic": self.topic, "connected": self.connected, "problem": self.problem}
+
+    def show(self, scale: float) -> None:
+        """Publish the current scale."""
+        self._scale = scale
+        self._changed.set()
+
+    async def run(self) -> None:
+        """Connect, take scales and publish the current one; connect again if the connection ends."""
+        lost = False
+        while True:
+            try:
+                async with self._client() as client:
+                    codes = await client.subscribe(f"{self.topic}/set", qos=1)
+                    if any(code.is_failure for code in codes):
+                        raise self._mqtt.MqttError(f"it refuses the topic {self.topic}/set ({codes[0]})")
+                    self.connected, self.problem = True, None
+                    if lost:
+                        self.reports.tell(f"MQTT broker {self.broker} is connected again")
+                    await self._serve(client)
+            except* (self._mqtt.MqttError, ValueError) as errors:  # ValueError: what cannot be the name of a host
+                what = "has gone" if self.connected else f"cannot be reached ({errors.exceptions[0]})"
+                self.problem = (
+                    f"MQTT broker {self.broker} {what}: the motion scale stays {self._scale:g}; trying again every "
+                    f"{_RETRY:g} s"
+                )
+                if self.connected or not lost:
+                    self.reports.tell(self.problem)
+                self.connected, lost = False, True
+            await asyncio.sleep(_RETRY)
+
+    def _client(self) -> Client:
+        will = self._mqtt.Will(f"{self.topic}/available", "offline", qos=1, retain=True)
+        # Without this logger, the library would also report each problem.
+        quiet = logging.getLogger(f"{__name__}.library")
+        quiet.setLevel(logging.CRITICAL)
+        return self._mqtt.Client(
+            self._host,
+            self._port,
+            will=will,
+            timeout=_TIMEOUT,
+            keepalive=_KEEPALIVE,
+            socket_options=_AT_ONCE,
+            logger=quiet,
+        )
+
+    async def _serve(self, client: Client) -> None:
+        try:
+            async with asyncio.TaskGroup() as group:
+                group.create_task(self._listen(client))
+                group.create_task(self._publish(client))
+        except asyncio.CancelledError:
+            with suppress(self._mqtt.MqttError):
+                await client.publish(f"{self.topic}/available", "offline", qos=1, retain=True, timeout=1.0)
+            raise
+
+    async def _publish(self, client: Client) -> None:
+        await client.publish(f"{self.topic}/available", "online", qos=1, retain=True)
+        while True:
+            self._changed.clear()
+            await client.publish(self.topic, repr(self._scale), retain=True)
+            await self._changed.wait()
+
+    async def _listen(self, client: Client) -> None:
+        async for message in client.messages:
+            try:
+                scale = self._read(message)
+            except TwinError as error:
+                self.problem = f"MQTT topic {self.topic}/set: {error}; the motion scale stays {self._scale:g}"
+                self.reports.report("payload", time.monotonic(), self.problem)
+                self._changed.set()  # whoever shows the refused value is told the current one
+                continue
+            self.problem = None
+            self._apply(scale)
+
+    def _read(self, message: Message) -> float:
+        """Return the scale in a message; raise `TwinError` if there is none."""
+        low, high = self._limits
+        if message.retain:
+            raise TwinError("a retained message is ignored, because it may be old; publish it without retain")
+        payload = message.payload if isinstance(message.payload, bytes) else b""
+        text = payload[:_SHOWN].decode("utf-8", "replace")
+        try:
+            scale = float(payload) if b"_" not in payload else None
+        except ValueError:
+            scale = None
+        if scale is None:
+            raise TwinError(f"{text!r} is not a number; send {low:g} to {high:g}")
+        if not low <= scale <= high:  # also NaN
+            raise TwinError(f"{scale:g} is outside {low:g} to {high:g}")
+        return scale

@@ -1,0 +1,56 @@
+"""Hands that UDP packets move, as one device of the running console; forces go back to their programs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from twin.core.spatial import Array
+from twin.simulation.controllers.soft_wall import SoftWall
+from twin.simulation.devices.packets import Packets
+from twin.simulation.world import Signals
+from twin.ui.door.packets import PacketDoor
+
+UDP = "udp"
+"""Name of the packets among the owners of the hands; clients of the stream are named c1, c2, ..."""
+
+_GONE = 5.0
+"""Time in s without a packet after which the packets no longer own the hands."""
+
+
+class PacketHands:
+    """The socket of the packets, and the force on each of their hands.
+
+    Attributes:
+        door: the socket.
+    """
+
+    def __init__(self, device: Packets, host: str, port: int, tell: Callable[[str], object]) -> None:
+        """Listen on an address and a port (0: any free port); `tell` receives each problem as a message.
+
+        Raises:
+            TwinError: the port is in use.
+        """
+        self.door = PacketDoor(device, port, host)
+        self.door.reports.tell = tell
+        self._walls = [SoftWall() for _ in device.hands]
+
+    def gone(self, t: float) -> bool:
+        """Return whether no packet was accepted for a long time."""
+        return t - self.door.heard > _GONE
+
+    def answer(self, ways: Sequence[Array], t: float, dt: float) -> None:
+        """Send the force to each hand; ways (3,) from tools to their goals in {H} in m, zero if not at a limit."""
+        for hand, (wall, way) in enumerate(zip(self._walls, ways, strict=True)):
+            self.door.answer(hand, wall.force(way, dt), t)
+
+    def state(self, t: float, signals: Signals) -> dict[str, Any]:
+        """Return the part of the document `state`: who sends, and how many packets were lost and not used."""
+        device = self.door.device
+        senders = [self.door.sender(hand, t) for hand in range(len(device.hands))]
+        return {
+            "port": self.door.port,
+            "from": {n: a and f"{a[0]}:{a[1]}" for n, a in zip(device.hands, senders, strict=True)},
+            "lost": {n: int(signals[f"{n}.lost"][0]) for n in device.hands},
+            "ignored": int(signals[f"{device.device}.ignored"][0]) + self.door.refused,
+        }

@@ -1,0 +1,120 @@
+"""Draw a session at a console: paths and speeds of the tips, and what hands and pedals do over time."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from twin.api.session import ConsoleSession
+from twin.core.units import DEG, MM
+from twin.simulation import console_scene
+from twin.simulation.console_scene import HANDS, PEDALS
+from twin.simulation.session import movement
+from twin.ui.report.curves import thin
+from twin.ui.report.style import GRID, INK, NEAR, PALETTE, WIDTH, styled
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+_VIEWS = (("from above", 0, 1), ("from the feet", 0, 2))
+"""Title of each view of the paths, and the World's axes to the right and upwards."""
+
+_POINTS = 2000
+"""Maximum number of points of a path and of a curve, because the page contains all points."""
+
+
+def figure(found: ConsoleSession) -> Figure:
+    """Return a figure: tip paths in two views with the targets, speeds of the tips, bands of pedals and grippers."""
+    table = console_scene.console_of(found.scene)
+    arms = [(hand, name) for hand in HANDS for name in getattr(table, hand)]
+    with styled():
+        from matplotlib.figure import Figure
+
+        rows = 3 + 2 * len(HANDS)
+        height = 5.9 + 0.24 * rows
+        out = Figure(figsize=(WIDTH, height))
+        left, wide = 1.2 / WIDTH, (WIDTH - 1.2 - 0.25) / WIDTH
+        foot, bands, speeds = 0.5, 0.24 * rows, 1.6
+        low = out.add_axes((left, foot / height, wide, bands / height))
+        middle = out.add_axes((left, (foot + bands + 0.2) / height, wide, speeds / height), sharex=low)
+        base = foot + bands + speeds + 0.75
+        tall = height - base - 0.8
+        for i, (title, x, y) in enumerate(_VIEWS):
+            place = (left + i * (wide / 2 + 0.02), base / height, wide / 2 - 0.06, tall / height)
+            _paths(out.add_axes(place), found, arms, title, x, y)
+        who = "a person" if found.seed is None else f"simulated surgeon, seed {found.seed}"
+        title = f"{found.scene.name}: session of {found.ran.duration:.1f} s, {who}"
+        out.text(0.012, 1 - 0.24 / height, title, fontsize=11, fontweight="bold", va="center")
+        for i, (hand, name) in enumerate(arms):
+            out.text(0.012 + 0.14 * i, 1 - 0.5 / height, f"{hand}: {name}", color=PALETTE[i], fontsize=9, va="center")
+        for color, (_, name) in zip(PALETTE, arms, strict=False):
+            v = movement.speed(found.arms[name].tip, found.ran.kept.dt) / MM
+            middle.plot(*thin(found.t, v, _POINTS), color=color, lw=0.8)
+        middle.axhline(movement.RESTS / MM, color=INK, lw=0.6, ls=(0, (5, 2)))
+        middle.annotate(
+            "at rest", (1, movement.RESTS / MM), (0, 2), xycoords=("axes fraction", "data"),
+            textcoords="offset points", ha="right", va="bottom", fontsize=7,
+        )  # fmt: skip
+        middle.set_ylabel("speed [mm/s]")
+        middle.set_ylim(0, None)
+        middle.tick_params(labelbottom=False, length=2.5)
+        _bands(low, found, arms)
+        return out
+
+
+def _paths(ax: Axes, found: ConsoleSession, arms: list[tuple[str, str]], title: str, x: int, y: int) -> None:
+    for i, (_, name) in enumerate(arms):
+        p = found.arms[name].tip / MM
+        step = max(1, len(p) // _POINTS)
+        ax.plot(p[::step, x], p[::step, y], color=PALETTE[i], lw=0.8)
+        ax.plot(p[:1, x], p[:1, y], "o", ms=5, mfc="none", mec=PALETTE[i])
+    for target, result in zip(found.task.targets if found.task else (), found.touched, strict=True):
+        for hand, point in target.p_world.items():
+            color = PALETTE[next(i for i, (h, _) in enumerate(arms) if h == hand)]
+            ax.plot([point[x] / MM], [point[y] / MM], "+" if result.t is not None else "x", ms=8, mec=color, mew=1.4)
+    ax.set_aspect("equal", adjustable="datalim")
+    ax.set_title(f"{title}: ring = start" + (", cross = target" if found.task else ""), loc="left", fontsize=9)
+    ax.set_xlabel(f"{'xyz'[x]} [mm]")
+    ax.set_ylabel(f"{'xyz'[y]} [mm]")
+    ax.grid(True, color=GRID)
+    ax.tick_params(length=2.5)
+
+
+def _bands(ax: Axes, found: ConsoleSession, arms: list[tuple[str, str]]) -> None:
+    """Draw one band for each pedal and state; a gripper as a curve in its band."""
+    kept, t = found.ran.kept, found.t
+    rows: list[tuple[str, np.ndarray, str]] = [
+        ("clutch", kept[f"{PEDALS}.clutch"][:, 0] > 0.5, NEAR),
+        ("camera", kept[f"{PEDALS}.camera"][:, 0] > 0.5, PALETTE[3]),
+    ]
+    if f"{PEDALS}.silent" in kept.sizes:
+        rows.append(("silent", kept[f"{PEDALS}.silent"][:, 0] > 0.5, INK))
+    rows += [(f"{hand} leads", _leads(found, hand), _color(arms, hand)) for hand in HANDS]
+    names = []
+    for k, (name, on, color) in enumerate(rows):
+        spans = [(t[a], t[b] - t[a] + kept.dt) for a, b in movement.runs(on)]
+        ax.broken_barh(spans, (k - 0.35, 0.7), color=color, lw=0)
+        names.append(name)
+    for hand in HANDS:
+        grip = kept[f"{hand}.grip"][:, 0]
+        size = max(float(np.ptp(grip)), 1e-9)
+        times, shown = thin(t, (grip - grip.min()) / size, _POINTS)
+        ax.plot(times, len(names) + 0.35 - 0.7 * shown, color=_color(arms, hand), lw=1.0)
+        names.append(f"{hand} grip, {np.ptp(grip) / DEG:.0f}°")
+    ax.set_yticks(range(len(names)), names)
+    ax.set_ylim(len(names) - 0.4, -0.6)
+    ax.set_xlim(0, max(float(t[-1]), kept.dt))
+    ax.set_xlabel("time [s]")
+    ax.grid(False)
+    ax.tick_params(length=2.5)
+
+
+def _leads(found: ConsoleSession, hand: str) -> np.ndarray:
+    names = getattr(console_scene.console_of(found.scene), hand)
+    return np.any([found.ran.kept[f"{n}.follows"][:, 0] > 0.5 for n in names], axis=0)
+
+
+def _color(arms: list[tuple[str, str]], hand: str) -> str:
+    return PALETTE[next(i for i, (h, _) in enumerate(arms) if h == hand)]
