@@ -112,6 +112,7 @@ def main() -> None:
             thread = threading.Thread(target=front.run)
             thread.start()
             page = browser.new_page(viewport={"width": 1500, "height": 900})
+            page.set_default_timeout(300_000)  # in ms: without a graphics card pictures are slow
             page.goto(f"http://127.0.0.1:{front.server.get_port()}")
             page.get_by_text(front.title).first.wait_for()
             time.sleep(5)

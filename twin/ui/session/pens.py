@@ -169,17 +169,21 @@ class Pens:
         pen = self.pens[hand]
         pen.used, pen.grip = True, Grip().travel * float(np.clip(part, 0, 1))
 
-    def aim(self, client: str, wanted: Array) -> None:
-        """Bring the camera to pan, tilt, depth and roll (4,) in rad and m, within its limits, by both hands.
+    def aim(self, client: str, coordinate: int, value: float) -> None:
+        """Bring one coordinate of the camera to a value within its limits, by both hands; the others stay.
+
+        Args:
+            client: identifier of the client.
+            coordinate: 0 pan, 1 tilt, 2 depth, 3 roll.
+            value: in rad or m.
 
         Raises:
             HeldError: another client has the hands.
         """
         self.use(client)
-        wanted = np.clip(np.asarray(wanted, float), self._drag.lower, self._drag.upper)
         if self._aim is None:
-            self._aim = _Aim(wanted)
-        self._aim.wanted = wanted
+            self._aim = _Aim(self.console.camera_at.copy())
+        self._aim.wanted[coordinate] = np.clip(value, self._drag.lower[coordinate], self._drag.upper[coordinate])
 
     # -- what the console is given --------------------------------------------------------------------
 

@@ -16,6 +16,7 @@ import viser
 
 from twin.api import Robot
 from twin.core import spatial
+from twin.core.errors import TwinError
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM
 from twin.model.mechanism import Mechanism
@@ -111,6 +112,7 @@ class ConsoleFront(Loop):
         self._at = {hand: self.console.tool(hand) for hand in HANDS}
         self._dragged: set[str] = set()
         self._touched: dict[str, float] = {}
+        self._written: dict[str, Any] = {}
         self._through: set[int] = set()
         self._viewed = np.zeros((4, 4))
         self.arrows = {hand: self._arrows(hand) for hand in HANDS}
@@ -263,8 +265,8 @@ class ConsoleFront(Loop):
                 gui.add_slider(name, low / unit, high / unit, step, _rounded(x, unit, step))
                 for (name, unit, step), low, high, x in zip(_CAMERA, drag.lower, drag.upper, at, strict=True)
             ]
-            for slider in self._camera:
-                self._on(slider, "aim", lambda client, v: self._aim(client))
+            for k, (slider, (_, unit, _)) in enumerate(zip(self._camera, _CAMERA, strict=True)):
+                self._on(slider, f"aim {k}", lambda client, v, k=k, unit=unit: pens.aim(client, k, v * unit))
         let_go = gui.add_button("Let go", hint="Others may take the hands; after 5 s without use it happens by itself")
         let_go.on_click(lambda _: self.ask("let go", pens.release))
         if self.props is not None:
@@ -276,15 +278,20 @@ class ConsoleFront(Loop):
         """Make a control of the page a request; what the page itself sets is none."""
 
         def changed(event: viser.GuiEvent) -> None:
-            if event.client is not None:
-                client, value = _name(event.client), control.value
-                self._touched[kind] = self.now
-                self.ask(kind, lambda: do(client, value))
+            if event.client is None:
+                return
+            client, value = _name(event.client), control.value
+            self._touched[kind] = self.now
+            self.ask(kind, lambda: wish(client, value))
+
+        def wish(client: str, value: Any) -> None:
+            try:
+                do(client, value)
+            except TwinError:
+                self._written.pop(kind, None)  # the control shows again what holds
+                raise
 
         control.on_update(changed)
-
-    def _aim(self, client: str) -> None:
-        self.pens.aim(client, np.array([s.value * u for s, (_, u, _) in zip(self._camera, _CAMERA, strict=True)]))
 
     def _see_through(self, on: bool) -> None:
         assert self.props is not None
@@ -299,9 +306,13 @@ class ConsoleFront(Loop):
         self._set(self._scale, "scale", self.console.reading["scale"], 0.005)
         for hand, slider in self._jaws.items():
             self._set(slider, f"jaw {hand}", round(100 * pens.pens[hand].grip / Grip().travel), 0.5)
-        if not pens.aims:
-            for slider, (_, unit, step), x in zip(self._camera, _CAMERA, self.console.camera_at, strict=True):
-                self._set(slider, "aim", _rounded(x, unit, step), step / 2)
+        for k, (slider, (_, unit, step), x) in enumerate(
+            zip(self._camera, _CAMERA, self.console.camera_at, strict=True)
+        ):
+            if pens.aims:
+                self._written.pop(f"aim {k}", None)
+            else:
+                self._set(slider, f"aim {k}", _rounded(x, unit, step), step / 2)
         tone, text = status(self.console.reading)
         said = "".join(
             f"<div style='padding:0 1em .4em;color:{_TONES[tone]}'>{escape(text)}</div>"
@@ -311,8 +322,14 @@ class ConsoleFront(Loop):
             self._said = self._status.content = said
 
     def _set(self, control: Any, kind: str, value: Any, apart: float = 0.0) -> None:
-        if self.wished(kind) or self.now - self._touched.get(kind, -np.inf) < TOUCHED:
+        """Show a value that is new in the World; otherwise a person's change, not yet a request, would be undone."""
+        if (
+            value == self._written.get(kind)
+            or self.wished(kind)
+            or self.now - self._touched.get(kind, -np.inf) < TOUCHED
+        ):
             return
+        self._written[kind] = value
         if abs(control.value - value) > apart:
             control.value = value
 
