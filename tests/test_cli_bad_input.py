@@ -242,7 +242,7 @@ PROTOCOL = {
     "unknown waypoint": ('to = "near"', 'to = "near_by"', "there is no waypoint 'near_by'. Did you mean 'near'?"),
     "zero-length phase": ('to = "near"', 'to = "c"', "the phase has no length: it already begins at 'c'; remove it"),
     "other robot": ('robot = "sils"', 'robot = "slis"', "written for 'slis', not for 'sils'"),
-    "other name": ('name = "short"', 'name = "brief"', "'brief' must be equal to the file name 'short'"),
+    "other name": ('name = "short"', 'name = "brief"', "'brief' must be the file's name, 'short'"),
 }
 
 
