@@ -202,8 +202,8 @@ def test_where_the_hands_go_is_the_inverse_of_the_cameras_law():
         at, wanted = rng.uniform(np.array(drag.lower) * 0.9, np.array(drag.upper) * 0.9, (2, 4))
         right, left = rng.normal(size=(2, 3))
         law = Dragging(at, 1e-3, drag)
-        law.step(right, left, True)
-        np.testing.assert_allclose(law.step(*hands(at, wanted, right, left, drag), True), wanted, atol=1e-9)
+        law.step(right, left)
+        np.testing.assert_allclose(law.step(*hands(at, wanted, right, left, drag)), wanted, atol=1e-9)
 
 
 def test_hands_are_let_go_after_a_while_and_taken_by_one_page_at_a_time(desk):

@@ -196,7 +196,7 @@ def test_equations_without_a_closed_inverse_are_refused(tmp_path):
     (tmp_path / "cad").mkdir()
     shutil.copy(Path(__file__).parent / "data/cad/crank.toml", tmp_path / "cad")
     (tmp_path / "formula.py").write_text(FORWARD_ONLY)
-    with pytest.raises(KinematicsError, match="slide: the equations have no closed-form inverse"):
+    with pytest.raises(KinematicsError, match="slide: its equations have no closed-form inverse"):
         next(evaluate(Job(str(tmp_path), None, {}, np.zeros((3, 2)), np.eye(4), 0.1)))
 
 

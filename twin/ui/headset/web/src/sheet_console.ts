@@ -42,7 +42,7 @@ export function pedals(console: Console): Control {
   return {
     kind: 'row',
     items: [
-      pedal('clutch', 'Clutch', 'While it is on, the hands move freely and the instruments stand still'),
+      pedal('clutch', 'Clutch', 'While it is on, the hands move freely and the instruments are at rest'),
       pedal('camera', 'Camera', 'While it is on, the hands move the camera'),
       jaw('left', 'Left jaw'),
       jaw('right', 'Right jaw'),
