@@ -378,8 +378,11 @@ def look(chromium, scene, robots):
 @pytest.mark.browser
 def test_the_mouse_drags_an_instrument_by_its_arrows(look):
     front = look.front
+    before = look.shot()
     look.page.get_by_role("button", name="endoscope").click()  # the arrows of both hands are apart there
     until(lambda: np.allclose(look.clients[0].camera.position, front.console.view[:3, 3], atol=1e-4), "the endoscope")
+    until(lambda: look.differs(before) > 0.1, "its picture")  # a busy machine draws late
+    until(lambda: look.differs(look.shot()) == 0, "the picture at rest")
     T, ecm = front.console.tool("right"), front.console.world.signals["ecm.q"]
     p, middle, other = T[:3, 3], np.array(look.at(T[:3, 3])), np.array(look.at(front.console.tool("left")[:3, 3]))
     ways = np.array([look.at(p + 1 * MM * axis) for axis in T[:3, :3].T]) - middle
