@@ -222,9 +222,9 @@ class ConsoleSession(Result):
         yield ""
         scale = f"{c.scale[0]:g}" if c.scale[0] == c.scale[1] else f"{c.scale[0]:g} to {c.scale[1]:g}"
         console = [
-            ("time since the first motion", f"{c.time:.1f} s of {c.duration:.1f} s"),
-            ("clutch", f"{c.clutches} presses, {c.clutched:.1f} s, {c.taps} quick taps"),
-            ("camera", f"{c.camera_moves} moves, {c.camera_time:.1f} s"),
+            ("time since a hand first led", f"{c.time:.1f} s of {c.duration:.1f} s"),
+            ("clutch presses", f"{c.clutches}, for {c.clutched:.1f} s; quick taps: {c.taps}"),
+            ("camera moves", f"{c.camera_moves}, for {c.camera_time:.1f} s"),
             ("device silent", f"{c.silent:.1f} s"),
             ("motion scale", scale),
         ]
