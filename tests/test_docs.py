@@ -64,7 +64,7 @@ def commands():
             continue
         text = page.read_text(encoding="utf-8")
         found |= {line[2:].strip() for line in re.findall(r"^\$ twin .*$", text, re.MULTILINE)}
-        found |= set(re.findall(r"`(twin [a-z][^`]*)`", text))
+        found |= set(re.findall(r"`(twin [a-z]+ [^`]*)`", text))  # `twin serve` alone is a name, not a command line
     assert set(ELSEWHERE) <= found
     found -= set(ELSEWHERE)
     return sorted(found, key=lambda c: (c.startswith("twin audit"), c))  # an audit reads what an export wrote
