@@ -13,6 +13,7 @@ from twin.core.errors import WorldError, unknown
 from twin.core.spatial import Array
 from twin.model.deformable import Deformable
 from twin.model.mechanism import Mechanism
+from twin.model.movable import Movable
 from twin.reference import ReferenceModel
 from twin.simulation.frame import Frame
 from twin.simulation.world.block import Block, Hazard
@@ -41,7 +42,7 @@ class _Run:
 
 
 class World:
-    """Robots, props and deformables, with the blocks that move them.
+    """Robots, props, deformables and movable objects, with the blocks that move them.
 
     Equal blocks with equal seeds give equal bytes, independent of the wall clock. Pacing, display and network are
     outside the World. A tick runs all devices, then the controllers, then the plants, in the given order; each hazard
@@ -60,6 +61,7 @@ class World:
         robots: Sequence[Placed] = (),
         props: Sequence[Placed] = (),
         deformables: Sequence[Deformable] = (),
+        objects: Sequence[Movable] = (),
         devices: Sequence[Block] = (),
         controllers: Sequence[Block] = (),
         plants: Sequence[Block] = (),
@@ -70,14 +72,16 @@ class World:
         """Connect the blocks; without `records`, no ticks are stored, so that long sessions need no memory.
 
         Raises:
-            WorldError: two robots, props or deformables have the same name, two blocks write the same signal, a robot
-                has no plant, the signal of a hazard does not exist, or a period is not a multiple of dt.
+            WorldError: two robots, props, deformables or objects have the same name, two blocks write the same signal,
+                a robot or an object has no plant, the signal of a hazard does not exist, or a period is not a multiple
+                of dt.
         """
         if not dt > 0:
             raise WorldError(f"dt is {dt:g} s; it must be above 0")
         self.dt, self.tick, self.ended = dt, 0, False
         self._robots, self._props, self._deformables = tuple(robots), tuple(props), tuple(deformables)
-        _once(p.name for p in (*robots, *props, *deformables))
+        self._objects = tuple(objects)
+        _once(p.name for p in (*robots, *props, *deformables, *objects))
         initial: dict[str, ArrayLike] = {}
         writers = _once(name for block in (*devices, *controllers, *plants) for name in block.outputs)
         for block in (*devices, *controllers, *plants):
@@ -94,6 +98,8 @@ class World:
         for deformable in deformables:
             self._need(f"{deformable.name}.vertices", deformable.mesh.vertices.size, f"'{deformable.name}'")
             self._pinned(deformable)
+        for item in objects:
+            self._need(f"{item.name}.pose", 16, f"object '{item.name}'")
         self._log: list[Array] = []
         self._records = records
         self._assemblies = {}
@@ -178,6 +184,7 @@ class World:
     def frame(self) -> Frame:
         """Return the link poses and vertices at the current time; the World does not change."""
         poses = {p.name: self._poses(p) for p in chain(self._robots, self._props)}
+        poses |= {o.name: {o.name: self.signals[f"{o.name}.pose"].reshape(4, 4)} for o in self._objects}
         fields = {}
         for d in self._deformables:
             T = poses[d.owner][d.body] if d.owner else np.eye(4)

@@ -1,0 +1,71 @@
+"""A movable object: a rigid shape with a mass and a friction coefficient, which tools grasp and push."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from itertools import product
+from typing import Literal
+
+import numpy as np
+
+from twin.core.spatial import Array
+from twin.model.mechanism import Finish, Mesh
+
+ShapeName = Literal["ring", "box", "ball"]
+
+_AROUND, _ACROSS = 48, 16
+"""Number of corners of a drawn ring around its axis and around its wire; a ball has as many around and from pole to
+pole."""
+
+
+@dataclass(frozen=True)
+class Movable:
+    """A movable object; its frame is at the centre of its shape.
+
+    Attributes:
+        name: identifier, unique among objects, robots and props.
+        shape: "ring": a round wire around z; "box"; "ball".
+        size: in m, (radius of the wire's centre line, radius of the wire) of a ring, half edges (3) of a box, (radius,)
+            of a ball.
+        mass: in kg.
+        friction: coefficient of sliding friction; that of two bodies in contact is the larger one.
+        T_world_object: (4, 4) pose at the start.
+        color_rgba: linear, 0..1.
+    """
+
+    name: str
+    shape: ShapeName
+    size: tuple[float, ...]
+    mass: float
+    friction: float
+    T_world_object: Array = field(default_factory=lambda: np.eye(4))
+    color_rgba: tuple[float, float, float, float] = (0.6, 0.6, 0.6, 1.0)
+
+    def mesh(self) -> Mesh:
+        """Return the surface in the frame of the object."""
+        if self.shape == "box":
+            vertices = np.array(list(product((-1.0, 1.0), repeat=3))) * self.size
+            quads = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
+            triangles = np.array([t for a, b, c, d in quads for t in ((a, b, c), (a, c, d))])
+        else:
+            radius, wire = self.size if self.shape == "ring" else (0.0, self.size[0])
+            vertices, triangles = _turned(radius, wire)
+        return Mesh(self.name, vertices, triangles.astype(np.int32), self.color_rgba, Finish(roughness=0.4))
+
+
+def _turned(radius: float, wire: float) -> tuple[Array, np.ndarray]:
+    """Return vertices and triangles of a circle turned about z; with radius 0 a half circle is turned, to a ball."""
+    ball = radius == 0.0
+    rows = _ACROSS + 1 if ball else _ACROSS
+    v = np.linspace(-np.pi / 2, np.pi / 2, rows) if ball else np.arange(rows) * (2 * np.pi / rows)
+    u = np.arange(_AROUND) * (2 * np.pi / _AROUND)
+    r, z = radius + wire * np.cos(v), wire * np.sin(v)
+    grid = np.stack([np.outer(np.cos(u), r), np.outer(np.sin(u), r), np.broadcast_to(z, (_AROUND, rows))], axis=-1)
+    i, j = np.meshgrid(np.arange(_AROUND), np.arange(rows - 1 if ball else rows), indexing="ij")
+    k, n = (i + 1) % _AROUND, (j + 1) % rows
+    a, b, c, d = (x * rows + y for x, y in ((i, j), (k, j), (k, n), (i, n)))
+    low, high = np.stack([a, b, c], axis=-1), np.stack([a, c, d], axis=-1)
+    if not ball:
+        return grid.reshape(-1, 3), np.concatenate([low.reshape(-1, 3), high.reshape(-1, 3)])
+    # at a pole all vertices of a row coincide: one triangle per column there
+    return grid.reshape(-1, 3), np.concatenate([low[:, 1:].reshape(-1, 3), high[:, :-1].reshape(-1, 3)])

@@ -1,0 +1,10 @@
+"""Contact of movable objects with instruments and fixed parts, simulated by MuJoCo.
+
+`gripper` gives the poses of an instrument's links, `shapes` what MuJoCo collides, `plant` the block of the World.
+"""
+
+from twin.simulation.plants.contact.gripper import Gripper
+from twin.simulation.plants.contact.plant import Contact
+from twin.simulation.plants.contact.shapes import Solid
+
+__all__ = ["Contact", "Gripper", "Solid"]

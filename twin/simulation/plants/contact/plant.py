@@ -1,0 +1,306 @@
+"""Movable objects in contact with instruments and fixed parts: MuJoCo steps the objects, the robots stay exact."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import mujoco
+import numpy as np
+from numpy.typing import ArrayLike
+
+from twin.core import spatial
+from twin.core.errors import WorldError
+from twin.core.spatial import Array
+from twin.model.mechanism import Body, Mesh
+from twin.model.movable import Movable
+from twin.simulation.plants.contact.gripper import Gripper
+from twin.simulation.plants.contact.shapes import Solid, add_object, add_part
+from twin.simulation.world import Block, Signals
+
+_LINK_MASS, _LINK_INERTIA = 10.0, 0.1
+"""Mass in kg and moment of inertia in kg m2 of the simulated links of an instrument.
+
+The joint values alone move the links; this inertia only keeps contact forces from moving them within a tick.
+"""
+
+_JAW_INERTIA = 1e-5
+"""Moment of inertia in kg m2 of a jaw with its drive about its axis; ASSUMED."""
+
+_PATCH = 0.5e-3
+"""Radius in m of the contact patch that resists turning about the normal; ASSUMED."""
+
+_DEEPEST = 0.1e-3
+"""Largest overlap in m of an object with anything at the start."""
+
+
+class Contact(Block):
+    """Reads `<robot>.q` of instruments; writes the poses of objects, who holds them, and collisions of instruments.
+
+    Instruments follow their joint values exactly, whatever they touch, with one exception: a jaw presses with limited
+    torque, so that it stays behind its joint when something is between the jaws. Objects are held by friction only.
+
+    Signals:
+        `<object>.pose` (16,): T_world_object, row by row.
+        `<object>.holder`: index of the gripper whose jaws all touch the object; -1: none.
+        `<robot>.touches`: 1 while the instrument touches a fixed part.
+        `<robot>.meets`: 1 while the instrument touches another instrument.
+    """
+
+    def __init__(
+        self,
+        objects: Sequence[Movable],
+        solids: Sequence[Solid] = (),
+        grippers: Sequence[Gripper] = (),
+        q: Mapping[str, Array] | None = None,
+        period: float = 2e-3,
+        gravity: tuple[float, float, float] = (0.0, 0.0, -9.81),
+        friction: float = 0.5,
+    ) -> None:
+        """Build the MuJoCo model.
+
+        Args:
+            objects: the movable objects.
+            solids: the fixed parts.
+            grippers: the instruments.
+            q: joint values (n,) of each instrument at the start, by robot.
+            period: time in s between two steps, a multiple of the World's tick.
+            gravity: acceleration in the World in m/s2.
+            friction: coefficient of sliding friction of the instruments.
+
+        Raises:
+            WorldError: a number is out of range, or an object overlaps something by more than 0.1 mm at the start.
+        """
+        for item in objects:
+            for what, value, low in (("mass", item.mass, 1e-6), ("friction", item.friction, 0.0)):
+                if not (value >= low and np.isfinite(value)):
+                    raise WorldError(f"object '{item.name}': {what} is {value:g}; it must be at least {low:g}")
+            if not all(s > 0 for s in item.size):
+                raise WorldError(f"object '{item.name}': its size is {item.size}; each length must be above 0")
+        self._objects, self._grippers, self.period = tuple(objects), tuple(grippers), period
+        spec = _empty(period, gravity)
+        self._add(spec, solids, friction)
+        m = self._model = spec.compile()
+        d = self._data = mujoco.MjData(m)
+        self._start(q or {})
+        self._sort()
+        mujoco.mj_forward(m, d)
+        self._require_apart()
+        self._said = self._signals()
+        self.outputs = dict(self._said)
+
+    # -- the model ----------------------------------------------------------------------------------------
+
+    def _add(self, spec: mujoco.MjSpec, solids: Sequence[Solid], friction: float) -> None:
+        world = spec.worldbody
+        arms = sum(4 << k for k in range(len(self._grippers)))
+        for solid in solids:
+            for part in solid.parts:
+                add_part(
+                    spec,
+                    world,
+                    part,
+                    solid.T_world_body,
+                    solid.name,
+                    **_surface(solid.friction, 2, 1 | arms, self.period),
+                )
+        for item in self._objects:
+            body = world.add_body(name=item.name)
+            body.add_freejoint(name=item.name)
+            add_object(body, item, **_surface(item.friction, 1, 1, self.period))
+        for k, gripper in enumerate(self._grippers):
+            bit = 4 << k
+            others = 1 | arms & ~bit
+            skin = _surface(friction, bit, others, self.period) | {"mass": 0.0}
+            for link in gripper.links:
+                name = f"{gripper.robot}/{link.name}"
+                body = world.add_body(
+                    name=name, gravcomp=1.0, mass=_LINK_MASS, inertia=[_LINK_INERTIA] * 3, explicitinertial=True
+                )
+                body.add_freejoint(name=name)
+                if link.meshes:
+                    add_part(spec, body, _whole(link), np.eye(4), gripper.robot, **skin)
+                if link is gripper.hand:
+                    self._add_jaws(spec, body, gripper, skin)
+
+    def _add_jaws(self, spec: mujoco.MjSpec, hand: mujoco.MjsBody, gripper: Gripper, skin: dict) -> None:
+        first: tuple[str, float] | None = None
+        for jaw in gripper.jaws:
+            name = f"{gripper.robot}/{jaw.body.name}"
+            body = hand.add_body(
+                name=name, gravcomp=1.0, mass=1e-3, inertia=[1e-9] * 3, ipos=jaw.point, explicitinertial=True
+            )
+            hinge = mujoco.mjtJoint.mjJNT_HINGE
+            body.add_joint(name=name, type=hinge, axis=jaw.axis, pos=jaw.point, armature=_JAW_INERTIA)
+            for part in jaw.body.meshes:
+                add_part(spec, body, part, jaw.T_hand_jaw, gripper.robot, **skin)
+            if first is None:
+                first = name, jaw.ratio
+            else:  # jaws turn together, as far as their ratios say
+                spec.add_equality(
+                    type=mujoco.mjtEq.mjEQ_JOINT,
+                    name1=name,
+                    name2=first[0],
+                    objtype=mujoco.mjtObj.mjOBJ_JOINT,
+                    data=[0, jaw.ratio / first[1], *([0] * 10)],
+                )
+
+    def _start(self, q: Mapping[str, Array]) -> None:
+        m, d = self._model, self._data
+        self._moving: list[_Moving] = []
+        for gripper in self._grippers:
+            self._moving.append(_Moving(gripper, m, d, np.asarray(q[gripper.robot], float), self.period))
+        self._R = np.zeros(9)
+        self._places: list[tuple[str, Array, Array]] = []
+        for item in self._objects:
+            k = m.joint(item.name).qposadr[0]
+            p, turn = d.qpos[k : k + 3], d.qpos[k + 3 : k + 7]
+            p[:], turn[:] = item.T_world_object[:3, 3], spatial.quat_from_matrix_wxyz(item.T_world_object[:3, :3])
+            self._places.append((f"{item.name}.pose", p, turn))
+
+    def _sort(self) -> None:
+        """Note for each geom its object, its instrument and its jaw; -1: none."""
+        m = self._model
+        whose = {m.body(item.name).id: (i, -1, -1) for i, item in enumerate(self._objects)}
+        for k, gripper in enumerate(self._grippers):
+            whose |= {m.body(f"{gripper.robot}/{b.name}").id: (-1, k, -1) for b in gripper.links}
+            whose |= {m.body(f"{gripper.robot}/{j.body.name}").id: (-1, k, i) for i, j in enumerate(gripper.jaws)}
+        self._whose = [whose.get(b, (-1, -1, -1)) for b in m.geom_bodyid.tolist()]
+
+    def _require_apart(self) -> None:
+        m, d = self._model, self._data
+        for contact in d.contact:
+            if contact.dist < -_DEEPEST and max(self._whose[g][0] for g in contact.geom) >= 0:
+                one, other = (m.body(m.geom_bodyid[g]).name for g in contact.geom)
+                raise WorldError(
+                    f"'{one}' and '{other if other != 'world' else 'a fixed part'}' overlap by "
+                    f"{-contact.dist * 1e3:.2f} mm at the start; at most {_DEEPEST * 1e3:g} mm is allowed: move one"
+                )
+
+    # -- the tick -----------------------------------------------------------------------------------------
+
+    def step(self, signals: Signals, t: float, dt: float) -> Mapping[str, ArrayLike]:
+        """Move the instruments to their joint values, and the objects by the contact forces."""
+        for moving in self._moving:
+            moving.lead(signals.now[f"{moving.gripper.robot}.q"])
+        mujoco.mj_step(self._model, self._data)
+        for moving in self._moving:
+            moving.settle()
+        return self._signals()
+
+    def _signals(self) -> dict[str, ArrayLike]:
+        out: dict[str, ArrayLike] = {}
+        for name, p, turn in self._places:
+            T = np.eye(4)
+            mujoco.mju_quat2Mat(self._R, turn)
+            T[:3, :3], T[:3, 3] = self._R.reshape(3, 3), p
+            out[name] = T.ravel()
+        holders, touches, meets = self._contacts()
+        for item, k in zip(self._objects, holders, strict=True):
+            out[f"{item.name}.holder"] = float(k)
+        for k, gripper in enumerate(self._grippers):
+            out[f"{gripper.robot}.touches"], out[f"{gripper.robot}.meets"] = float(k in touches), float(k in meets)
+        return out
+
+    def _contacts(self) -> tuple[list[int], set[int], set[int]]:
+        """Return the holder of each object (-1: none), the instruments at fixed parts, and those at each other."""
+        holders, touches, meets = [-1] * len(self._objects), set[int](), set[int]()
+        if not self._grippers or not self._data.ncon:
+            return holders, touches, meets
+        contact = self._data.contact
+        grips: dict[tuple[int, int], set[int]] = {}
+        for (g, h), distance in zip(contact.geom.tolist(), contact.dist.tolist(), strict=True):
+            if distance >= 0:
+                continue
+            (item, arm, jaw), (item_h, arm_h, jaw_h) = self._whose[g], self._whose[h]
+            if arm < 0:
+                item, arm, jaw, item_h, arm_h = item_h, arm_h, jaw_h, item, arm
+            if arm < 0:
+                continue
+            if arm_h >= 0:
+                meets |= {arm, arm_h}
+            elif item_h < 0:
+                touches.add(arm)
+            elif jaw >= 0:
+                grips.setdefault((item_h, arm), set()).add(jaw)
+        for (item, arm), jaws in grips.items():
+            if len(jaws) == len(self._grippers[arm].jaws):
+                holders[item] = arm
+        return holders, touches, meets
+
+
+class _Moving:
+    """The links of one instrument in MuJoCo: free bodies whose positions and velocities are set in every tick."""
+
+    def __init__(self, gripper: Gripper, m: mujoco.MjModel, d: mujoco.MjData, q: Array, dt: float) -> None:
+        self.gripper, self._d, self._dt = gripper, d, dt
+        joints = [m.joint(f"{gripper.robot}/{b.name}") for b in gripper.links]
+        self._qpos = [d.qpos[j.qposadr[0] : j.qposadr[0] + 7] for j in joints]
+        self._qvel = [d.qvel[j.dofadr[0] : j.dofadr[0] + 6] for j in joints]
+        jaws = [m.joint(f"{gripper.robot}/{j.body.name}") for j in gripper.jaws]
+        self._jaw_qpos = np.array([j.qposadr[0] for j in jaws], int)
+        self._jaw_dofs = np.array([j.dofadr[0] for j in jaws], int)
+        self._ratios = np.array([j.ratio for j in gripper.jaws])
+        self._wanted = [np.zeros(7) for _ in joints]
+        self._q = b""
+        self._locate(q)
+        self.settle()
+        if len(self._ratios):
+            d.qpos[self._jaw_qpos] = self._ratios * q[gripper.jaw]
+
+    def _locate(self, q: Array) -> bool:
+        if (given := q.tobytes()) == self._q:
+            return False
+        self._q = given
+        for wanted, T in zip(self._wanted, self.gripper.poses(q), strict=True):
+            wanted[:3] = T[:3, 3]
+            mujoco.mju_mat2Quat(wanted[3:], np.ascontiguousarray(T[:3, :3]).ravel())
+        return True
+
+    def lead(self, q: Array) -> None:
+        """Give the links the velocities that bring them to q (n,) within the tick, and the jaws their torques."""
+        moved = self._locate(q)
+        for wanted, now, v in zip(self._wanted, self._qpos, self._qvel, strict=True):
+            if moved:
+                v[:3] = (wanted[:3] - now[:3]) / self._dt
+                turn = np.zeros(3)
+                mujoco.mju_subQuat(turn, wanted[3:], now[3:])
+                v[3:] = turn / self._dt
+            else:
+                v[:] = 0.0
+        if len(self._ratios):
+            d, dt = self._d, self._dt
+            off = self._ratios * q[self.gripper.jaw] - d.qpos[self._jaw_qpos] - d.qvel[self._jaw_dofs] * dt
+            most = self.gripper.effort
+            d.qfrc_applied[self._jaw_dofs] = np.clip(_JAW_INERTIA * off / dt**2, -most, most)
+
+    def settle(self) -> None:
+        """Put the links exactly where the joint values say."""
+        for wanted, now in zip(self._wanted, self._qpos, strict=True):
+            now[:] = wanted
+
+
+def _empty(period: float, gravity: tuple[float, float, float]) -> mujoco.MjSpec:
+    spec = mujoco.MjSpec()
+    option = spec.option
+    option.timestep, option.gravity = period, gravity
+    option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    option.cone, option.impratio = mujoco.mjtCone.mjCONE_ELLIPTIC, 10.0
+    option.noslip_iterations = 5  # without it, objects creep along surfaces on which friction holds them
+    option.tolerance = 1e-12
+    return spec
+
+
+def _surface(friction: float, kind: int, touches: int, period: float) -> dict:
+    return {
+        "friction": [friction, friction * _PATCH, 0.0],
+        "condim": 4,
+        "contype": kind,
+        "conaffinity": touches,
+        "solref": [2 * period, 1.0],
+        "solimp": [0.99, 0.9999, 1e-4, 0.5, 2.0],
+    }
+
+
+def _whole(body: Body) -> Mesh:
+    """Return all parts of a body as one mesh, whose convex hull is what touches."""
+    return Mesh(body.name, np.concatenate([part.vertices for part in body.meshes]), np.zeros((0, 3), np.int32))

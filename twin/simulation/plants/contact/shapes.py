@@ -1,0 +1,86 @@
+"""Shapes that MuJoCo collides: capsules of a ring, primitives or convex hulls of the parts of bodies."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+
+import mujoco
+import numpy as np
+import trimesh
+
+from twin.core import spatial
+from twin.core.spatial import Array
+from twin.model.mechanism import Mesh
+from twin.model.movable import Movable
+
+RING = 16
+"""Number of capsules of a ring."""
+
+_ALIKE = 0.03
+"""Largest relative difference of volumes at which a primitive stands for a part."""
+
+
+@dataclass(frozen=True)
+class Solid:
+    """A fixed body: its name, its parts, its pose T_world_body (4, 4), and its coefficient of sliding friction."""
+
+    name: str
+    parts: Sequence[Mesh]
+    friction: float
+    T_world_body: Array = field(default_factory=lambda: np.eye(4))
+
+
+def add_object(body: mujoco.MjsBody, item: Movable, **more: object) -> None:
+    """Add the geoms of a movable object to its MuJoCo body."""
+    kinds = mujoco.mjtGeom
+    if item.shape == "box":
+        body.add_geom(type=kinds.mjGEOM_BOX, size=list(item.size), mass=item.mass, **more)
+    elif item.shape == "ball":
+        body.add_geom(type=kinds.mjGEOM_SPHERE, size=[item.size[0], 0, 0], mass=item.mass, **more)
+    else:
+        radius, wire = item.size
+        a = np.arange(RING + 1) * (2 * np.pi / RING)
+        # the capsules' middles and ends are equally far inside and outside the wire's centre line
+        corner = 2 * radius / (1 + np.cos(np.pi / RING))
+        p = corner * np.column_stack([np.cos(a), np.sin(a), np.zeros(RING + 1)])
+        for start, end in pairwise(p):
+            ends = [*start.tolist(), *end.tolist()]
+            body.add_geom(type=kinds.mjGEOM_CAPSULE, fromto=ends, size=[wire, 0, 0], mass=item.mass / RING, **more)
+
+
+def add_part(spec: mujoco.MjSpec, body: mujoco.MjsBody, part: Mesh, T_body: Array, owner: str, **more: object) -> None:
+    """Add the geom of a part to a MuJoCo body: a box or a capsule if it is one, else its convex hull.
+
+    Args:
+        spec: the model, which stores hulls.
+        body: the body.
+        part: the part.
+        T_body: (4, 4) pose of the part's frame in the body.
+        owner: prefix of the name of the hull.
+        more: attributes of the geom.
+    """
+    kinds = mujoco.mjtGeom
+    hull = trimesh.convex.convex_hull(part.vertices)
+    to_box, edges = trimesh.bounds.oriented_bounds(hull)
+    long = int(np.argmax(edges))
+    others = np.delete(edges, long)
+    radius, length = float(others.mean()) / 2, float(edges[long])
+    capsule = np.pi * radius**2 * (length - 2 * radius / 3)
+    turn = spatial.frame_from_axes(np.eye(3)[long], np.eye(3)[(long + 1) % 3])
+    T = T_body @ spatial.inverse(to_box)
+    if abs(hull.volume / np.prod(edges) - 1) < _ALIKE:
+        _placed(body, T, type=kinds.mjGEOM_BOX, size=(edges / 2).tolist(), **more)
+    elif np.ptp(others) < _ALIKE * radius and abs(hull.volume / capsule - 1) < _ALIKE:
+        T = T @ spatial.pose(turn)
+        _placed(body, T, type=kinds.mjGEOM_CAPSULE, size=[radius, length / 2 - radius, 0], **more)
+    else:
+        name = f"{owner}/{part.name}"
+        corners = hull.vertices.ravel().tolist()
+        spec.add_mesh(name=name, uservert=corners, inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_CONVEX)
+        _placed(body, T_body, type=kinds.mjGEOM_MESH, meshname=name, **more)
+
+
+def _placed(body: mujoco.MjsBody, T: Array, **more: object) -> None:
+    body.add_geom(pos=T[:3, 3].tolist(), quat=spatial.quat_from_matrix_wxyz(T[:3, :3]).tolist(), **more)
