@@ -11,6 +11,7 @@ from pathlib import Path
 from pydantic import BaseModel
 
 from twin.cad.description import Description
+from twin.model.scene import SceneTable
 from twin.planning.protocol.tables import ProtocolTable
 from twin.schema import json_schema
 from twin.schema.track import Track
@@ -25,9 +26,10 @@ MODELS: dict[str, type[BaseModel]] = {
     "track": Track,
     "world": Head,
     "session": SessionHead,
+    "scene": SceneTable,
 }
 """By the name of the file: cad/<robot>/<robot>.toml, trajectories/<robot>/<protocol>.toml, an export's tracks/, the
-first lines of a recording of a World and of a session at a console."""
+first lines of a recording of a World and of a session at a console, cad/<scene>/scene.toml."""
 
 
 def schemas() -> dict[Path, str]:

@@ -1,26 +1,48 @@
-"""A board with pegs inside the patient, in the world frame: what the two instruments are moved over. And the cart."""
+"""A board with pegs inside the patient, in the world frame, for the task of the rings. And the cart."""
+
+from math import cos, radians, sin
 
 import surgeons_cart
-from build123d import Axis, Plane, Solid
+from build123d import Plane, Solid
 from surgeons_cart import cart
 
 __all__ = ["MATERIALS", "board", "cart"]
 MATERIALS = surgeons_cart.MATERIALS | {  # sRGB, density in kg/m3
-    "board": ((0.80, 0.36, 0.30), 1100),
-    "peg": ((0.95, 0.80, 0.35), 1100),
+    "board": ((0.42, 0.45, 0.50), 1100),
+    "peg": ((0.93, 0.90, 0.84), 1100),
+    "peg_left": ((0.16, 0.42, 0.78), 1100),
+    "peg_right": ((0.86, 0.62, 0.10), 1100),
 }
 
 
+def _pin(start, end, radius):
+    """Pin between two points with a round end; its other end is round too, inside what carries it."""
+    way = [b - a for a, b in zip(start, end, strict=True)]
+    length = sum(w * w for w in way) ** 0.5
+    tip = [b - radius * w / length for b, w in zip(end, way, strict=True)]
+    pin = Solid.make_cylinder(radius, length - radius, Plane(origin=start, z_dir=way))
+    for middle in (start, tip):
+        pin += Solid.make_sphere(radius, Plane(origin=middle, z_dir=way), -90, 90, 360)
+    return pin
+
+
 def board(d):
-    """Plate with rounded edges, and pegs in rows; those of a row are `peg_pitch` apart."""
+    """Floor and wall; rings hang on the pegs of the wall, and go to the two pegs of the floor."""
     x, y, top = d.board_at
-    w, h = d.board_half_x, d.board_half_y
-    plate = Solid.make_box(2 * w, 2 * h, d.board_high, Plane(origin=(x - w, y - h, top - d.board_high)))
-    plate = plate.fillet(8, plate.edges().filter_by(Axis.Z))
-    pegs = []
-    for j in (-1, 0, 1):
-        for i in (-1.5, -0.5, 0.5, 1.5):
-            at = (x + i * d.peg_pitch, y + j * d.peg_pitch, top)
-            peg = Solid.make_cylinder(d.peg_radius, d.peg_high, Plane(origin=at))
-            pegs.append(peg.fillet(0.8 * d.peg_radius, peg.edges().group_by(Axis.Z)[-1]))
-    return [("plate", plate, "board"), *((f"peg{k}", p, "peg") for k, p in enumerate(pegs, 1))]
+    w, h, thick = d.board_half_x, d.board_half_y, d.board_high
+    face = y + h - thick  # of the wall
+    floor = Solid.make_box(2 * w, 2 * h, thick, Plane(origin=(x - w, y - h, top - thick)))
+    wall = Solid.make_box(2 * w, thick, d.wall_high, Plane(origin=(x - w, face, top)))
+    pins = []
+    rise, out = sin(radians(d.wall_peg_tilt)), cos(radians(d.wall_peg_tilt))
+    for j, row in enumerate(("low", "high")):
+        for i in range(6):
+            foot = (x + (i - 2.5) * d.wall_peg_pitch, face + d.peg_inside, top + d.wall_row + j * d.wall_row_pitch)
+            long = d.wall_peg_long + d.peg_inside
+            end = (foot[0], foot[1] - long * out, foot[2] + long * rise)
+            pins.append((f"peg_{row}{i + 1}", _pin(foot, end, d.peg_radius), "peg"))
+    for side, s in (("left", -1), ("right", 1)):
+        at = (x + s * d.floor_peg_apart / 2, y + d.floor_peg_y)
+        pin = _pin((*at, top - d.peg_inside), (*at, top + d.floor_peg_high), d.peg_radius)
+        pins.append((f"peg_{side}", pin, f"peg_{side}"))
+    return [("floor", floor, "board"), ("wall", wall, "board"), *pins]

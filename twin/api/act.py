@@ -86,7 +86,7 @@ def world(scene: Scene, dt: float = 1e-3, progress: Progress = silent) -> World:
     """
     from twin.simulation import scene_play
 
-    return scene_play.world(_actors(scene, progress), _props(scene), dt)
+    return scene_play.world(_actors(scene, progress), props_of(scene), dt)
 
 
 def play(scene: Scene, progress: Progress = silent) -> Played:
@@ -98,7 +98,7 @@ def play(scene: Scene, progress: Progress = silent) -> Played:
     from twin.simulation import scene_play
 
     actors = _actors(scene, lambda label, f: progress(label, f / 2))
-    return scene_play.play(scene, actors, _props(scene), lambda label, f: progress(label, 0.5 + f / 2))
+    return scene_play.play(scene, actors, props_of(scene), lambda label, f: progress(label, 0.5 + f / 2))
 
 
 def _actors(scene: Scene, progress: Progress) -> list[Actor]:
@@ -115,7 +115,8 @@ def _actors(scene: Scene, progress: Progress) -> list[Actor]:
     return actors
 
 
-def _props(scene: Scene) -> Mechanism | None:
+def props_of(scene: Scene) -> Mechanism | None:
+    """Return the mechanism of the props of a scene; None: it has none."""
     from twin.cad.build import read_mechanism
 
     return None if scene.props is None else read_mechanism(scene.props, with_mass=False).mechanism

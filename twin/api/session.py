@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from importlib.util import find_spec
 from pathlib import Path
@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from twin.api.act import load_scene
+from twin.api.act import load_scene, props_of
 from twin.api.robot import Progress, Robot, load, silent
 from twin.core import assets
 from twin.core.atomic import Scratch
@@ -24,10 +24,12 @@ from twin.core.spatial import Array
 from twin.core.units import MM
 from twin.model.mechanism import Mechanism
 from twin.model.scene import Place, Scene, Task
-from twin.simulation import console_scene
+from twin.simulation import console_scene, contact_scene
 from twin.simulation.console_scene import HANDS, PEDALS, Member
-from twin.simulation.session import measures, movement
+from twin.simulation.contact_scene import Peg
+from twin.simulation.session import measures, movement, rings
 from twin.simulation.session.measures import ArmMeasures, ConsoleMeasures
+from twin.simulation.session.rings import BoardMeasures
 from twin.simulation.session.run import Ran
 from twin.simulation.session.touch import Touched, touched
 
@@ -72,6 +74,7 @@ class ConsoleSession(Result):
         arms: all robots that the console moves, by name.
         lost: what is missing at the end of the file; "" if it is complete.
         recorded: content of the session file of a simulated surgeon; None for a replayed file.
+        pegs: pegs of a task with rings, by name.
     """
 
     scene: Scene
@@ -82,6 +85,7 @@ class ConsoleSession(Result):
     arms: Mapping[str, Arm]
     lost: str = ""
     recorded: bytes | None = None
+    pegs: Mapping[str, Peg] = field(default_factory=dict)
 
     kind = "session"
 
@@ -89,7 +93,8 @@ class ConsoleSession(Result):
     def word(self) -> str:
         """The verdict as text."""
         if self.verdict == "agree":
-            return "Same bytes on replay" if self.source else "All targets were touched"
+            done = "All targets were touched" if self.board is None else "All rings are on their pegs"
+            return "Same bytes on replay" if self.source else done
         return super().word
 
     @property
@@ -115,6 +120,15 @@ class ConsoleSession(Result):
         table = console_scene.console_of(self.scene)
         tips = {hand: self.arms[getattr(table, hand)[0]].tip for hand in HANDS}
         return touched(self.task, self.t, tips)
+
+    @cached_property
+    def board(self) -> BoardMeasures | None:
+        """Measures of a task with rings; None for another task."""
+        if self.task is None or not self.task.transfers:
+            return None
+        table = console_scene.console_of(self.scene)
+        robots = [n for hand in HANDS for n in getattr(table, hand)]
+        return rings.measure(self.ran.kept, self.task, self.scene.objects, self.pegs, robots)
 
     @property
     def camera(self) -> str:
@@ -157,6 +171,12 @@ class ConsoleSession(Result):
                 for target in self.touched
                 if target.t is None
             ]
+        if self.board is not None:
+            out += [
+                disagreement("task.missed", r.ring, f"this ring is not around its peg, {r.peg}, at the end")
+                for r in self.board.rings
+                if r.t is None
+            ]
         if find_spec("mcap") is None:
             text = f"session.mcap is not written: pip install 'twin-robotics[{EXTRAS['mcap']}]'"
             out.append(info("session.no_mcap", "", text))
@@ -196,6 +216,16 @@ class ConsoleSession(Result):
             "scale": list(c.scale),
             "task": None if self.task is None else self.task.name,
             "targets": [{"name": x.name, "t_s": x.t, "nearest_mm": x.nearest / MM} for x in self.touched],
+            "board": None
+            if (board := self.board) is None
+            else {
+                "time_s": board.time,
+                "rings_transferred": board.transferred,
+                "rings_dropped": board.dropped,
+                "instrument_collisions": board.collisions,
+                "errors": board.errors,
+                "rings": [{"ring": r.ring, "peg": r.peg, "t_s": r.t, "drops": r.drops} for r in board.rings],
+            },
         }
 
     def text(self) -> Iterator[Part]:
@@ -231,6 +261,13 @@ class ConsoleSession(Result):
         yield Table((), console)
         if self.task is not None:
             yield f"\n  {self.task.name}: {self.task.title}"
+        if self.board is not None:
+            b = self.board
+            outcome = [(r.ring, r.peg, "-" if r.t is None else f"{r.t:.1f} s", str(r.drops)) for r in b.rings]
+            yield Table(("ring", "peg", "transferred at", "dropped"), outcome)
+            yield f"  {b.transferred} of {len(b.rings)} rings transferred in {b.time:.1f} s"
+            yield f"  {b.errors} errors: {b.dropped} dropped, {b.collisions} collisions of instruments"
+        elif self.task is not None:
             targets = [
                 (x.name, "not touched" if x.t is None else f"{x.t:.1f} s", str(mm(x.nearest))) for x in self.touched
             ]
@@ -274,7 +311,16 @@ class ConsoleSession(Result):
                 out[f"{name}_speed_m_per_s"] = movement.speed(arm.tip, kept.dt)
             for j, joint in enumerate(arm.mechanism.active):
                 out[f"{name}_{joint.name}_{'rad' if joint.is_angle else 'm'}"] = arm.q[:, j]
+        for name in self._moved:
+            p = kept[f"{name}.pose"].reshape(-1, 4, 4)[:, :3, 3]
+            out |= {f"{name}_{axis}_m": p[:, i] for i, axis in enumerate("xyz")}
+            out[f"{name}_holder"] = kept[f"{name}.holder"][:, 0]
         return out
+
+    @property
+    def _moved(self) -> list[str]:
+        """Names of the movable objects in this session."""
+        return [o.name for o in self.scene.objects if f"{o.name}.pose" in self.ran.kept.sizes]
 
     def _clip(self, arm: Arm) -> Clip:
         from twin.exchange.write.clip import Clip, extremes, key_rows, measure_between
@@ -303,6 +349,8 @@ class ConsoleSession(Result):
         from twin.exchange.write.mcap import write_mcap
 
         links, joints, kept = {}, {}, self.ran.kept
+        for name in self._moved:
+            links[name] = kept[f"{name}.pose"].reshape(-1, 4, 4)[::_STRIDE]
         for name, arm in self.arms.items():
             for link, Ts in arm.links.items():
                 links[f"{name}/{link}"] = arm.place.T_world_base @ Ts[::_STRIDE]
@@ -343,11 +391,12 @@ def operate_console(
     chosen = run.task_of(scene, task)
     progress("read CAD", 0.0)
     robots, members = _members(scene)
+    props, pegs = _board(scene, chosen)
     with Scratch() as folder:
         file = Path(folder) / FILE
-        ran = run.perform(scene, members, chosen, file, seed=seed, scale=scale, progress=progress)
+        ran = run.perform(scene, members, chosen, file, seed=seed, scale=scale, props=props, progress=progress)
         recorded = file.read_bytes()
-    return ConsoleSession(scene, "", seed, chosen, ran, _arms(scene, robots, ran), recorded=recorded)
+    return ConsoleSession(scene, "", seed, chosen, ran, _arms(scene, robots, ran), recorded=recorded, pegs=pegs)
 
 
 def replay_session(
@@ -377,10 +426,20 @@ def replay_session(
         raise TwinError(f"{path}: scene '{placed.name}' has no task '{start.task}', which the session is of")
     progress("read CAD", 0.0)
     robots, members = _members(placed)
-    run.require_scene(session, path, placed, members)
-    ran = run.replay(session, placed, members, progress)
     task = None if start.task is None else placed.tasks[start.task]
-    return ConsoleSession(placed, str(path), start.seed, task, ran, _arms(placed, robots, ran), session.lost)
+    props, pegs = _board(placed, task)
+    run.require_scene(session, path, placed, members, props)
+    ran = run.replay(session, placed, members, progress, props)
+    arms = _arms(placed, robots, ran)
+    return ConsoleSession(placed, str(path), start.seed, task, ran, arms, session.lost, pegs=pegs)
+
+
+def _board(scene: Scene, task: Task | None) -> tuple[Mechanism | None, Mapping[str, Peg]]:
+    """Return the props and the pegs of a task with rings; other tasks need neither."""
+    if task is None or not task.transfers:
+        return None, {}
+    props = props_of(scene)
+    return props, contact_scene.pegs(scene, props, task)
 
 
 def _members(scene: Scene) -> tuple[dict[str, Robot], dict[str, Member]]:

@@ -1,4 +1,4 @@
-"""The scene file: positions of robots, their ports, cameras, a console with its tasks, and props."""
+"""The scene file: positions of robots, their ports, cameras, a console with its tasks, movable objects, and props."""
 
 from __future__ import annotations
 
@@ -13,7 +13,8 @@ from twin.core import spatial
 from twin.core.errors import TwinError, unknown
 from twin.core.provenance import Parameter
 from twin.core.spatial import Array
-from twin.core.units import DEG, MM
+from twin.core.units import DEG, MM, linear
+from twin.model.movable import Movable, ShapeName
 from twin.schema import Identifier, Origin, Table, Vector, at, error_at, load_toml
 
 
@@ -93,6 +94,59 @@ class ConsoleTable(Table):
     note: str = Field(min_length=1)
 
 
+class ObjectTable(Table):
+    """A movable object. Instruments grasp and push it in tasks that name it.
+
+    `size_mm` is, of a ring, the radius of its wire's centre line and the radius of the wire; of a box, its three edges;
+    of a ball, its radius. At the start its middle is at `position_mm` in the world frame; the axis of a ring is along
+    `axis`.
+    """
+
+    shape: ShapeName
+    size_mm: list[float] = Field(min_length=1, max_length=3)
+    mass_g: float = Field(ge=0.001, le=10_000)
+    friction: float = Field(ge=0, le=2, description="coefficient of sliding friction; of a pair, the larger one counts")
+    position_mm: Vector
+    axis: Vector = (0.0, 0.0, 1.0)
+    color: str = Field("#999999", pattern="^#[0-9a-f]{6}$", description="sRGB")
+    provenance: Origin
+    note: str = Field(min_length=1)
+
+    @model_validator(mode="after")
+    def _whole(self) -> ObjectTable:
+        count = {"ring": 2, "box": 3, "ball": 1}[self.shape]
+        if len(self.size_mm) != count or min(self.size_mm) <= 0:
+            lengths = "1 length" if count == 1 else f"{count} lengths"
+            raise at("size_mm", f"a {self.shape} needs {lengths} above 0; {self.size_mm} was given")
+        if self.shape == "ring" and self.size_mm[0] <= self.size_mm[1]:
+            raise at("size_mm", f"a ring needs a hole: the wire's radius {self.size_mm[1]:g} mm is not below "
+                     f"{self.size_mm[0]:g} mm, the radius of its centre line")  # fmt: skip
+        if not np.linalg.norm(self.axis) > 0:
+            raise at("axis", "the axis is a zero vector")
+        return self
+
+
+class ContactTable(Table):
+    """What movable objects touch: bodies of the props, and the instruments of the console.
+
+    `solid` names bodies of the props. `jaw_effort_n_mm` is the largest torque with which one jaw presses. The friction
+    is that of the bodies and of the instruments.
+    """
+
+    solid: list[Identifier] = Field(min_length=1)
+    friction: float = Field(ge=0, le=2)
+    jaw_effort_n_mm: float = Field(gt=0, le=1000)
+    provenance: Origin
+    note: str = Field(min_length=1)
+
+
+class TransferTable(Table):
+    """A ring to bring to a peg: names of the object and of the part of a solid body that is the peg."""
+
+    ring: Identifier
+    peg: Identifier
+
+
 class TargetTable(Table):
     """A target: the points in the world frame, in mm, that the tips of the hands must touch at the same time."""
 
@@ -108,17 +162,29 @@ class TargetTable(Table):
 
 
 class TaskTable(Table):
-    """A task at the console: targets to touch in this order.
+    """A task at the console: either targets to touch in this order, or rings to bring to pegs in any order.
 
-    A target is touched when all its tips have been within the tolerance for `hold_s`, without interruption.
+    A target is touched when all its tips have been within the tolerance for `hold_s`, without interruption. A ring is
+    transferred when it lies around its peg and nothing holds it.
     """
 
     title: str = Field(min_length=1)
-    tolerance_mm: float = Field(gt=0)
-    hold_s: float = Field(ge=0, le=10)
-    target: list[TargetTable] = Field(min_length=1)
+    tolerance_mm: float | None = Field(None, gt=0)
+    hold_s: float | None = Field(None, ge=0, le=10)
+    target: list[TargetTable] = Field(default_factory=list)
+    transfer: list[TransferTable] = Field(default_factory=list)
     provenance: Origin
     note: str = Field(min_length=1)
+
+    @model_validator(mode="after")
+    def _one_kind(self) -> TaskTable:
+        if bool(self.target) == bool(self.transfer):
+            raise at("title", "a task needs `target` or `transfer`, with at least one entry, and not both")
+        for key in ("tolerance_mm", "hold_s"):
+            if (getattr(self, key) is None) == bool(self.target):
+                raise at(key if self.transfer else "title", f"a task with `{'target' if self.target else 'transfer'}` "
+                         f"{'needs' if self.target else 'takes no'} `{key}`")  # fmt: skip
+        return self
 
 
 class SceneTable(Table):
@@ -134,6 +200,8 @@ class SceneTable(Table):
     robot: list[RobotTable] = Field(min_length=1)
     camera: dict[Identifier, CameraTable] = Field(default_factory=dict)
     console: ConsoleTable | None = None
+    object: dict[Identifier, ObjectTable] = Field(default_factory=dict)
+    contact: ContactTable | None = None
     task: dict[Identifier, TaskTable] = Field(default_factory=dict)
 
 
@@ -146,14 +214,23 @@ class Target:
 
 
 @dataclass(frozen=True)
+class Transfer:
+    """A ring, by name, to bring to a peg, which is a part of a body in the props."""
+
+    ring: str
+    peg: str
+
+
+@dataclass(frozen=True)
 class Task:
-    """A task at a console.
+    """A task at a console; it has targets or transfers.
 
     Attributes:
         name, title: name and title.
         tolerance: largest distance in m of a tip from its point during a touch.
         hold: time in s for which all tips of a target must be within the tolerance.
         targets: the targets, in order.
+        transfers: rings to bring to pegs.
     """
 
     name: str
@@ -161,6 +238,7 @@ class Task:
     tolerance: float
     hold: float
     targets: tuple[Target, ...]
+    transfers: tuple[Transfer, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -198,6 +276,8 @@ class Scene:
         touching: pairs of "owner/body" that touch by design.
         cameras: cameras by name.
         console: the surgeon's console, or None.
+        objects: the movable objects.
+        contact: what they touch, or None.
         tasks: tasks at the console, by name.
         parameters: every number with its provenance.
     """
@@ -212,6 +292,8 @@ class Scene:
     touching: frozenset[frozenset[str]]
     cameras: dict[str, CameraTable]
     console: ConsoleTable | None
+    objects: tuple[Movable, ...]
+    contact: ContactTable | None
     tasks: Mapping[str, Task]
     parameters: tuple[Parameter, ...]
 
@@ -260,6 +342,8 @@ def load_scene(path: Path) -> Scene:
         _console(path, console, table, names)
     for name in table.task if console is None else ():
         raise error_at(path, ("task", name), "a task needs a console: add the table [console]")
+    for name, task in table.task.items():
+        _transfers(path, name, task, table)
     props = None if table.props is None else path.parent / table.props
     if props is not None and not props.is_file():
         raise error_at(path, ("props",), f"there is no file {props.name} in the folder of the scene")
@@ -274,6 +358,8 @@ def load_scene(path: Path) -> Scene:
         frozenset(frozenset(p) for p in table.touching),
         dict(table.camera),
         table.console,
+        tuple(_object(name, o) for name, o in table.object.items()),
+        table.contact,
         {name: _task(name, task) for name, task in table.task.items()},
         tuple(_parameters(table)),
     )
@@ -291,7 +377,37 @@ def _task(name: str, task: TaskTable) -> Task:
     for target in task.target:
         points = {"right": target.right_mm, "left": target.left_mm}
         targets.append(Target(target.name, {h: np.array(p) * MM for h, p in points.items() if p is not None}))
-    return Task(name, task.title, task.tolerance_mm * MM, task.hold_s, tuple(targets))
+    transfers = tuple(Transfer(t.ring, t.peg) for t in task.transfer)
+    return Task(name, task.title, (task.tolerance_mm or 0.0) * MM, task.hold_s or 0.0, tuple(targets), transfers)
+
+
+def _transfers(path: Path, name: str, task: TaskTable, table: SceneTable) -> None:
+    if task.transfer and table.contact is None:
+        raise error_at(path, ("task", name), "a task with `transfer` needs the table [contact]")
+    for k, transfer in enumerate(task.transfer):
+        keys = ("task", name, "transfer", k, "ring")
+        if transfer.ring not in table.object:
+            raise error_at(path, keys, unknown("object", transfer.ring, table.object))
+        if (shape := table.object[transfer.ring].shape) != "ring":
+            raise error_at(path, keys, f"'{transfer.ring}' is a {shape}; only a ring goes around a peg")
+        if transfer.ring in [t.ring for t in task.transfer[:k]]:
+            raise error_at(path, keys, f"'{transfer.ring}' is listed twice")
+
+
+def _object(name: str, o: ObjectTable) -> Movable:
+    axis = np.array(o.axis, float)
+    R = spatial.frame_from_axes(axis, np.eye(3)[int(np.argmin(np.abs(axis)))])
+    factor = 0.5 if o.shape == "box" else 1.0
+    red, green, blue = (linear(int(o.color[k : k + 2], 16) / 255) for k in (1, 3, 5))
+    return Movable(
+        name,
+        o.shape,
+        tuple(v * factor * MM for v in o.size_mm),
+        o.mass_g * 1e-3,
+        o.friction,
+        spatial.pose(R, np.array(o.position_mm) * MM),
+        (red, green, blue, 1.0),
+    )
 
 
 def _console(path: Path, console: ConsoleTable, table: SceneTable, names: list[str]) -> None:
@@ -326,10 +442,23 @@ def _parameters(table: SceneTable) -> list[Parameter]:
         out.append(Parameter(f"{r.name} yaw", r.yaw_deg * DEG, "deg", r.yaw_deg, r.provenance, r.note))
     if (console := table.console) is not None:
         out.append(Parameter("console scale", console.scale, "1", console.scale, console.provenance, console.note))
+    for name, o in table.object.items():
+        origin = (o.provenance, o.note)
+        for k, v in enumerate(o.size_mm, 1):
+            out.append(Parameter(f"object {name} size {k}", v * MM, "mm", v, *origin))
+        out.append(Parameter(f"object {name} mass", o.mass_g * 1e-3, "g", o.mass_g, *origin))
+        out.append(Parameter(f"object {name} friction", o.friction, "1", o.friction, *origin))
+        for axis, v in zip("xyz", o.position_mm, strict=True):
+            out.append(Parameter(f"object {name} {axis}", v * MM, "mm", v, *origin))
+    if (c := table.contact) is not None:
+        out.append(Parameter("contact friction", c.friction, "1", c.friction, c.provenance, c.note))
+        effort = c.jaw_effort_n_mm
+        out.append(Parameter("contact jaw effort", effort * MM, "N mm", effort, c.provenance, c.note))
     for name, task in table.task.items():
         origin = (task.provenance, task.note)
-        out.append(Parameter(f"task {name} tolerance", task.tolerance_mm * MM, "mm", task.tolerance_mm, *origin))
-        out.append(Parameter(f"task {name} hold", task.hold_s, "s", task.hold_s, *origin))
+        if task.tolerance_mm is not None and task.hold_s is not None:
+            out.append(Parameter(f"task {name} tolerance", task.tolerance_mm * MM, "mm", task.tolerance_mm, *origin))
+            out.append(Parameter(f"task {name} hold", task.hold_s, "s", task.hold_s, *origin))
         for target in task.target:
             for hand, point in (("right", target.right_mm), ("left", target.left_mm)):
                 for axis, v in zip("xyz", point or (), strict=False):

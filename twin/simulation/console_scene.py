@@ -16,7 +16,8 @@ from twin.core.spatial import Array
 from twin.core.units import DEG, MM
 from twin.kinematics import Kinematics
 from twin.model.mechanism import Mechanism
-from twin.model.scene import ConsoleTable, Place, Scene
+from twin.model.scene import ConsoleTable, Place, Scene, Task
+from twin.simulation import contact_scene
 from twin.simulation.controllers.camera import Dragging, HandsToCamera, looking
 from twin.simulation.controllers.following import Arm, HandToPose
 from twin.simulation.controllers.jaw import GripToJaw, Jaw
@@ -70,6 +71,8 @@ def world(
     dt: float = 1e-3,
     records: bool = True,
     watch: Block | None = None,
+    task: Task | None = None,
+    props: Mechanism | None = None,
 ) -> World:
     """Return a World in which a console controls the robots of a scene.
 
@@ -83,9 +86,12 @@ def world(
         dt: duration of one tick in s.
         records: whether every tick is recorded; see `World`.
         watch: block without outputs that sees all signals at the end of each tick.
+        task: a task; if it has transfers, the instruments touch objects and the solid bodies of the props.
+        props: mechanism of the props; only needed for such a task.
 
     Raises:
-        TwinError: the scene has no console, the camera is not on its robot's tool, or a start value is wrong.
+        TwinError: the scene has no console, the camera is not on its robot's tool, a start value is wrong, or a solid
+            body is not in the props.
     """
     table, led = console_of(scene), led_by(scene)
     places = {p.name: p for p in scene.places}
@@ -104,11 +110,17 @@ def world(
                 jaw = Jaw(max(low, 0.0), high, float(q[arm.robot][k]), dt)
                 controllers.append(GripToJaw(hand, arm.robot, jaw))
     controllers += [PoseToJoints(n, members[n].kin, x, limits[n]) for n, x in q.items()]
+    plants: list[Block] = [Kinematic(n, x, limits[n]) for n, x in q.items()]
+    touching = task is not None and bool(task.transfers)
+    if touching:
+        arms = {n: (places[n], members[n].mechanism, members[n].kin) for hand in HANDS for n in getattr(table, hand)}
+        plants.append(contact_scene.contact(scene, props, arms, q))
     return World(
         robots=[Placed(p.name, members[p.name].mechanism, p.T_world_base) for p in led],
+        objects=scene.objects if touching else (),
         devices=[device],
         controllers=controllers,
-        plants=[*(Kinematic(n, x, limits[n]) for n, x in q.items()), *([] if watch is None else [watch])],
+        plants=[*plants, *([] if watch is None else [watch])],
         dt=dt,
         records=records,
     )
@@ -131,7 +143,9 @@ def led_by(scene: Scene) -> list[Place]:
     return [places[n] for n in (*table.right, *table.left, scene.cameras[table.camera].robot)]
 
 
-def identity(scene: Scene, members: Mapping[str, Member]) -> str:
+def identity(
+    scene: Scene, members: Mapping[str, Member], task: Task | None = None, props: Mechanism | None = None
+) -> str:
     """Return the hash "sha256:..." of what `world` is built from, apart from the equations and the program itself.
 
     Numbers are rounded to 1e-9, so that the hash does not depend on the processor.
@@ -150,6 +164,16 @@ def identity(scene: Scene, members: Mapping[str, Member]) -> str:
         about.append([plain(next(iter(place.p_world_ports.values()))), [j.name for j in mechanism.active]])
         about.append([plain(np.nan_to_num(mechanism.limits)), [plain(j.max_speed or 0.0) for j in mechanism.active]])
         about.append([[f.name, f.body, plain(f.T_body_frame)] for f in mechanism.frames])
+    if task is not None and task.transfers and scene.contact is not None:
+        about.append(scene.contact.model_dump(include={"solid", "friction", "jaw_effort_n_mm"}))
+        about += [
+            [o.name, o.shape, plain(o.size), plain(o.mass), plain(o.friction), plain(o.T_world_object)]
+            for o in scene.objects
+        ]
+        about += [
+            [peg.name, plain(peg.end), plain(peg.foot), plain(peg.radius)]
+            for peg in contact_scene.pegs(scene, props, task).values()
+        ]
     return "sha256:" + hashlib.sha256(json.dumps(about).encode()).hexdigest()
 
 

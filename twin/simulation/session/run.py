@@ -11,11 +11,14 @@ import numpy as np
 from twin.core.errors import TwinError, WorldError, unknown
 from twin.core.spatial import Array
 from twin.core.units import DEG
+from twin.model.mechanism import Mechanism
 from twin.model.scene import Scene, Task
-from twin.simulation import console_scene
+from twin.simulation import console_scene, contact_scene
 from twin.simulation.console_scene import HANDS, PEDALS, Member
 from twin.simulation.devices.recorded import Recorded
-from twin.simulation.devices.surgeon import Eye, ScriptedSurgeon
+from twin.simulation.devices.ring_surgeon import Ring, RingSurgeon
+from twin.simulation.devices.surgeon import ScriptedSurgeon
+from twin.simulation.devices.surgeon_hands import Eye
 from twin.simulation.session import file
 from twin.simulation.session.file import Session, SessionWriter
 from twin.simulation.session.tape import Tape
@@ -24,7 +27,7 @@ from twin.simulation.world import Block, Recording, World
 SAMPLE = 5e-3
 """Time in s between two kept rows of signals."""
 
-_KEPT = (".q", ".follows", ".jaw", ".grip", ".pose", ".at")
+_KEPT = (".q", ".follows", ".jaw", ".grip", ".pose", ".at", ".holder", ".touches", ".meets")
 _KEPT_OF = ("console.", f"{PEDALS}.", "surgeon.")
 """Ends and beginnings of the names of the signals that are kept."""
 
@@ -107,8 +110,14 @@ def task_of(scene: Scene, name: str | None) -> Task:
 
 
 def surgeon(
-    scene: Scene, members: Mapping[str, Member], task: Task, seed: int = 0, scale: float | None = None, dt: float = 1e-3
-) -> ScriptedSurgeon:
+    scene: Scene,
+    members: Mapping[str, Member],
+    task: Task,
+    seed: int = 0,
+    scale: float | None = None,
+    dt: float = 1e-3,
+    props: Mechanism | None = None,
+) -> ScriptedSurgeon | RingSurgeon:
     """Return the simulated surgeon of a task, who leads the first arm of each hand.
 
     Args:
@@ -118,6 +127,7 @@ def surgeon(
         seed: random seed.
         scale: motion scale; None: that of the console.
         dt: duration of a tick in s.
+        props: mechanism of the props; only needed for a task with transfers.
     """
     table, places = console_scene.console_of(scene), {p.name: p for p in scene.places}
     arms = {}
@@ -127,18 +137,16 @@ def surgeon(
         T_tool_tip = mechanism.frame_in_tool(table.tip or mechanism.tool)
         arms[hand] = Eye(name, members[name].kin, places[name].T_world_base, T_tool_tip)
     camera = scene.cameras[table.camera]
-    return ScriptedSurgeon(
-        PEDALS,
-        arms,
-        camera.robot,
-        camera.view_deg * DEG,
-        [(t.name, t.p_world) for t in task.targets],
-        task.tolerance,
-        task.hold,
-        table.scale if scale is None else scale,
-        dt,
-        seed,
-    )
+    view, scale = camera.view_deg * DEG, table.scale if scale is None else scale
+    if task.transfers:
+        pegs, objects = contact_scene.pegs(scene, props, task), {o.name: o for o in scene.objects}
+        rings = [
+            Ring(t.ring, objects[t.ring].size[0], objects[t.ring].size[1], t.peg, pegs[t.peg].end, pegs[t.peg].foot)
+            for t in task.transfers
+        ]
+        return RingSurgeon(PEDALS, arms, camera.robot, view, rings, scale, dt, seed)
+    targets = [(t.name, t.p_world) for t in task.targets]
+    return ScriptedSurgeon(PEDALS, arms, camera.robot, view, targets, task.tolerance, task.hold, scale, dt, seed)
 
 
 def perform(
@@ -149,6 +157,7 @@ def perform(
     *,
     seed: int = 0,
     scale: float | None = None,
+    props: Mechanism | None = None,
     progress: Progress,
 ) -> Ran:
     """Simulate a surgeon who performs a task, and write the session.
@@ -160,24 +169,25 @@ def perform(
         path: the session file.
         seed: random seed of the surgeon.
         scale: motion scale; None: that of the console.
-        progress: called with the name of the target and the fraction of targets done.
+        props: mechanism of the props; only needed for a task with transfers.
+        progress: called with the name of the target or ring, and the fraction of them done.
 
     Raises:
         OutputError: the file cannot be written.
         TwinError: the scene has no console.
     """
-    device, tape = surgeon(scene, members, task, seed, scale), Tape()
-    world = console_scene.world(scene, members, device, records=False, watch=tape)
-    writer = SessionWriter(path, head_of(scene, members, world, device, task.name, seed))
+    device, tape = surgeon(scene, members, task, seed, scale, props=props), Tape()
+    world = console_scene.world(scene, members, device, records=False, watch=tape, task=task, props=props)
+    writer = SessionWriter(path, head_of(scene, members, world, device, task, seed, props))
     keep = _Keep(world)
-    names = [t.name for t in task.targets]
+    names = [*(t.name for t in task.targets), *(t.ring for t in task.transfers)]
     try:
         while not world.ended and not writer.full:
             world.step(file.CHUNK)
             rows = tape.take()
             writer.add(rows)
             keep.add(rows)
-            i = max(int(world.signals["surgeon.target"][0]), 0)
+            i = min(max(int(world.signals["surgeon.target"][0]), 0), len(names) - 1)
             progress(names[i], i / len(names))
         writer.close()
     finally:
@@ -190,15 +200,19 @@ def head_of(
     members: Mapping[str, Member],
     world: World,
     device: Block,
-    task: str | None = None,
+    task: Task | None = None,
     seed: int | None = None,
+    props: Mechanism | None = None,
 ) -> file.Head:
     """Return the first line of the session file of a World with a device."""
     own = {n: s for n, s in world.signals.sizes.items() if n in device.outputs}
-    return file.head(scene.name, console_scene.identity(scene, members), world.dt, own, world.signals.sizes, task, seed)
+    identity, name = console_scene.identity(scene, members, task, props), None if task is None else task.name
+    return file.head(scene.name, identity, world.dt, own, world.signals.sizes, name, seed)
 
 
-def require_scene(session: Session, path: Path, scene: Scene, members: Mapping[str, Member]) -> None:
+def require_scene(
+    session: Session, path: Path, scene: Scene, members: Mapping[str, Member], props: Mechanism | None = None
+) -> None:
     """Raise unless a session was recorded in this scene, as it is now.
 
     Raises:
@@ -206,14 +220,21 @@ def require_scene(session: Session, path: Path, scene: Scene, members: Mapping[s
     """
     if session.head.scene != scene.name:
         raise WorldError(f"{path}: the session is of scene '{session.head.scene}', not of '{scene.name}'")
-    if session.head.identity != console_scene.identity(scene, members):
+    task = None if session.head.task is None else scene.tasks[session.head.task]
+    if session.head.identity != console_scene.identity(scene, members, task, props):
         raise WorldError(
             f"{path}: scene '{scene.name}' has changed since this session (places, limits, frames or the console): it "
             "can only be replayed in the scene as it was"
         )
 
 
-def replay(session: Session, scene: Scene, members: Mapping[str, Member], progress: Progress) -> Ran:
+def replay(
+    session: Session,
+    scene: Scene,
+    members: Mapping[str, Member],
+    progress: Progress,
+    props: Mechanism | None = None,
+) -> Ran:
     """Replay a session in a new World, and compare all signals of every tick.
 
     Args:
@@ -221,6 +242,7 @@ def replay(session: Session, scene: Scene, members: Mapping[str, Member], progre
         scene: its scene.
         members: robots by the names of their places.
         progress: called with "replay" and the fraction done.
+        props: mechanism of the props; only needed for a task with transfers.
 
     Raises:
         WorldError: the World has other signals than those of the session.
@@ -229,7 +251,10 @@ def replay(session: Session, scene: Scene, members: Mapping[str, Member], progre
     own, device = file.sizes(start.device), session.device
     recorded = Recorded(Recording(start.dt, own, device), *own)
     tape = Tape()
-    world = console_scene.world(scene, members, recorded, dt=start.dt, records=False, watch=tape)
+    task = None if start.task is None else scene.tasks[start.task]
+    world = console_scene.world(
+        scene, members, recorded, dt=start.dt, records=False, watch=tape, task=task, props=props
+    )
     if world.signals.sizes != file.sizes(start.world):
         raise WorldError(
             f"the session was written by twin {start.twin}, whose World has other signals: replay it with that version"

@@ -32,7 +32,7 @@ def figure(found: ConsoleSession) -> Figure:
     with styled():
         from matplotlib.figure import Figure
 
-        rows = 3 + 2 * len(HANDS)
+        rows = 3 + 2 * len(HANDS) + (len(arms) if found.board is not None else 0)
         height = 5.9 + 0.24 * rows
         out = Figure(figsize=(WIDTH, height))
         left, wide = 1.2 / WIDTH, (WIDTH - 1.2 - 0.25) / WIDTH
@@ -74,8 +74,17 @@ def _paths(ax: Axes, found: ConsoleSession, arms: list[tuple[str, str]], title: 
         for hand, point in target.p_world.items():
             color = PALETTE[next(i for i, (h, _) in enumerate(arms) if h == hand)]
             ax.plot([point[x] / MM], [point[y] / MM], "+" if result.t is not None else "x", ms=8, mec=color, mew=1.4)
+    legend = ", cross = target" if found.task and found.task.targets else ""
+    if found.task is not None and found.task.transfers:
+        legend = ", dashed = rings, square = peg"
+        for transfer in found.task.transfers:
+            p = found.ran.kept[f"{transfer.ring}.pose"].reshape(-1, 4, 4)[:, :3, 3] / MM
+            step = max(1, len(p) // _POINTS)
+            ax.plot(p[::step, x], p[::step, y], color=INK, lw=0.7, ls=(0, (4, 2)))
+            peg = found.pegs[transfer.peg].end / MM
+            ax.plot([peg[x]], [peg[y]], "s", ms=5, mfc="none", mec=INK)
     ax.set_aspect("equal", adjustable="datalim")
-    ax.set_title(f"{title}: ring = start" + (", cross = target" if found.task else ""), loc="left", fontsize=9)
+    ax.set_title(f"{title}: circle = start{legend}", loc="left", fontsize=9)
     ax.set_xlabel(f"{'xyz'[x]} [mm]")
     ax.set_ylabel(f"{'xyz'[y]} [mm]")
     ax.grid(True, color=GRID)
@@ -92,6 +101,8 @@ def _bands(ax: Axes, found: ConsoleSession, arms: list[tuple[str, str]]) -> None
     if f"{PEDALS}.silent" in kept.sizes:
         rows.append(("silent", kept[f"{PEDALS}.silent"][:, 0] > 0.5, INK))
     rows += [(f"{hand} leads", _leads(found, hand), _color(arms, hand)) for hand in HANDS]
+    if found.board is not None:
+        rows += [(f"{n} touches", _hits(found, n), _color(arms, hand)) for hand, n in arms]
     names = []
     for k, (name, on, color) in enumerate(rows):
         spans = [(t[a], t[b] - t[a] + kept.dt) for a, b in movement.runs(on)]
@@ -109,6 +120,11 @@ def _bands(ax: Axes, found: ConsoleSession, arms: list[tuple[str, str]]) -> None
     ax.set_xlabel("time [s]")
     ax.grid(False)
     ax.tick_params(length=2.5)
+
+
+def _hits(found: ConsoleSession, robot: str) -> np.ndarray:
+    """Return whether (k,) an instrument touches the board or the other instrument."""
+    return np.any([found.ran.kept[f"{robot}.{what}"][:, 0] > 0.5 for what in ("touches", "meets")], axis=0)
 
 
 def _leads(found: ConsoleSession, hand: str) -> np.ndarray:

@@ -85,8 +85,8 @@ class Contact(Block):
         self._sort()
         mujoco.mj_forward(m, d)
         self._require_apart()
-        self._said = self._signals()
-        self.outputs = dict(self._said)
+        self._said: tuple[list[int], set[int], set[int]] | None = None
+        self.outputs = self._signals()
 
     # -- the model ----------------------------------------------------------------------------------------
 
@@ -106,7 +106,7 @@ class Contact(Block):
         for item in self._objects:
             body = world.add_body(name=item.name)
             body.add_freejoint(name=item.name)
-            add_object(body, item, **_surface(item.friction, 1, 1, self.period))
+            add_object(body, item, **_surface(item.friction, 1, 1, self.period, item.shape))
         for k, gripper in enumerate(self._grippers):
             bit = 4 << k
             others = 1 | arms & ~bit
@@ -116,6 +116,7 @@ class Contact(Block):
                 body = world.add_body(
                     name=name, gravcomp=1.0, mass=_LINK_MASS, inertia=[_LINK_INERTIA] * 3, explicitinertial=True
                 )
+                body.sleep = mujoco.mjtSleepPolicy.mjSLEEP_NEVER
                 body.add_freejoint(name=name)
                 if link.meshes:
                     add_part(spec, body, _whole(link), np.eye(4), gripper.robot, **skin)
@@ -146,16 +147,17 @@ class Contact(Block):
 
     def _start(self, q: Mapping[str, Array]) -> None:
         m, d = self._model, self._data
-        self._moving: list[_Moving] = []
-        for gripper in self._grippers:
-            self._moving.append(_Moving(gripper, m, d, np.asarray(q[gripper.robot], float), self.period))
+        start = {name: np.asarray(values, float) for name, values in q.items()}
+        self._links = _Links(self._grippers, m, d, start, self.period)
+        self._q = [f"{g.robot}.q" for g in self._grippers]
         self._R = np.zeros(9)
-        self._places: list[tuple[str, Array, Array]] = []
+        self._places: list[tuple[str, Array]] = []
         for item in self._objects:
             k = m.joint(item.name).qposadr[0]
-            p, turn = d.qpos[k : k + 3], d.qpos[k + 3 : k + 7]
-            p[:], turn[:] = item.T_world_object[:3, 3], spatial.quat_from_matrix_wxyz(item.T_world_object[:3, :3])
-            self._places.append((f"{item.name}.pose", p, turn))
+            place, T = d.qpos[k : k + 7], item.T_world_object
+            place[:3], place[3:] = T[:3, 3], spatial.quat_from_matrix_wxyz(T[:3, :3])
+            self._places.append((f"{item.name}.pose", place))
+        self._seen = [b""] * len(self._places)
 
     def _sort(self) -> None:
         """Note for each geom its object, its instrument and its jaw; -1: none."""
@@ -180,25 +182,29 @@ class Contact(Block):
 
     def step(self, signals: Signals, t: float, dt: float) -> Mapping[str, ArrayLike]:
         """Move the instruments to their joint values, and the objects by the contact forces."""
-        for moving in self._moving:
-            moving.lead(signals.now[f"{moving.gripper.robot}.q"])
+        now = signals.now
+        self._links.lead([now[name] for name in self._q])
         mujoco.mj_step(self._model, self._data)
-        for moving in self._moving:
-            moving.settle()
+        self._links.settle()
         return self._signals()
 
     def _signals(self) -> dict[str, ArrayLike]:
+        """Return the signals that have changed."""
         out: dict[str, ArrayLike] = {}
-        for name, p, turn in self._places:
-            T = np.eye(4)
-            mujoco.mju_quat2Mat(self._R, turn)
-            T[:3, :3], T[:3, 3] = self._R.reshape(3, 3), p
-            out[name] = T.ravel()
-        holders, touches, meets = self._contacts()
-        for item, k in zip(self._objects, holders, strict=True):
-            out[f"{item.name}.holder"] = float(k)
-        for k, gripper in enumerate(self._grippers):
-            out[f"{gripper.robot}.touches"], out[f"{gripper.robot}.meets"] = float(k in touches), float(k in meets)
+        for k, (name, place) in enumerate(self._places):
+            if (now := place.tobytes()) != self._seen[k]:
+                self._seen[k] = now
+                T = np.eye(4)
+                mujoco.mju_quat2Mat(self._R, place[3:])
+                T[:3, :3], T[:3, 3] = self._R.reshape(3, 3), place[:3]
+                out[name] = T.ravel()
+        said = self._contacts()
+        if said != self._said:
+            self._said = said
+            holders, touches, meets = said
+            out |= {f"{item.name}.holder": float(k) for item, k in zip(self._objects, holders, strict=True)}
+            for k, gripper in enumerate(self._grippers):
+                out[f"{gripper.robot}.touches"], out[f"{gripper.robot}.meets"] = float(k in touches), float(k in meets)
         return out
 
     def _contacts(self) -> tuple[list[int], set[int], set[int]]:
@@ -206,12 +212,12 @@ class Contact(Block):
         holders, touches, meets = [-1] * len(self._objects), set[int](), set[int]()
         if not self._grippers or not self._data.ncon:
             return holders, touches, meets
-        contact = self._data.contact
+        contact, whose = self._data.contact, self._whose
         grips: dict[tuple[int, int], set[int]] = {}
         for (g, h), distance in zip(contact.geom.tolist(), contact.dist.tolist(), strict=True):
             if distance >= 0:
                 continue
-            (item, arm, jaw), (item_h, arm_h, jaw_h) = self._whose[g], self._whose[h]
+            (item, arm, jaw), (item_h, arm_h, jaw_h) = whose[g], whose[h]
             if arm < 0:
                 item, arm, jaw, item_h, arm_h = item_h, arm_h, jaw_h, item, arm
             if arm < 0:
@@ -228,55 +234,60 @@ class Contact(Block):
         return holders, touches, meets
 
 
-class _Moving:
-    """The links of one instrument in MuJoCo: free bodies whose positions and velocities are set in every tick."""
+class _Links:
+    """The links of all instruments in MuJoCo: free bodies whose positions and velocities are set in every step."""
 
-    def __init__(self, gripper: Gripper, m: mujoco.MjModel, d: mujoco.MjData, q: Array, dt: float) -> None:
-        self.gripper, self._d, self._dt = gripper, d, dt
-        joints = [m.joint(f"{gripper.robot}/{b.name}") for b in gripper.links]
-        self._qpos = [d.qpos[j.qposadr[0] : j.qposadr[0] + 7] for j in joints]
-        self._qvel = [d.qvel[j.dofadr[0] : j.dofadr[0] + 6] for j in joints]
-        jaws = [m.joint(f"{gripper.robot}/{j.body.name}") for j in gripper.jaws]
+    def __init__(
+        self, grippers: Sequence[Gripper], m: mujoco.MjModel, d: mujoco.MjData, q: Mapping[str, Array], period: float
+    ) -> None:
+        self._grippers, self._m, self._d, self._period = grippers, m, d, period
+        links = [m.joint(f"{g.robot}/{b.name}") for g in grippers for b in g.links]
+        jaws = [m.joint(f"{g.robot}/{j.body.name}") for g in grippers for j in g.jaws]
+        self._qpos = np.array([j.qposadr[0] + i for j in links for i in range(7)], int)
+        self._dofs = np.array([j.dofadr[0] + i for j in links for i in range(6)], int)
         self._jaw_qpos = np.array([j.qposadr[0] for j in jaws], int)
         self._jaw_dofs = np.array([j.dofadr[0] for j in jaws], int)
-        self._ratios = np.array([j.ratio for j in gripper.jaws])
-        self._wanted = [np.zeros(7) for _ in joints]
-        self._q = b""
-        self._locate(q)
+        self._ratios = np.array([j.ratio for g in grippers for j in g.jaws])
+        self._efforts = np.array([g.effort for g in grippers for _ in g.jaws])
+        self._wanted, self._angles = np.zeros(len(self._qpos)), np.zeros(len(jaws))
+        self._turn, self._all, self._v = np.zeros(9), d.qpos.copy(), np.zeros(m.nv)
+        self._last = [b""] * len(grippers)
+        self._locate([q[g.robot] for g in grippers])
         self.settle()
-        if len(self._ratios):
-            d.qpos[self._jaw_qpos] = self._ratios * q[gripper.jaw]
+        d.qpos[self._jaw_qpos] = self._angles
 
-    def _locate(self, q: Array) -> bool:
-        if (given := q.tobytes()) == self._q:
-            return False
-        self._q = given
-        for wanted, T in zip(self._wanted, self.gripper.poses(q), strict=True):
-            wanted[:3] = T[:3, 3]
-            mujoco.mju_mat2Quat(wanted[3:], np.ascontiguousarray(T[:3, :3]).ravel())
-        return True
+    def _locate(self, q: Sequence[Array]) -> None:
+        """Compute the poses of the links and the angles of the jaws at joint values q (n,) of each instrument."""
+        at = jaw = 0
+        for k, (gripper, values) in enumerate(zip(self._grippers, q, strict=True)):
+            size, count = 7 * len(gripper.links), len(gripper.jaws)
+            if (given := values.tobytes()) != self._last[k]:
+                self._last[k] = given
+                for i, T in enumerate(gripper.poses(values)):
+                    row = self._wanted[at + 7 * i : at + 7 * i + 7]
+                    row[:3] = T[:3, 3]
+                    self._turn.reshape(3, 3)[...] = T[:3, :3]
+                    mujoco.mju_mat2Quat(row[3:], self._turn)
+                if count:
+                    self._angles[jaw : jaw + count] = self._ratios[jaw : jaw + count] * values[gripper.jaw]
+            at, jaw = at + size, jaw + count
 
-    def lead(self, q: Array) -> None:
-        """Give the links the velocities that bring them to q (n,) within the tick, and the jaws their torques."""
-        moved = self._locate(q)
-        for wanted, now, v in zip(self._wanted, self._qpos, self._qvel, strict=True):
-            if moved:
-                v[:3] = (wanted[:3] - now[:3]) / self._dt
-                turn = np.zeros(3)
-                mujoco.mju_subQuat(turn, wanted[3:], now[3:])
-                v[3:] = turn / self._dt
-            else:
-                v[:] = 0.0
-        if len(self._ratios):
-            d, dt = self._d, self._dt
-            off = self._ratios * q[self.gripper.jaw] - d.qpos[self._jaw_qpos] - d.qvel[self._jaw_dofs] * dt
-            most = self.gripper.effort
-            d.qfrc_applied[self._jaw_dofs] = np.clip(_JAW_INERTIA * off / dt**2, -most, most)
+    def lead(self, q: Sequence[Array]) -> None:
+        """Give the links the velocities that bring them to q (n,) within the step, and the jaws their torques."""
+        self._locate(q)
+        d, dt = self._d, self._period
+        self._all[:] = d.qpos
+        self._all[self._qpos] = self._wanted
+        mujoco.mj_differentiatePos(self._m, self._v, dt, d.qpos, self._all)
+        d.qvel[self._dofs] = self._v[self._dofs]
+        # a jaw that nothing holds is at its angle after this step
+        off = self._angles - d.qpos[self._jaw_qpos] - d.qvel[self._jaw_dofs] * dt
+        torque = np.minimum(_JAW_INERTIA / dt**2 * off, self._efforts)
+        d.qfrc_applied[self._jaw_dofs] = np.maximum(torque, -self._efforts)
 
     def settle(self) -> None:
         """Put the links exactly where the joint values say."""
-        for wanted, now in zip(self._wanted, self._qpos, strict=True):
-            now[:] = wanted
+        self._d.qpos[self._qpos] = self._wanted
 
 
 def _empty(period: float, gravity: tuple[float, float, float]) -> mujoco.MjSpec:
@@ -287,13 +298,14 @@ def _empty(period: float, gravity: tuple[float, float, float]) -> mujoco.MjSpec:
     option.cone, option.impratio = mujoco.mjtCone.mjCONE_ELLIPTIC, 10.0
     option.noslip_iterations = 5  # without it, objects creep along surfaces on which friction holds them
     option.tolerance = 1e-12
+    option.enableflags |= int(mujoco.mjtEnableBit.mjENBL_SLEEP)  # objects at rest cost nothing until they are touched
     return spec
 
 
-def _surface(friction: float, kind: int, touches: int, period: float) -> dict:
+def _surface(friction: float, kind: int, touches: int, period: float, shape: str = "") -> dict:
     return {
         "friction": [friction, friction * _PATCH, 0.0],
-        "condim": 4,
+        "condim": 4 if shape == "ball" else 3,  # other shapes touch at several points, which resist turning
         "contype": kind,
         "conaffinity": touches,
         "solref": [2 * period, 1.0],

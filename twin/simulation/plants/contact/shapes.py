@@ -15,7 +15,7 @@ from twin.core.spatial import Array
 from twin.model.mechanism import Mesh
 from twin.model.movable import Movable
 
-RING = 16
+RING = 12
 """Number of capsules of a ring."""
 
 _ALIKE = 0.03

@@ -1,0 +1,258 @@
+"""A simulated surgeon, with a random seed, who brings rings from pegs of a wall to pegs of a floor, with both hands.
+
+Both hands work at the same time, each at a ring for a peg on its side: open, go to the ring, grasp its wire from the
+side, lift it, pull it off, carry it to its peg while it is turned, put it over the end of the peg, let it go. If a ring
+slips before it has left its peg, the hand tries again; a ring that has fallen to the floor is left there. How the hands
+move: `devices.surgeon_hands`; all habits are ASSUMED.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from twin.core import spatial
+from twin.core.spatial import Array
+from twin.core.units import DEG, MM
+from twin.simulation.devices.hand import Hand
+from twin.simulation.devices.surgeon_hands import Eye, Habits, SurgeonHands
+
+_STALLED = 8
+"""Number of strokes without progress after which the surgeon gives up a movement."""
+
+_TRIES = 3
+"""Number of grasps of a ring after which the surgeon leaves it."""
+
+HABITS = Habits(hand=Hand(reach=(0.05, 2.5), speed=(0.08, 0.9), pause=0.3), open=30 * DEG, central=0.6)
+"""Habits at the rings: the hands turn further than at points, and wait less after a stroke."""
+
+
+@dataclass(frozen=True)
+class Ring:
+    """A ring to bring to a peg, in m: its name, radii of its wire's centre line and of its wire, ends of its peg.
+
+    Attributes:
+        name: name of the ring.
+        radius, wire: radii of the centre line of its wire, and of its wire.
+        peg: name of the peg.
+        end, foot: (3,) free end and other end of the peg in the World.
+    """
+
+    name: str
+    radius: float
+    wire: float
+    peg: str
+    end: Array
+    foot: Array
+
+
+@dataclass(frozen=True)
+class Manner:
+    """How the surgeon handles a ring, SI; all ASSUMED.
+
+    Attributes:
+        beyond: length of the jaws' tips beyond the wire that they hold.
+        side: angle from the vertical at which an upright ring is grasped, on the side of the hand.
+        before: distance from which the jaws approach the wire, and to which they go back.
+        lift: distance by which a ring is lifted before it is pulled off.
+        pull: distance by which it is pulled off.
+        above, below: distance of the middle of the ring above the end of its peg before it is lowered, and below it
+            when it is let go.
+        tilt: angle at which a ring is put over its peg, its far side lower than the near one.
+        near, fine: remaining distance at the end of a rough and of a fine movement.
+        turn: remaining angle at the end of a movement.
+    """
+
+    beyond: float = 1.0 * MM
+    side: float = 50 * DEG
+    before: float = 14 * MM
+    lift: float = 2.5 * MM
+    pull: float = 24 * MM
+    above: float = 9 * MM
+    below: float = 8 * MM
+    tilt: float = 30 * DEG
+    near: float = 1.5 * MM
+    fine: float = 0.5 * MM
+    turn: float = 4 * DEG
+
+
+class RingSurgeon(SurgeonHands):
+    """Writes what `SurgeonHands` writes, and `surgeon.target`: number of rings that the surgeon has let go on pegs.
+
+    The surgeon sees the rings from `<ring>.pose`, and whether the jaws hold one from `<ring>.holder`.
+
+    Attributes:
+        missed: names of the rings that the surgeon gave up.
+    """
+
+    def __init__(
+        self,
+        device: str,
+        arms: Mapping[str, Eye],
+        camera: str,
+        view: float,
+        rings: Sequence[Ring],
+        scale: float,
+        dt: float = 1e-3,
+        seed: int = 0,
+        habits: Habits | None = None,
+        manner: Manner | None = None,
+    ) -> None:
+        """Connect to a console; `rings`: the rings in the order of work, the others as in `SurgeonHands`."""
+        self.rings, self.manner = tuple(rings), manner or Manner()
+        self._turned: dict[str, float] = {}  # 1: the jaws' y axis is along the ring's axis at the grasp; -1: against it
+        self._numbers = {eye.robot: k for k, eye in enumerate(arms.values())}
+        self._done = 0
+        self._left: list[Ring] = list(rings)
+        self._tried = {r.name: 0 for r in rings}
+        self.missed: list[str] = []
+        super().__init__(device, arms, camera, view, scale, dt, seed, habits or HABITS)
+
+    def _said(self, t: float) -> dict[str, ArrayLike]:
+        return super()._said(t) | {"surgeon.target": float(self._done)}
+
+    # -- what the surgeon sees ------------------------------------------------------------------------
+
+    def _ring(self, ring: Ring) -> Array:
+        """Return the pose (4, 4) of a ring in the World."""
+        return self._signals[f"{ring.name}.pose"].reshape(4, 4)
+
+    def _holds(self, hand: str, ring: Ring) -> bool:
+        return int(self._signals[f"{ring.name}.holder"].item()) == self._numbers[self.arms[hand].robot]
+
+    def _lies(self, ring: Ring) -> bool:
+        """Return whether a ring has fallen: it lies flat, and not around its peg."""
+        return abs(self._ring(ring)[2, 2]) > 0.8 and not self._around(ring)
+
+    def _around(self, ring: Ring) -> bool:
+        """Return whether the peg of a ring passes through it."""
+        T = spatial.inverse(self._ring(ring))
+        a, b = (T[:3, :3] @ p + T[:3, 3] for p in (ring.foot, ring.end))
+        if a[2] * b[2] > 0:
+            return False
+        at = a + (b - a) * (a[2] / (a[2] - b[2]))
+        return float(np.hypot(at[0], at[1])) < ring.radius
+
+    # -- what the surgeon does; each yields once per tick ---------------------------------------------
+
+    def _work(self) -> Iterator[None]:
+        yield from self._rest(0.3)
+        yield from self._show()
+        while jobs := self._next():
+            yield from self._look({hand: self._ring(ring)[:3, 3] for hand, ring in jobs.items()})
+            yield from self._bring(jobs)
+            self._judge(jobs)
+        yield from self._rest(0.5)
+
+    def _next(self) -> dict[str, Ring]:
+        """Return the next ring of each hand: the hand on whose side of the picture the peg is."""
+        right, left = self.arms
+        jobs: dict[str, Ring] = {}
+        for ring in self._left:
+            hand = right if self._in_picture({right: ring.end})[right][0] > 0 else left
+            jobs.setdefault(hand, ring)
+        return {hand: jobs[hand] for hand in self.arms if hand in jobs}
+
+    def _judge(self, jobs: Mapping[str, Ring]) -> None:
+        for ring in jobs.values():
+            self._tried[ring.name] += 1
+            if self._around(ring):
+                self._done += 1
+                self._left.remove(ring)
+            elif self._lies(ring) or self._tried[ring.name] >= _TRIES:
+                self.missed.append(ring.name)
+                self._left.remove(ring)
+
+    def _bring(self, jobs: dict[str, Ring]) -> Iterator[None]:
+        """Bring a ring of each hand to its peg, or try to."""
+        manner = self.manner
+        yield from self._turn_grip(dict.fromkeys(jobs, self.habits.open))
+        grasps = {hand: self._grasp(hand, ring) for hand, ring in jobs.items()}
+        before = {hand: T @ spatial.pose(p=[0, 0, -manner.before]) for hand, T in grasps.items()}
+        yield from self._reach(before, manner.near)
+        yield from self._reach({hand: self._grasp(hand, ring) for hand, ring in jobs.items()}, manner.fine)
+        yield from self._turn_grip(dict.fromkeys(jobs, 0.0))
+        yield from self._rest(0.15)
+        lost = [hand for hand, ring in jobs.items() if not self._holds(hand, ring)]
+        jobs = {hand: ring for hand, ring in jobs.items() if hand not in lost}
+        if lost:
+            yield from self._let_go(lost)
+        ups = {hand: spatial.pose(p=[0, 0, manner.lift]) @ self._tool(hand) for hand in jobs}
+        yield from self._reach(ups, manner.fine)
+        outs = {
+            hand: spatial.pose(p=self._outwards(ring) * manner.pull) @ self._tool(hand) for hand, ring in jobs.items()
+        }
+        yield from self._reach(outs, manner.near)
+        for height, near in ((manner.above, manner.near), (-manner.below, 2 * manner.fine)):
+            goals = {hand: self._over(hand, ring, height) for hand, ring in jobs.items() if self._holds(hand, ring)}
+            yield from self._reach(goals, near)
+        yield from self._let_go(list(jobs))
+
+    def _let_go(self, hands: Sequence[str]) -> Iterator[None]:
+        yield from self._turn_grip(dict.fromkeys(hands, self.habits.open))
+        yield from self._rest(0.3)
+        back = {hand: self._tool(hand) @ spatial.pose(p=[0, 0, -self.manner.before]) for hand in hands}
+        yield from self._reach(back, self.manner.near)
+
+    def _outwards(self, ring: Ring) -> Array:
+        """Return the direction (3,) of the axis of a ring towards the camera."""
+        n = self._ring(ring)[:3, 2]
+        return n if n @ self._view()[:3, 2] > 0 else -n
+
+    def _grasp(self, hand: str, ring: Ring) -> Array:
+        """Return the tool's pose (4, 4) in the World at which the jaws are to both sides of a ring's wire.
+
+        The jaws point to the middle of the ring, from above and from the side of the hand, and close along its axis.
+        """
+        T, view = self._ring(ring), self._view()
+        n = -self._outwards(ring)
+        aside = view[:3, 0] if hand == next(iter(self.arms)) else -view[:3, 0]
+        aside = aside - n * (n @ aside)
+        up = np.cross(n, np.cross([0.0, 0.0, 1.0], n))
+        out = np.cos(self.manner.side) * _unit(up) + np.sin(self.manner.side) * _unit(aside)
+        # The jaws are alike: at the first grasp the hand takes the attitude to which it turns less.
+        y = n * self._turned.setdefault(hand, 1.0 if n @ self._tool(hand)[:3, 1] > 0 else -1.0)
+        R = np.column_stack([np.cross(y, -out), y, -out])
+        return spatial.pose(R, T[:3, 3] + (ring.radius + self._ahead(hand)) * out)
+
+    def _ahead(self, hand: str) -> float:
+        """Return the distance in m from the tool to the wire that the jaws hold."""
+        return float(self.arms[hand].T_tool_tip[2, 3]) - self.manner.beyond
+
+    def _over(self, hand: str, ring: Ring, height: float) -> Array:
+        """Return the tool's pose (4, 4) that puts the middle of the held ring over the end of its peg."""
+        T, T_ring = self._tool(hand), self._ring(ring)
+        up = _unit(ring.end - ring.foot)
+        ahead = _unit(T[:3, 2] - up * (up @ T[:3, 2]))
+        tilt = self.manner.tilt
+        z = np.cos(tilt) * ahead - np.sin(tilt) * up
+        y = -self._turned[hand] * (np.sin(tilt) * ahead + np.cos(tilt) * up)
+        R = np.column_stack([np.cross(y, z), y, z])
+        middle = T[:3, :3].T @ (T_ring[:3, 3] - T[:3, 3])
+        return spatial.pose(R, ring.end + height * up - R @ middle)
+
+    def _reach(self, goals: Mapping[str, Array], near: float) -> Generator[None, None, bool]:
+        """Move the tools to poses (4, 4) in the World by strokes; return whether they are there."""
+        best, stalled = np.inf, 0
+        while goals and stalled < _STALLED:
+            R_view = self._view()[:3, :3]
+            ways, turns, left = {}, {}, 0.0
+            for hand, goal in goals.items():
+                T = self._tool(hand)
+                way = R_view.T @ (goal[:3, 3] - T[:3, 3])
+                turn = R_view.T @ spatial.log_so3(goal[:3, :3] @ T[:3, :3].T)
+                far = max(float(np.linalg.norm(way)) / near, float(np.linalg.norm(turn)) / self.manner.turn)
+                left = max(left, far)
+                ways[hand], turns[hand] = self._misjudged(way) / self.scale, self._misjudged(turn)
+            if left < 1.0:
+                return True
+            best, stalled = (left, 0) if left < 0.98 * best else (best, stalled + 1)
+            yield from self._stroke(ways, self.habits.hand.pause, turns)
+        return not goals
+
+
+def _unit(v: Array) -> Array:
+    return v / np.linalg.norm(v)

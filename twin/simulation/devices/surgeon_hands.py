@@ -1,0 +1,246 @@
+"""The hands and feet of a simulated surgeon at a console: strokes, grippers, pedals.
+
+The hands move as that of `devices.hand`: with minimum jerk to reduce the remaining error in the picture, with tremor
+and errors of judgement. If what the surgeon wants to see is outside the middle of the picture, the surgeon drags the
+camera; if a hand has left its comfortable range, it is moved back while the clutch is pressed. All of this is ASSUMED:
+hand motions at such a console are not published.
+"""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from twin.core import spatial
+from twin.core.errors import WorldError
+from twin.core.spatial import Array
+from twin.core.units import DEG
+from twin.kinematics import Kinematics
+from twin.simulation.devices.hand import Hand, minimum_jerk, tremor
+from twin.simulation.world import Block, Signals
+
+_DRAGS = 20
+"""Number of strokes with the camera pedal after which the surgeon is content with the picture."""
+
+
+@dataclass(frozen=True)
+class Habits:
+    """Parameters of the surgeon, SI; all ASSUMED.
+
+    Attributes:
+        hand: parameters of the motion of each hand.
+        middle: position of the right hand in {H} in the middle of its range; that of the left hand is its mirror image.
+        show: rotation of the handles in rad that shows that a person holds them; see `following.Start`.
+        clutched: time in s for which the clutch is pressed before and after the hands move back.
+        open: angle of the grippers on the way to a target.
+        grasp: time in s in which the grippers open or close.
+        central: part of the picture, from its middle, in which a target is seen well enough.
+        drag: motion of the scene per motion of the hands that the surgeon expects from the camera pedal.
+        settle: time in s until the camera, which has limited speed, has followed.
+    """
+
+    hand: Hand = field(default_factory=Hand)
+    middle: tuple[float, float, float] = (0.08, 0.0, 0.0)
+    show: float = 5 * DEG
+    clutched: float = 0.15
+    open: float = 30 * DEG
+    grasp: float = 0.25
+    central: float = 0.4
+    drag: float = 0.2
+    settle: float = 0.5
+
+
+@dataclass(frozen=True)
+class Eye:
+    """What the surgeon sees of one arm: its name in the World, its tip by its equations, and its base (4, 4)."""
+
+    robot: str
+    kin: Kinematics
+    T_world_base: Array
+    T_tool_tip: Array
+
+
+class SurgeonHands(Block):
+    """Writes `<hand>.pose` (16,) with tremor, `<hand>.grip`, and the pedals; a subclass decides what the hands do.
+
+    The surgeon sees the instruments (from `<robot>.q`) in the picture (`<camera>.view`) between two strokes. The device
+    ends when the work has ended.
+    """
+
+    def __init__(
+        self,
+        device: str,
+        arms: Mapping[str, Eye],
+        camera: str,
+        view: float,
+        scale: float,
+        dt: float = 1e-3,
+        seed: int = 0,
+        habits: Habits | None = None,
+    ) -> None:
+        """Connect to a console.
+
+        Args:
+            device: name of the device of the pedals.
+            arms: the arm of the right and of the left hand, by hand, in this order.
+            camera: name of the arm of the camera.
+            view: angle of view in rad.
+            scale: motion scale, which the surgeon knows.
+            dt: duration of a tick in s.
+            seed: seed of tremor and errors.
+            habits: parameters of the surgeon; None: the defaults.
+
+        Raises:
+            WorldError: there are not two hands.
+        """
+        if len(arms) != 2:
+            raise WorldError(f"the surgeon has {len(arms)} hands; give two, right and left")
+        self.device, self.arms, self.camera, self.dt = device, dict(arms), camera, dt
+        self.scale, self.habits = scale, habits or Habits()
+        self._rng = np.random.default_rng(seed)
+        self._half = np.tan(view / 2)
+        self._shake = {hand: tremor(self._rng, self.habits.hand) for hand in arms}
+        middle = np.array(self.habits.middle)
+        self._middle = dict(zip(arms, (middle, middle * (-1, 1, 1)), strict=True))
+        self._p, self._R = dict(self._middle), {hand: np.eye(3) for hand in arms}
+        self._grip = dict.fromkeys(arms, 0.0)
+        self._clutch = self._camera = False
+        self._count = 0
+        self._T: dict[str, Array] = {}
+        self._ticks = self._work()
+        self.outputs = self._said(0.0)
+
+    @abstractmethod
+    def _work(self) -> Iterator[None]:
+        """Do the work; yield once per tick."""
+
+    def step(self, signals: Signals, t: float, dt: float) -> dict[str, ArrayLike] | None:
+        """Return the signals of this tick; None after the end of the work."""
+        self._signals = signals
+        if next(self._ticks, self) is self:
+            return None
+        self._count += 1
+        return self._said((self._count - 1) * self.dt)
+
+    def _said(self, t: float) -> dict[str, ArrayLike]:
+        out: dict[str, ArrayLike] = {}
+        for hand in self.arms:
+            pose = np.eye(4)
+            pose[:3, :3], pose[:3, 3] = self._R[hand], self._p[hand] + self._shake[hand](t)
+            out[f"{hand}.pose"], out[f"{hand}.grip"] = pose.ravel(), self._grip[hand]
+        out |= {f"{self.device}.clutch": float(self._clutch), f"{self.device}.camera": float(self._camera)}
+        return out | {f"{self.device}.scale": self.scale}
+
+    # -- what the surgeon sees ------------------------------------------------------------------------
+
+    def _view(self) -> Array:
+        """Return the frame (4, 4) of the picture in the World."""
+        return self._signals[f"{self.camera}.view"].reshape(4, 4)
+
+    def _in_picture(self, points: Mapping[str, Array]) -> dict[str, Array]:
+        """Return points (3,) of the World in the frame of the picture."""
+        T = spatial.inverse(self._view())
+        return {hand: (T @ np.append(p, 1.0))[:3] for hand, p in points.items()}
+
+    def _tool(self, hand: str) -> Array:
+        """Return the pose (4, 4) of the tool of a hand in the World."""
+        eye = self.arms[hand]
+        T = self._T[hand] = eye.kin.forward(self._signals[f"{eye.robot}.q"], self._T.get(hand))
+        return eye.T_world_base @ T
+
+    # -- what the surgeon does; each yields once per tick ---------------------------------------------
+
+    def _show(self) -> Iterator[None]:
+        """Turn both handles a little, as the start condition requires."""
+        for s in self._shares(0.3):
+            R = spatial.rotation_z(s * self.habits.show)
+            self._R = dict.fromkeys(self.arms, R)
+            yield
+        yield from self._rest(0.1)
+
+    def _look(self, points: Mapping[str, Array]) -> Iterator[None]:
+        """Drag the camera until the middle between the points is near the middle of the picture."""
+        for _ in range(_DRAGS):
+            middle = np.mean(list(self._in_picture(points).values()), axis=0)
+            aside = float(np.abs(middle[:2]).max()) / (self._half * max(-middle[2], 1e-6))
+            # once the pedal is pressed, the target is dragged well into the central part
+            if aside < self.habits.central * (0.4 if self._camera else 1.0):
+                break
+            if not self._camera:
+                self._camera = True
+                yield from self._rest(0.1)
+            way = -np.append(middle[:2], 0.0) / self.habits.drag
+            yield from self._stroke(dict.fromkeys(self.arms, way), self.habits.settle)
+        if self._camera:
+            self._camera = False
+            yield from self._rest(0.1)
+
+    def _misjudged(self, way: Array) -> Array:
+        """Return a way (3,) with an error of judgement in every direction."""
+        return way + self.habits.hand.misjudge * float(np.linalg.norm(way)) * self._rng.normal(size=3)
+
+    def _stroke(
+        self, ways: Mapping[str, Array], pause: float, turns: Mapping[str, Array] | None = None
+    ) -> Iterator[None]:
+        """Move the hands by ways (3,) in m and turns (3,) in rad, as far as their range allows.
+
+        If their range is used up, they are only moved back.
+        """
+        hand = self.habits.hand
+        part = 1.0
+        for name, way in ways.items():
+            off = self._p[name] - self._middle[name]
+            room = np.where(way > 0, hand.reach[0] - off, hand.reach[0] + off)
+            part = min(part, float((room / np.maximum(np.abs(way), 1e-12)).min()))
+        if part < 0.05:
+            yield from self._move_back()
+            return
+        seconds = max(float(np.linalg.norm(way)) for way in ways.values()) / hand.speed[0]
+        turns = turns or {}
+        for turn in turns.values():
+            seconds = max(seconds, float(np.linalg.norm(turn)) / hand.speed[1])
+        to = {n: self._p[n] + part * w for n, w in ways.items()}
+        yield from self._move(to, part * seconds, {n: part * w for n, w in turns.items()})
+        yield from self._rest(pause)
+
+    def _move_back(self) -> Iterator[None]:
+        """Press the clutch, and move both hands to the middle of their ranges."""
+        self._clutch = True
+        yield from self._rest(self.habits.clutched)
+        yield from self._move(self._middle, 0.6)
+        yield from self._rest(self.habits.clutched)
+        self._clutch = False
+        yield from self._rest(0.1)
+
+    def _move(
+        self, to: Mapping[str, Array], seconds: float, turns: Mapping[str, Array] | None = None
+    ) -> Iterator[None]:
+        start, turned = dict(self._p), {}
+        for hand, turn in (turns or {}).items():
+            angle = float(np.linalg.norm(turn))
+            if angle > 1e-9:
+                K, R = spatial.hat(turn / angle), self._R[hand]
+                turned[hand] = angle, R, K @ R, K @ K @ R
+        for s in self._shares(max(0.35, seconds)):
+            self._p |= {hand: start[hand] + s * (p - start[hand]) for hand, p in to.items()}
+            for hand, (angle, R, A, B) in turned.items():  # Rodrigues' formula
+                self._R[hand] = R + np.sin(s * angle) * A + (1 - np.cos(s * angle)) * B
+            yield
+
+    def _turn_grip(self, to: Mapping[str, float]) -> Iterator[None]:
+        start = dict(self._grip)
+        for s in self._shares(self.habits.grasp):
+            self._grip |= {hand: start[hand] + s * (grip - start[hand]) for hand, grip in to.items()}
+            yield
+
+    def _rest(self, seconds: float) -> Iterator[None]:
+        for _ in range(round(seconds / self.dt)):
+            yield
+
+    def _shares(self, seconds: float) -> Iterator[float]:
+        k = max(1, round(seconds / self.dt))
+        yield from minimum_jerk(np.arange(1, k + 1) / k).tolist()
