@@ -272,3 +272,15 @@ def test_a_wrong_peg_or_body_is_named(davinci, props):
         contact_scene.pegs(scene, props, task)
     with pytest.raises(TwinError, match="no contact: add the table"):
         contact_scene.pegs(replace(davinci, contact=None), props, task)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        (["view", "sils", "--task", "pegboard"], "--task is for the live console of a scene"),
+        (["view", "davinci", "--task", "pegbord"], "there is no task 'pegbord'. Did you mean 'pegboard'?"),
+    ],
+)
+def test_a_wrong_task_is_named_before_a_page_opens(arguments, text, capsys):
+    assert main([*arguments, "--port", "0", "--no-browser"]) != 0
+    assert text in capsys.readouterr().err

@@ -6,6 +6,7 @@ import logging
 import threading
 import time
 from contextlib import contextmanager
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ import pytest
 import twin
 from made import headset_page
 from made.headset_page import until
+from twin.api.act import props_of
 from twin.core import spatial
 from twin.core.errors import WorldError
 from twin.core.units import DEG, MM
@@ -352,6 +354,22 @@ def test_a_page_that_is_refused_is_told_once_and_its_arrows_go_back(front, monke
 
 
 # -- in Chromium ------------------------------------------------------------------------------------------------------
+
+
+def test_rings_move_on_the_page(scene, robots):
+    """A ring that is set free beside the pegs falls to the floor; on its peg it counts."""
+    props, task = props_of(scene), scene.tasks["pegboard"]
+    loose = replace(scene.objects[0], T_world_object=spatial.pose(p=np.array([0, 40, 910]) * MM))
+    placed = replace(scene.objects[1], T_world_object=spatial.pose(p=np.array([-42, 40, 900]) * MM))
+    changed = replace(scene, objects=(loose, placed, *scene.objects[2:]))
+    front = ConsoleFront("test", changed, robots, props, serve("test", "127.0.0.1", 0), task=task)
+    try:
+        node = front.nodes["ring1"].bodies["ring1"]
+        go_on(front, lambda: abs(node.position[2] - 895.7 * MM) < 0.03 * MM)  # flat on the floor
+        assert front.nodes["ring3"].bodies["ring3"].position[2] > 920 * MM
+        go_on(front, lambda: "Rings on their pegs: 1 of 4" in front._status.content)
+    finally:
+        front.close()
 
 
 @pytest.fixture(scope="module")

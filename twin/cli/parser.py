@@ -253,6 +253,7 @@ def parser() -> argparse.ArgumentParser:
         "  twin view sils\n  twin view sher phantom            plan and play that protocol\n"
         "  twin view vsrs                    a scene of several robots\n"
         "  twin view davinci                 a scene led from its console, live\n"
+        "  twin view davinci --task pegboard       with rings to grasp\n"
         "  twin view my_robot/ --port 8090 --no-browser\n"
         "  twin view usd/pa10/pa10.usda      a USD stage without a robot folder\n"
         "  twin view sils --html sils.html   a recording that plays without Python",
@@ -264,6 +265,7 @@ def parser() -> argparse.ArgumentParser:
     sub.add_argument("--no-browser", action="store_true", help="open no browser")
     tool(sub)
     sub.add_argument("--html", metavar="FILE", help="write a recording of the protocol and exit")
+    sub.add_argument("--task", metavar="NAME", help="task at the console of a scene: its rings can be grasped")
 
     sub = add(
         "serve",
@@ -319,7 +321,8 @@ def parser() -> argparse.ArgumentParser:
         "  twin operate sher phantom\n  twin operate sher phantom --trials 5 --seed 10 --json\n"
         "  twin operate sher phantom --clutch printed      the published clutch, with which the tool jumps\n"
         "  twin operate sils lowered_patient --scale 0.5\n"
-        "  twin operate davinci --seed 3       a surgeon with two hands, clutch and camera at a scene's console",
+        "  twin operate davinci --seed 3       a surgeon with two hands, clutch and camera at a scene's console\n"
+        "  twin operate davinci --task pegboard      rings from pegs to pegs, held by friction",
     )
     sub.add_argument("robot", help="a built-in robot, the path of a robot folder, or a scene with a console")
     sub.add_argument("protocol", nargs="?", help="name or path; default the robot's default protocol")

@@ -83,6 +83,8 @@ def _what(args: argparse.Namespace) -> tuple[str, Callable[[viser.ViserServer, d
         TwinError: an invalid name; raised before a port opens.
     """
     file = assets.scene_file(args.robot)
+    if args.task is not None and (file is None or args.html is not None):
+        raise TwinError("--task is for the live console of a scene; omit --html and name a scene with a console")
     if file is None:
         robot = api.load(args.robot, tool=args.tool)
         show.tool_note(robot, args.quiet)
@@ -107,6 +109,11 @@ def _what(args: argparse.Namespace) -> tuple[str, Callable[[viser.ViserServer, d
     scene = load_scene(file)
     if scene.console is None or args.html is not None:
         scene.require_protocols()
+    task = None
+    if args.task is not None:
+        from twin.simulation.session.run import task_of
+
+        task = task_of(scene, args.task)
 
     def of_scene(server: viser.ViserServer, more: dict[str, Any]) -> Front:
         from twin.ui.session.desk import Desk
@@ -121,7 +128,7 @@ def _what(args: argparse.Namespace) -> tuple[str, Callable[[viser.ViserServer, d
         from twin.ui.viewer.console import ConsoleFront
 
         robots, props = scenes.content(scene)
-        return ConsoleFront(f"twin · {scene.name}", scene, robots, props, server, more["stopping"])
+        return ConsoleFront(f"twin · {scene.name}", scene, robots, props, server, more["stopping"], task)
 
     return scene.name, of_scene if scene.console is None or args.html is not None else of_console
 

@@ -19,12 +19,14 @@ from twin.core import spatial
 from twin.core.errors import TwinError
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM
-from twin.model.scene import Scene
-from twin.simulation import console_scene
+from twin.model.mechanism import Mechanism
+from twin.model.scene import Scene, Task
+from twin.simulation import console_scene, contact_scene
 from twin.simulation.console_scene import HANDS, Member
 from twin.simulation.controllers.camera import Drag
 from twin.simulation.controllers.pedals import CAMERA, FREE, TOOLS
 from twin.simulation.devices.given import GivenHands, HandState
+from twin.simulation.session import rings
 from twin.simulation.world import Block
 
 _BUDGET, _CHUNK = 0.012, 4
@@ -53,11 +55,19 @@ class LiveConsole:
         device: the input device, which receives the hands of a client.
         owner: identifier of the client whose hands control the robots; None: no client.
         members: mechanism and equations of each robot.
+        transfers: rings to bring to pegs.
+        objects: the movable objects of the World.
         reading: the last state: controlled arms, arms at a limit, and the reason if nothing moves.
     """
 
     def __init__(
-        self, scene: Scene, robots: Mapping[str, Robot], device: GivenHands | None = None, watch: Block | None = None
+        self,
+        scene: Scene,
+        robots: Mapping[str, Robot],
+        device: GivenHands | None = None,
+        watch: Block | None = None,
+        task: Task | None = None,
+        props: Mechanism | None = None,
     ) -> None:
         """Create the World with the robots at the places of the scene.
 
@@ -66,21 +76,37 @@ class LiveConsole:
             robots: robots by the names of their places.
             device: the input device; None: `GivenHands`.
             watch: see `World`.
+            task: a task; if it has transfers, the World has movable objects and contact.
+            props: mechanism of the props; only needed for such a task.
 
         Raises:
-            TwinError: the scene has no console, or the console does not match its robots.
+            TwinError: the scene has no console, the console does not match its robots, or the task its props.
         """
         if scene.console is None:
             raise TwinError(f"scene '{scene.name}' has no console: add the table [console] to {scene.file.name}")
         self.scene, self.table = scene, scene.console
         self.device = device or GivenHands(console_scene.PEDALS, HANDS, self.table.scale)
         self.members = {n: Member(r.mechanism, r.kinematics()) for n, r in robots.items()}
-        self.world = console_scene.world(scene, self.members, self.device, records=False, watch=watch)
+        self.world = console_scene.world(
+            scene, self.members, self.device, records=False, watch=watch, task=task, props=props
+        )
+        self.transfers = () if task is None else task.transfers
+        self.objects = scene.objects if self.transfers else ()
+        self._pegs = contact_scene.pegs(scene, props, task) if task is not None and self.transfers else {}
         self.owner: str | None = None
         self._places = {p.name: p for p in scene.places}
         self._camera = scene.cameras[self.table.camera].robot
         self._owed, self._rate, self._stopped, self._pressed = 0.0, 1.0, "", 0.0
         self.reading = self._read()
+
+    def transferred(self) -> int:
+        """Return the number of rings that now lie around their pegs without a hand."""
+        sizes, count = {o.name: o.size for o in self.objects}, 0
+        for transfer in self.transfers:
+            T = self.world.signals[f"{transfer.ring}.pose"].reshape(1, 4, 4)
+            free = self.world.signals[f"{transfer.ring}.holder"].item() < 0
+            count += free and bool(rings.around(T, sizes[transfer.ring][0], self._pegs[transfer.peg])[0])
+        return count
 
     # -- time -----------------------------------------------------------------------------------------
 

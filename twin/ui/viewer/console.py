@@ -19,8 +19,8 @@ from twin.core import spatial
 from twin.core.errors import TwinError
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM
-from twin.model.mechanism import Mechanism
-from twin.model.scene import Scene
+from twin.model.mechanism import Body, Mechanism
+from twin.model.scene import Scene, Task
 from twin.reference import ReferenceModel
 from twin.simulation.console_scene import HANDS
 from twin.simulation.controllers.camera import Drag
@@ -65,7 +65,7 @@ class ConsoleFront(Loop):
     Attributes:
         console: the World and its hands.
         pens: the handles that this page moves.
-        nodes: scene nodes of each robot.
+        nodes: scene nodes of each robot and each movable object.
         arrows: transform controls at the tool of each hand.
     """
 
@@ -77,6 +77,7 @@ class ConsoleFront(Loop):
         props: Mechanism | None,
         server: viser.ViserServer,
         stopping: threading.Event | None = None,
+        task: Task | None = None,
     ) -> None:
         """Create World and page.
 
@@ -87,16 +88,20 @@ class ConsoleFront(Loop):
             props: mechanism of the props; None: no props.
             server: the server of viser.
             stopping: set when the page shall end.
+            task: a task with rings, or None.
 
         Raises:
-            TwinError: the scene has no console, or the console does not match its robots.
+            TwinError: the scene has no console, the console does not match its robots, or the task its props.
         """
         super().__init__(server, title, stopping)
-        self.console = LiveConsole(scene, robots)
+        self.console = LiveConsole(scene, robots, task=task, props=props)
         self.pens = Pens(self.console)
         self._view_angle = scene.cameras[self.console.table.camera].view_deg * DEG
         poses = self.console.world.frame().link_poses
         self.nodes = {n: RobotNodes(server, f"/{n}", m.mechanism, poses[n]) for n, m in self.console.members.items()}
+        for item in self.console.objects:
+            alone = Mechanism(item.name, item.name, (Body(item.name, (item.mesh(),)),), ())
+            self.nodes[item.name] = RobotNodes(server, f"/{item.name}", alone, poses[item.name])
         boxes = [n.box for n in self.nodes.values()]
         self.props: RobotNodes | None = None
         if props is not None:
@@ -150,7 +155,9 @@ class ConsoleFront(Loop):
         super().close()
 
     def _row(self) -> Array:
-        return np.concatenate([self.console.world.signals[f"{n}.q"] for n in self.console.members])
+        signals, items = self.console.world.signals, self.console.objects
+        poses = [signals[f"{item.name}.pose"] for item in items]
+        return np.concatenate([*(signals[f"{n}.q"] for n in self.console.members), *poses])
 
     # -- arrows ---------------------------------------------------------------------------------------
 
@@ -298,6 +305,13 @@ class ConsoleFront(Loop):
         for body, handle in self.props.meshes:
             handle.opacity = 0.3 if on and body == "patient" else None
 
+    def _score(self) -> list[tuple[str, str]]:
+        """Return (tone, text) on the rings; empty without them."""
+        if not (wanted := len(self.console.transfers)):
+            return []
+        done = self.console.transferred()
+        return [("good" if done == wanted else "plain", f"Rings on their pegs: {done} of {wanted}")]
+
     def _show(self) -> None:
         """Show in the controls what holds in the World, and the status."""
         pens = self.pens
@@ -316,7 +330,7 @@ class ConsoleFront(Loop):
         tone, text = status(self.console.reading)
         said = "".join(
             f"<div style='padding:0 1em .4em;color:{_TONES[tone]}'>{escape(text)}</div>"
-            for tone, text in ((tone, text), *(hand_text(self.console.reading, hand) for hand in HANDS))
+            for tone, text in ((tone, text), *(hand_text(self.console.reading, hand) for hand in HANDS), *self._score())
         )
         if said != self._said:
             self._said = self._status.content = said
