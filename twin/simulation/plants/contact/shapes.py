@@ -8,7 +8,6 @@ from itertools import pairwise
 
 import mujoco
 import numpy as np
-import trimesh
 
 from twin.core import spatial
 from twin.core.spatial import Array
@@ -61,6 +60,8 @@ def add_part(spec: mujoco.MjSpec, body: mujoco.MjsBody, part: Mesh, T_body: Arra
         owner: prefix of the name of the hull.
         more: attributes of the geom.
     """
+    import trimesh  # late: it takes a second
+
     kinds = mujoco.mjtGeom
     hull = trimesh.convex.convex_hull(part.vertices)
     to_box, edges = trimesh.bounds.oriented_bounds(hull)
