@@ -406,7 +406,7 @@ def test_a_wrong_console_is_named(scene, tmp_path, old, new, text):
     [
         ("q3 = 141.94", "q3 = 1419.4", "start: q3 is 1419.4 mm, outside 0 .. 240 mm"),
         ("q3 = 141.94", "q33 = 141.94", "there is no active joint 'q33'"),
-        ('frame = "tool"', 'frame = "base"', "a console drags one on scope"),
+        ('frame = "tool"', 'frame = "base"', "a console can move only a camera on scope"),
     ],
 )
 def test_a_console_that_does_not_fit_its_robots_is_named(scene, robots, tmp_path, old, new, text):
@@ -446,5 +446,5 @@ def test_where_a_camera_looks_is_the_inverse_of_its_view(at):
 
 
 def test_a_camera_beside_its_remote_centre_is_refused():
-    with pytest.raises(WorldError, match="5 mm beside it"):
+    with pytest.raises(WorldError, match="passes 5 mm from its remote centre"):
         looking(spatial.pose(None, (0.005, 0, -0.1)))
