@@ -337,7 +337,7 @@ def test_a_session_replays_with_the_same_bytes(replayed, performed):
     assert replayed.verdict == "agree"
     assert np.array_equal(replayed.ran.kept.rows, performed.ran.kept.rows)
     assert replayed.content() == performed.content() | {"replay": "same"}
-    assert replayed.word == "Same bytes on replay"
+    assert replayed.word == "The replay gives the same bytes"
     assert f"the same bytes in all {replayed.ran.ticks} ticks" in "\n".join(
         p for p in replayed.text() if type(p) is str
     )
@@ -372,7 +372,7 @@ def test_an_interrupted_session_is_replayed_as_far_as_it_goes(recorded, near, tm
 
 
 def test_a_session_of_another_scene_is_refused(recorded, near, davinci, tmp_path):
-    with pytest.raises(TwinError, match="scene 'davinci' has no task 'near', which the session is of"):
+    with pytest.raises(TwinError, match="scene 'davinci' has no task 'near', the task of the session"):
         replay_session(recorded)
     with pytest.raises(WorldError, match="the session was recorded in scene 'davinci', not in 'other'"):
         replay_session(recorded, replace(near, name="other"))
@@ -582,13 +582,19 @@ def test_without_the_extra_the_rest_is_written_and_the_command_says_what_to_inst
     [
         (["operate", "davinci", "table2"], "davinci is a scene: give a task by --task instead of the protocol"),
         (["operate", "davinci", "--task", "tuch"], "there is no task 'tuch'. Did you mean 'touch'?"),
-        (["operate", "davinci", "--trials", "2"], "--trials is for one robot"),
-        (["operate", "davinci", "--clutch", "printed"], "--clutch is for one robot"),
-        (["operate", "davinci", "--scale", "3"], "--scale 3: a console takes 0.05 to 1"),
+        (["operate", "davinci", "--trials", "2"], "--trials applies to one robot"),
+        (["operate", "davinci", "--clutch", "printed"], "--clutch applies to one robot"),
+        (["operate", "davinci", "--scale", "3"], "--scale 3: give 0.05 to 1"),
         (["operate", "vsrs"], "'vsrs' is a scene, not a robot"),
-        (["operate", "sher", "--task", "touch"], "--task is for the console of a scene; sher is a robot"),
-        (["serve", "sils", "--session", "a.session"], "--session records the hands at a console, which sils does not"),
-        (["serve", "vsrs", "--session", "a.session"], "--session records the hands at a console, which vsrs does not"),
+        (["operate", "sher", "--task", "touch"], "--task applies to the console of a scene; sher is a robot"),
+        (
+            ["serve", "sils", "--session", "a.session"],
+            "--session records the hands at a console, and sils has no console",
+        ),
+        (
+            ["serve", "vsrs", "--session", "a.session"],
+            "--session records the hands at a console, and vsrs has no console",
+        ),
         (["serve", "davinci", "--session", "a", "--replay", "b"], "--session and --replay cannot be combined"),
     ],
 )
