@@ -589,11 +589,11 @@ def test_without_the_extra_the_rest_is_written_and_the_command_says_what_to_inst
         (["operate", "sher", "--task", "touch"], "--task applies to the console of a scene; sher is a robot"),
         (
             ["serve", "sils", "--session", "a.session"],
-            "--session records the hands at a console, and sils has no console",
+            "hands at a console, and sils has no console",
         ),
         (
             ["serve", "vsrs", "--session", "a.session"],
-            "--session records the hands at a console, and vsrs has no console",
+            "hands at a console, and vsrs has no console",
         ),
         (["serve", "davinci", "--session", "a", "--replay", "b"], "--session and --replay cannot be combined"),
     ],
