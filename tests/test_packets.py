@@ -221,7 +221,7 @@ def test_a_hand_does_not_begin_with_a_camera_pedal_that_is_pressed(sender):
             sender.sendto(pack(1, number, POSE, 0.0, camera=camera), ("127.0.0.1", door.port))
         assert door.pump(0.0) == 2
     assert len(told) == 1
-    assert "the camera pedal is pressed from the start; release it once" in told[0]
+    assert "the camera pedal was pressed in the first packet; release it once" in told[0]
 
 
 def test_packets_are_shared_out_among_the_parts_of_a_step(sender):
