@@ -53,8 +53,8 @@ def test_the_page_says_who_leads_what_is_lost_and_what_is_wrong(page):
     q = np.array(page("[...twin.app.model.robots[0].frame.q]"))
     pens = Streaming(page.port)
     try:
-        says(page, "packets", f"UDP packets: port {page.port}, lead the hands")
-        says(page, "hand-right", "psm1 holds still")
+        says(page, "packets", f"UDP packets: port {page.port}, in control of the hands")
+        says(page, "hand-right", "psm1 is at rest")
         pens.roll()
         for side, arm in (("right", "psm1"), ("left", "psm2")):
             says(page, f"hand-{side}", f"{arm} follows")

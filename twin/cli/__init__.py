@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from twin.cli.parser import UsageError, parser
 from twin.core.errors import TwinError
 
-# Other modules are imported where they are used: `twin --help` then takes 46 ms of processor time in place of 64.
+# Other modules are imported where they are used, so that `twin --help` takes 46 ms of processor time instead of 64 ms.
 
 
 def main(argv: Sequence[str] | None = None) -> int:

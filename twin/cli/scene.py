@@ -20,7 +20,7 @@ names, find = assets.scenes, assets.scene_file
 
 
 def refuse(args: argparse.Namespace) -> None:
-    """Raise an error if a scene is given to a command that accepts only a robot.
+    """Check that no scene is given to a command that accepts only a robot.
 
     Raises:
         TwinError: a scene is given; the message lists the commands for scenes, and the scene's robots.
@@ -46,7 +46,7 @@ def refuse(args: argparse.Namespace) -> None:
 
 
 def content(scene: Scene) -> tuple[dict[str, api.Robot], Mechanism | None]:
-    """Return (robots by name of their place, props or None) of a scene; robots of one kind are read once."""
+    """Return (robots by name of their place, props or None) of a scene; each robot folder is read once."""
     from twin.cad.build import read_props
 
     kinds = {name: api.load(name) for name in {p.robot for p in scene.places}}

@@ -32,11 +32,11 @@ class Start:
     """Condition that must be met before a hand moves the tool.
 
     Attributes:
-        attitude, again: largest angle in rad between hand and tool at the first start, and after a clutch.
+        attitude, again: largest angle in rad between hand and tool at the first start, and after use of the clutch.
         grip, roll: gripper travel in rad, or rotation of the handle about its axis in rad, that shows that a person
             holds the handle.
-        together: if the sum of grip and roll travel exceeds this fraction of the sum of both thresholds, it also shows
-            this.
+        together: fraction of the sum of both thresholds. A sum of gripper travel and rotation above this value also
+            shows that a person holds the handle.
     """
 
     attitude: float = 5 * DEG
@@ -160,7 +160,7 @@ class Arm:
 
 
 class HandToPose(Block):
-    """Reads a hand, pedals and encoders; writes tool goals of arms, of which one at a time follows the hand.
+    """Moves the tools of the arms of one hand; one arm at a time follows the hand.
 
     Reads `<hand>.pose` (16,), W in {H} row by row, `<hand>.grip` in rad, `<device>.scale`, `console.mode`,
     `console.taps`, `<robot>.encoder` of each arm and, for a movable camera, `<camera>.view` (16,) in the World. Writes

@@ -27,7 +27,7 @@ _SCALE = 96
 
 @dataclass(frozen=True)
 class Pace:
-    """Maximum speed of a tool, and threshold for jumps of a hand; ASSUMED: no console publishes them.
+    """Maximum speed of a tool, and threshold for jumps of a hand; ASSUMED: no values are published for any console.
 
     Attributes:
         speed, turn: maximum speeds of the tool, in m/s and rad/s.
@@ -63,11 +63,11 @@ class HandStep:
         self.goal = self.wanted = self._goal.copy()
 
     def couple(self, W_0: Array, P_0: Array, T: Array, scale: float) -> None:
-        """Set the poses (4, 4) of hand and tool of the coupling, the pose of {H} in {RB}, and the scale."""
+        """Couple the hand at W_0 with the tool at P_0, for the pose T of {H} in {RB}, each (4, 4), and a scale."""
         self._W_0[...], self._P_0[...], self._T[...], self._scale[...] = W_0, P_0, T, scale
 
     def __call__(self, hand: Array, goal: Array) -> None:
-        """Compute one tick; all poses (4, 4).
+        """Compute one tick; all poses are (4, 4).
 
         Args:
             hand: pose of the handle in {H}.
@@ -86,9 +86,9 @@ class HandStep:
 
 @cache
 def _compile(eq2: Law, eq1: Law, pace: Pace, dt: float) -> tuple[Evaluator, Evaluator]:
-    """Return two functions: the law, with the tests of its input; the step towards a goal that is too far for a tick.
+    """Return two functions: the control law with the tests of its input, and a speed-limited step towards a goal.
 
-    The second one is apart because it costs more than the first and is seldom needed.
+    The second function is separate because it is slower than the first and seldom needed.
     """
     z, pair = ca.SX.sym("z", _SCALE + 1), ca.SX.sym("pair", 32)
     hand, last, goal, W_0, P_0, T = (symbolic.unflat(z[16 * i : 16 * i + 16], 4, 4) for i in range(6))

@@ -25,9 +25,9 @@ A larger step may belong to another working mode.
 class PoseToJoints(Block):
     """Reads `<robot>.goal` (16,), the tool pose in base, and `<robot>.encoder`; writes `<robot>.command` (n,).
 
-    The closed-form inverse is used if its result is near and within the limits; otherwise a Jacobian step, as far as
-    the limits allow. A joint that does not move the tool follows `<robot>.jaw` in rad if this signal exists; otherwise
-    it is at rest.
+    The closed-form inverse is used if its result is within the limits and near the current joint values. Otherwise, a
+    Jacobian step is made as far as the limits allow. A joint that does not move the tool follows `<robot>.jaw` in rad;
+    without this signal, the joint is at rest.
     """
 
     def __init__(self, robot: str, kin: Kinematics, q: Array, limits: Limits, solver: Solver = "damped") -> None:

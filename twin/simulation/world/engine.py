@@ -172,7 +172,7 @@ class World:
             WorldError: there is no device.
         """
         if not self._devices:
-            raise WorldError("this World has no device whose input ends; go on with step(ticks)")
+            raise WorldError("this World has no device whose input ends; use step(ticks)")
         while self.step():
             pass
         return self.recording()

@@ -69,7 +69,7 @@ class Signals:
         Raises:
             WorldError: a value is not finite; the message has the signal and the time `t` in s.
         """
-        # The square of a row is finite unless a value is not, or is above 1e150: then look at each.
+        # The sum of squares is finite if all values are finite and below 1e150. Otherwise, test each value.
         if not math.isfinite(self._squared(self.row)) and not np.isfinite(self.row).all():
             name = next(n for n, view in self._views.items() if not np.isfinite(view).all())
             raise WorldError(f"signal '{name}' is not finite at t = {t:.3f} s: {self[name].tolist()}")
@@ -93,7 +93,7 @@ def put(view: Array, name: str, value: ArrayLike) -> None:
     Raises:
         WorldError: the value has another size.
     """
-    # The first two cases only save time: a tick writes some thirty signals.
+    # The first two cases only save time: a tick writes about thirty signals.
     if type(value) is float and view.size == 1:
         view.fill(value)
     elif type(value) is np.ndarray and value.shape == view.shape:
@@ -101,5 +101,5 @@ def put(view: Array, name: str, value: ArrayLike) -> None:
     else:
         value = np.asarray(value, float)
         if value.size != view.size:
-            raise WorldError(f"signal '{name}' holds {view.size} numbers; {value.size} were written")
+            raise WorldError(f"signal '{name}' has {view.size} numbers; {value.size} were written")
         view[...] = value.ravel()
