@@ -74,7 +74,9 @@ def led(page, robot, kind, wanted, reachable=True):
     if reachable:
         headset.until(lambda: np.linalg.norm(page.tool()[:3, 3] - there) < 1 * MM, "the tool is where it is led")
     else:
-        page.until("twin.app.model.refused && twin.app.model.status().text.startsWith('Target not reached: ')", "the refusal")
+        page.until(
+            "twin.app.model.refused && twin.app.model.status().text.startsWith('Target not reached: ')", "the refusal"
+        )
         assert page("twin.app.grab.ghostHand.visible && twin.app.grab.label.sprite.visible")
         np.testing.assert_allclose(page("twin.app.grab.ghostHand.position.toArray()"), there, atol=2 * MM)
     np.testing.assert_allclose(page.tool()[:3, :3], before[:3, :3], atol=1e-5)  # led, not turned

@@ -206,7 +206,9 @@ def test_another_address_cannot_take_a_hand_over(sender):
             s.sendto(pack(0, n, POSE, 0.0), ("127.0.0.1", door.port))
         assert door.pump(0.0) == 1, "also of those that come at the same time"
         assert door.refused == 2
-        assert told == [f"packets from {there} are ignored: {here} controls the right hand until it is silent for 0.25 s"]
+        assert told == [
+            f"packets from {there} are ignored: {here} controls the right hand until it is silent for 0.25 s"
+        ]
         device.step(NOTHING, 0.0, 1e-3)
         other.sendto(pack(0, 3, POSE, 0.0), ("127.0.0.1", door.port))
         assert door.pump(1.0) == 1

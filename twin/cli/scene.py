@@ -47,10 +47,10 @@ def refuse(args: argparse.Namespace) -> None:
 
 def content(scene: Scene) -> tuple[dict[str, api.Robot], Mechanism | None]:
     """Return (robots by name of their place, props or None) of a scene; each robot folder is read once."""
-    from twin.cad.build import read_mechanism
+    from twin.cad.build import read_props
 
     kinds = {name: api.load(name) for name in {p.robot for p in scene.places}}
-    props = None if scene.props is None else read_mechanism(scene.props, with_mass=False).mechanism
+    props = None if scene.props is None else read_props(scene.props)
     return {p.name: kinds[p.robot] for p in scene.places}, props
 
 

@@ -44,6 +44,7 @@ class Signals:
         values = {name: np.atleast_1d(np.asarray(v, float)).ravel() for name, v in initial.items()}
         self.sizes = {name: len(v) for name, v in values.items()}
         self.row = np.concatenate([*values.values(), []])
+        self._squared = self.row.dot
         self._views = {name: self.row[c] for name, c in columns(self.sizes).items()}
         self.now = _Now({name: view[:] for name, view in self._views.items()})
 
@@ -69,7 +70,7 @@ class Signals:
             WorldError: a value is not finite; the message has the signal and the time `t` in s.
         """
         # The sum of squares is finite if all values are finite and below 1e150. Otherwise, test each value.
-        if not math.isfinite(self.row @ self.row) and not np.isfinite(self.row).all():
+        if not math.isfinite(self._squared(self.row)) and not np.isfinite(self.row).all():
             name = next(n for n, view in self._views.items() if not np.isfinite(view).all())
             raise WorldError(f"signal '{name}' is not finite at t = {t:.3f} s: {self[name].tolist()}")
 
