@@ -2,7 +2,8 @@
 
     read_newton_stranger.py job.json
 
-The job: {"stage" or "mjcf", "seconds", "step", "ties": [[body, point, body, point]], "stiff", "times", "ways"}. "stiff"
+The job: {"stage" or "mjcf", "seconds", "step", "ties": [[body, point, body, point, free]], "stiff", "times", "ways"}. "free" is the
+direction of the first body in which a tie may slide, (0, 0, 0) if in none. "stiff"
 gives the springs of loops that time constant, which Newton's importer of stages cannot be told. "ways" are how far each
 joint is driven from where it is loaded, {joint: [m or rad]}, at "times"; "controls" are the same for the actuators of
 an MJCF, in their order. Prints {"start": gap, "unplaced": m, "held":
@@ -36,6 +37,7 @@ authored = model.body_q.numpy()[:, :3].copy()
 newton.eval_fk(model, model.joint_q, model.joint_qd, now)
 bodies = {label.rsplit("/", 1)[-1]: i for i, label in enumerate(model.body_label)}
 ends = [(np.array([bodies[t[k]] for t in job["ties"]], int), [t[k + 1] for t in job["ties"]]) for k in (0, 2)]
+free = np.reshape([t[4] for t in job["ties"]], (-1, 3))
 
 
 def points(T, which, at):
@@ -47,6 +49,8 @@ def points(T, which, at):
 def gap():
     T = now.body_q.numpy().astype(float)
     apart = points(T, *ends[0]) - points(T, *ends[1])
+    ways = points(T, ends[0][0], free) - T[ends[0][0], :3]
+    apart -= ways * (ways * apart).sum(axis=1, keepdims=True)
     return float(np.nan_to_num(np.linalg.norm(apart, axis=1), nan=np.inf).max(initial=0.0))
 
 

@@ -189,6 +189,10 @@ def test_mujoco_puts_links_of_the_mjcf_where_they_are(figures, tmp_path, name, p
                 data.qpos[at : at + 4] = spatial.quat_from_matrix_wxyz(then.T @ now)
             else:
                 data.qpos[at] = np.arctan2(T[1, 0], T[0, 0]) if joint.type == "revolute" else T[2, 3]
+        for joint in spanning(this.mechanism).cut:  # a slide that closes a loop is one of a carrier
+            if joint.type == "prismatic":
+                T = joint.relative(this.links[joint.parent][k], this.links[joint.child][k])
+                data.qpos[model.joint(joint.name).qposadr[0]] = T[2, 3]
         mujoco.mj_fwdPosition(model, data)
         residual = max(residual, float(np.abs(data.efc_pos[: data.ne]).max(initial=0.0)))
         for n, rows in found.items():

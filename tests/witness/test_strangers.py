@@ -60,27 +60,52 @@ def load_mjcf(mechanism, folder):
     return mujoco, model, mujoco.MjData(model)
 
 
-def ties_of(mechanism) -> list[tuple[str, np.ndarray, str, np.ndarray]]:
-    """Return the loops that a file closes as points of two bodies, by the mechanism: of a pin two, 50 mm apart."""
+ON_PIN = {"spherical": [(0, 0, 0)], "revolute": [(0, 0, -1), (0, 0, 1)], "cylindrical": [(0, 0, -1), (0, 0, 1)]}
+ON_BLOCK = [(0, 0, -1), (0, 0, 1), (1, 0, 0)]
+"""Points of a joint, 25 mm from its origin, that show whether it is open: a block that slides or is fixed needs three."""
+
+
+def ties_of(mechanism) -> list[tuple[str, np.ndarray, str, np.ndarray, np.ndarray]]:
+    """Return the loops that a file closes as points of two bodies, by the mechanism, and the direction, seen by the
+    first body, in which one may slide along the other: (0, 0, 0) if in none.
+    """
     from twin.usd.write.spanning import spanning
 
     out = []
     for joint in spanning(mechanism).cut:
-        assert joint.type in ("spherical", "revolute")
-        for along in (0.0,) if joint.type == "spherical" else (-0.025, 0.025):
-            ends = (T[:3, 3] + along * T[:3, 2] for T in (joint.T_parent_joint, joint.T_child_joint))
-            (one, two) = ends
-            out.append((joint.parent, one, joint.child, two))
+        free = joint.T_parent_joint[:3, 2] * (2 in joint.free_axes)
+        for at in 0.025 * np.array(ON_PIN.get(joint.type, ON_BLOCK)):
+            one, two = (T[:3, :3] @ at + T[:3, 3] for T in (joint.T_parent_joint, joint.T_child_joint))
+            out.append((joint.parent, one, joint.child, two, free))
     return out
 
 
+def told(ties) -> list[list]:
+    """Return ties for a job."""
+    return [[x if isinstance(x, str) else x.tolist() for x in tie] for tie in ties]
+
+
+def closed_by(mechanism, kinds: tuple[str, ...]) -> int:
+    """Return how many of its loops joints of such kinds close."""
+    from twin.usd.write.spanning import spanning
+
+    return sum(j.type in kinds for j in spanning(mechanism).cut)
+
+
+def connects_of(mechanism) -> int:
+    """Return how many ties of one point close the loops of its MJCF: of a ball one, of a pin two."""
+    return closed_by(mechanism, ("spherical",)) + 2 * closed_by(mechanism, ("revolute",))
+
+
 def open_by(ties, data) -> float:
-    """Return how far points that are tied are apart, m."""
+    """Return how far points that are tied are apart, m; of one that may slide, how far it is off its line."""
 
-    def at(body, point):
-        return data.body(body).xpos + data.body(body).xmat.reshape(3, 3) @ point
+    def gap(a, p, b, q, free):
+        R, S = (data.body(n).xmat.reshape(3, 3) for n in (a, b))
+        off = data.body(a).xpos + R @ p - data.body(b).xpos - S @ q
+        return np.linalg.norm(off - R @ free * (R @ free @ off))
 
-    return float(max((np.linalg.norm(at(a, p) - at(b, q)) for a, p, b, q in ties), default=0.0))
+    return float(max((gap(*tie) for tie in ties), default=0.0))
 
 
 @pytest.mark.parametrize("name", ROBOTS)
@@ -98,7 +123,9 @@ def test_mujoco_stands_still_as_loaded(figures, tmp_path, name):
     figures.add("mujoco, as loaded", name, "start", start, float("nan"), "loop gap")
     figures.add("mujoco, as loaded", name, f"{SECONDS:g} s at rest", held, float("nan"), "loop gap")
     figures.add("mujoco, as loaded", name, f"{SECONDS:g} s at rest", moved, float("nan"), "any link")
-    assert (model.eq_type == mujoco.mjtEq.mjEQ_CONNECT).sum() == len(ties)
+    assert (model.eq_type == mujoco.mjtEq.mjEQ_CONNECT).sum() == connects_of(mechanism)
+    welds = closed_by(mechanism, ("prismatic", "cylindrical", "fixed"))
+    assert (model.eq_type == mujoco.mjtEq.mjEQ_WELD).sum() == welds
     assert start <= STARTED
     assert held <= HELD
     assert moved <= HELD
@@ -167,7 +194,7 @@ def test_drake_holds_the_loops_of_the_mjcf(foreign, figures, tmp_path, name, pro
     """At rest, then along a protocol: in Drake's discrete solver, with drives of the gains that the file has."""
     foreign.need("drake")
     mechanism = scene(name, protocol)[0]
-    ties = [(a, p.tolist(), b, q.tolist()) for a, p, b, q in ties_of(mechanism)]
+    ties = told(ties_of(mechanism))
     _, model, _ = load_mjcf(mechanism, tmp_path)
     times, values, gains = targets_of(mechanism, model, track_of(name, protocol, tmp_path))
     file, path = str(tmp_path / f"{mechanism.name}.xml"), tmp_path / "job.json"
@@ -179,7 +206,7 @@ def test_drake_holds_the_loops_of_the_mjcf(foreign, figures, tmp_path, name, pro
         path.write_text(json.dumps(job | {"times": list(map(float, t)), "targets": goals}))
         found = foreign.read("drake", "read_drake_stranger.py", path, timeout=900.0)
         figures.add("drake, as loaded", name, what, found["held"], float("nan"), "loop gap")
-        assert found["constraints"] == len(ties)
+        assert found["constraints"] == connects_of(mechanism)  # Drake reads no welds
         assert found["start"] <= STARTED
         assert found["held"] <= HELD
         if "rest" in what and not mechanism.couplings:  # Drake reads no tendons: belts are not there
@@ -196,7 +223,7 @@ def test_newtons_default_importer_starts_at_home(foreign, figures, tmp_path, nam
     foreign.need("newton")
     mechanism = scene(name, next(p for r, p in CASES if r == name))[0]
     write_usd(mechanism, [], tmp_path)
-    ties = [(a, p.tolist(), b, q.tolist()) for a, p, b, q in ties_of(mechanism)]
+    ties = told(ties_of(mechanism))
     job = {
         "stage": str(tmp_path / f"{mechanism.name}_sim.usda"),
         "seconds": min(SECONDS, 2.0),
@@ -236,7 +263,7 @@ def test_newton_is_driven_along_a_protocol(foreign, figures, tmp_path, file, nam
     ways = {n: np.array(v) - v[0] for n, v in values.items()}
     motors = dict(zip(mechanism.motor_names, mechanism.motors(np.array(list(ways.values())).T).T, strict=True))
     controls = [motors[model.actuator(i).name].tolist() for i in range(model.nu)]  # in the order of the file
-    ties = [(a, p.tolist(), b, q.tolist()) for a, p, b, q in ties_of(mechanism)]
+    ties = told(ties_of(mechanism))
     job = {
         "step": 1e-3,
         "ties": ties,
