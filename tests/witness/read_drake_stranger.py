@@ -3,9 +3,9 @@
     read_drake_stranger.py job.json
 
 The job: {"mjcf", "step", "drives": {joint: [stiffness, damping]}, "times", "targets": {joint: values},
-"ties": [[body, point, body, point, free]]}. "free" is the direction of the first body in which a tie may slide, (0, 0, 0)
+"ties": [[body, point, body, point, free]]}. "free": the direction of the first body in which a tie may slide, (0, 0, 0)
 if in none. Drake reads no actuators of the kind `general`, so that drives with these gains are added, as its users do;
-they go for the targets, m or rad, from time to time. Prints {"start", "held", "moved", "constraints"}: how far the ties,
+they go for the targets, m or rad, in time. Prints {"start", "held", "moved", "constraints"}: how far the ties,
 points on two bodies in m, are open as loaded and later, how far any body goes, and how many constraints there are.
 """
 
