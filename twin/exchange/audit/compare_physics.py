@@ -210,8 +210,9 @@ def compare_physics(contents: Sequence[Content], truth: Physics | None = None) -
                 del view.said[key]
     there = [s for s, name in dict.fromkeys(key for v in views for key in v.said) if name == "existence"]
     for view in (v for v in views if v.physics.complete):
+        stated = ("joint", *["motor"] * view.physics.all_motors, *["coupling"] * (view.physics.couplings is not None))
         for subject in there:
-            if subject.startswith("joint") or (subject.startswith("motor") and view.physics.all_motors):
+            if subject.startswith(stated):
                 view.said.setdefault((subject, "existence"), False)
     subjects = dict.fromkeys(key for v in views for key in v.said)
     worst: dict[str, dict[str, tuple[float, str]]] = {}

@@ -184,7 +184,9 @@ def _couplings(stage: Usd.Stage, meters: float) -> dict[str, tuple[dict[str, flo
     """Return the couplings of joints: tendons of PhysX, and its mimic joints, q + gearing * leader + offset = 0."""
     out: dict[str, tuple[dict[str, float], float]] = {}
     for prim in stage.Traverse():
-        for name in prim.GetAppliedSchemas():
+        for name in map(
+            str, prim.GetPrimTypeInfo().GetAppliedAPISchemas()
+        ):  # also those that this OpenUSD does not know
             if name.startswith("PhysxMimicJointAPI:"):
                 place = f"physxMimicJoint:{name.split(':', 1)[1]}"
                 leader = prim.GetRelationship(f"{place}:referenceJoint")
