@@ -373,4 +373,4 @@ def test_a_scene_says_itself_what_is_played():
         capture_output=True, text=True, timeout=120, cwd=Path(__file__).parents[1],
     )  # fmt: skip
     assert done.returncode == 2
-    assert "is a scene: its file gives the protocol of each robot" in done.stderr
+    assert "is a scene: its file defines the protocol of each robot" in done.stderr

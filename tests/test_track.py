@@ -315,7 +315,7 @@ def test_parallel_axes_and_slides_have_frames_too(table):
     at = [b.inertia.p_body_com for b in inertia.weighed(three, scara).bodies[1:]]
     # At the height of the base's origin, since parallel axes are nearest to each other everywhere.
     assert np.array(at) == pytest.approx(np.array([[0, 0, -0.31], [0, 0, -0.31], [0, 0, -0.21]]), abs=1e-12)
-    with pytest.raises(MechanismError, match="q3: rotor in kg m2, but it is prismatic"):
+    with pytest.raises(MechanismError, match="rotor of q3 is in kg m2, but it is prismatic"):
         inertia.weighed(three.model_copy(update={"link": links}), scara)
 
 

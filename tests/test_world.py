@@ -256,7 +256,7 @@ ARM = {"robots": [Placed("arm", two_links())], "plants": [Kinematic("arm", np.ze
             "'cloth': there is no body of arm 'hnd'. Did you mean 'hand'?",
         ),
         ({**ARM, "controllers": [Says(lambda s: {"arm.q": 1})]}, "Says writes 'arm.q', which is not among its outputs"),
-        ({**ARM, "controllers": [Says(lambda s: {"arm.command": [1, 2, 3]})]}, "holds 2 numbers; 3 were written"),
+        ({**ARM, "controllers": [Says(lambda s: {"arm.command": [1, 2, 3]})]}, "has 2 numbers; 3 were written"),
         ({**ARM, "controllers": [Says(lambda s: s["arm.qd"])]}, "there is no signal 'arm.qd'"),
         ({**ARM, "controllers": [Says(lambda s: {"arm.command": [np.nan, 0]})]}, "'arm.command' is not finite at"),
     ],
@@ -292,8 +292,8 @@ def test_a_recording_is_read_as_it_was_written(waved, tmp_path):
 @pytest.mark.parametrize(
     ("spoil", "text"),
     [
-        (lambda b: b[:-8], "it is truncated or too long"),
-        (lambda b: b + b"\0", "it is truncated or too long"),
+        (lambda b: b[:-8], "the file is truncated or too long"),
+        (lambda b: b + b"\0", "the file is truncated or too long"),
         (lambda b: b[:-1] + bytes([b[-1] ^ 1]), "its rows have changed since they were written"),
         (lambda b: b.replace(b"twin-world", b"twin-track"), "not a twin-world file of version 1: schema"),
         (lambda b: b.replace(b'"version": 1', b'"version": 2'), "not a twin-world file of version 1: version"),

@@ -116,6 +116,6 @@ def _actors(scene: Scene, progress: Progress) -> list[Actor]:
 
 
 def _props(scene: Scene) -> Mechanism | None:
-    from twin.cad.build import read_mechanism
+    from twin.cad.build import read_props
 
-    return None if scene.props is None else read_mechanism(scene.props, with_mass=False).mechanism
+    return None if scene.props is None else read_props(scene.props)

@@ -51,7 +51,7 @@ def add_sweeps(
     sub = add(
         "tolerance",
         "compute the tool error caused by part and encoder errors, and compare it with a requirement",
-        "  twin tolerance sher                              in every posture, against the robot's requirement\n"
+        "  twin tolerance sher                              in every posture, with the robot's requirement\n"
         "  twin tolerance sher --sigma-um 2 --encoder-um 0.5 --require-um 30\n"
         "  twin tolerance sils --protocol table2 --samples 100000 --json",
     )

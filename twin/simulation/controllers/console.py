@@ -54,7 +54,7 @@ def eq2_paper(W_0, W_1, T):
     return dW
 
 
-@equation.variant("conjugate", of=eq2, why="a change of frame, but the tool turns about the hand's point, no scale")
+@equation.variant("conjugate", of=eq2, why="a change of frame, but the tool rotates about the hand's origin; no scale")
 def eq2_conjugate(W_0, W_1, T):
     """Return the motion (4, 4) of the tool: the hand motion W_1 W_0^-1, expressed in {RB} by T."""
     dW = T @ (W_1 @ inverse(W_0)) @ inverse(T)

@@ -132,7 +132,7 @@ class ScriptedHand(Block):
         program = self.kin.program
         wanted = program.coordinates_of_pose.one(goal.T_base_tool.ravel())
         if np.linalg.norm(program.pose_of_coordinates.one(wanted) - goal.T_base_tool) > 1e-6:
-            raise KinematicsError(f"{self.kin.formula.name}: goal '{goal.name}' is outside the robot's freedoms")
+            raise KinematicsError(f"{self.kin.formula.name}: the robot's coordinates cannot express goal '{goal.name}'")
         return wanted
 
     def _tool(self) -> Array:

@@ -1,10 +1,10 @@
 """A simulated surgeon, with a random seed, at a console with two hands, a clutch pedal and a camera pedal.
 
-The surgeon touches the targets of a task one after another, with both hands at once. The hands move as that of
-`devices.hand`: with minimum jerk to reduce the remaining error in the picture, with tremor and errors of judgement. If
-the targets are outside the middle of the picture, the surgeon drags the camera; if a hand has left its comfortable
-range, it is moved back while the clutch is pressed. The grippers open on the way and close at the target. All of this
-is ASSUMED: hand motions at such a console are not published.
+The surgeon touches the targets of a task one after another, with both hands at once. As in `devices.hand`, the hands
+move with minimum jerk to reduce the remaining error in the picture, with tremor and errors of judgement. If the targets
+are outside the middle of the picture, the surgeon moves the camera. If a hand has left its comfortable range, both
+hands are moved back while the clutch is pressed. The grippers open on the way and close at the target. All of this is
+ASSUMED: hand motions at such a console are not published.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _STALLED = 12
 """Number of strokes without progress after which the surgeon gives up a target."""
 
 _DRAGS = 20
-"""Number of strokes with the camera pedal after which the surgeon is content with the picture."""
+"""Maximum number of strokes with the camera pedal for one target; then the surgeon accepts the picture."""
 
 
 @dataclass(frozen=True)
@@ -41,9 +41,9 @@ class Habits:
         clutched: time in s for which the clutch is pressed before and after the hands move back.
         open: angle of the grippers on the way to a target.
         grasp: time in s in which the grippers open or close.
-        central: part of the picture, from its middle, in which a target is seen well enough.
+        central: size of the central area in which targets are visible enough, as a fraction of half the picture.
         drag: motion of the scene per motion of the hands that the surgeon expects from the camera pedal.
-        settle: time in s until the camera, which has limited speed, has followed.
+        settle: time in s that the surgeon waits for the camera, whose speed is limited.
     """
 
     hand: Hand = field(default_factory=Hand)
@@ -59,7 +59,7 @@ class Habits:
 
 @dataclass(frozen=True)
 class Eye:
-    """What the surgeon sees of one arm: its name in the World, its tip by its equations, and its base (4, 4)."""
+    """One arm that the surgeon sees: its name in the World, its equations, and its base and tip frames (4, 4)."""
 
     robot: str
     kin: Kinematics
@@ -68,7 +68,7 @@ class Eye:
 
 
 class ScriptedSurgeon(Block):
-    """Writes `<hand>.pose` (16,) with tremor, `<hand>.grip`, the pedals, and `surgeon.target`: index, or -1 before.
+    """Writes `<hand>.pose` (16,) with tremor, `<hand>.grip`, the pedals, and `surgeon.target`: index; -1 at the start.
 
     The surgeon sees the tips (from `<robot>.q`) in the picture (`<camera>.view`) between two strokes. The device ends
     after the last target.
@@ -101,13 +101,13 @@ class ScriptedSurgeon(Block):
             targets: name of each target and, by hand, its point (3,) in m in the World.
             tolerance: largest distance in m of a tip from its point.
             hold: time in s for which the tips remain at a target.
-            scale: motion scale, which the surgeon knows.
+            scale: motion scale of the console; the surgeon divides displacements by it.
             dt: duration of a tick in s.
             seed: seed of tremor and errors.
             habits: parameters of the surgeon; None: the defaults.
 
         Raises:
-            WorldError: there are not two hands, or a target is for another hand.
+            WorldError: the number of hands is not two, or a target is for another hand.
         """
         if len(arms) != 2:
             raise WorldError(f"the surgeon has {len(arms)} hands; give two, right and left")
@@ -147,7 +147,7 @@ class ScriptedSurgeon(Block):
         out |= {f"{self.device}.clutch": float(self._clutch), f"{self.device}.camera": float(self._camera)}
         return out | {f"{self.device}.scale": self.scale, "surgeon.target": float(self._target)}
 
-    # -- what the surgeon sees ------------------------------------------------------------------------
+    # -- perception -----------------------------------------------------------------------------------
 
     def _in_picture(self, points: Mapping[str, Array]) -> dict[str, Array]:
         """Return points (3,) of the World in the frame of the picture."""
@@ -155,7 +155,7 @@ class ScriptedSurgeon(Block):
         return {hand: (T @ np.append(p, 1.0))[:3] for hand, p in points.items()}
 
     def _missing(self, points: Mapping[str, Array]) -> dict[str, Array]:
-        """Return the way (3,) in m from the tip of each hand to its point, in the frame of the picture."""
+        """Return the vector (3,) in m from the tip of each hand to its point, in the frame of the picture."""
         tips = {}
         for hand in points:
             eye = self.arms[hand]
@@ -164,7 +164,7 @@ class ScriptedSurgeon(Block):
         seen, tips = self._in_picture(points), self._in_picture(tips)
         return {hand: seen[hand] - tips[hand] for hand in points}
 
-    # -- what the surgeon does; each yields once per tick ---------------------------------------------
+    # -- actions: each generator yields once per tick -------------------------------------------------
 
     def _work(self) -> Iterator[None]:
         yield from self._rest(0.3)
@@ -188,11 +188,11 @@ class ScriptedSurgeon(Block):
         yield from self._rest(0.1)
 
     def _look(self, points: Mapping[str, Array]) -> Iterator[None]:
-        """Drag the camera until the middle between the points is near the middle of the picture."""
+        """Move the camera until the mean of the points is near the middle of the picture."""
         for _ in range(_DRAGS):
             middle = np.mean(list(self._in_picture(points).values()), axis=0)
             aside = float(np.abs(middle[:2]).max()) / (self._half * max(-middle[2], 1e-6))
-            # once the pedal is pressed, the target is dragged well into the central part
+            # once the pedal is pressed, the limit is lower, so that the target is not at the edge of the central area
             if aside < self.habits.central * (0.4 if self._camera else 1.0):
                 break
             if not self._camera:
@@ -218,11 +218,11 @@ class ScriptedSurgeon(Block):
         return False
 
     def _misjudged(self, way: Array) -> Array:
-        """Return a way (3,) with an error of judgement in every direction."""
+        """Return a displacement (3,) with a random error of judgement in every direction."""
         return way + self.habits.hand.misjudge * float(np.linalg.norm(way)) * self._rng.normal(size=3)
 
     def _stroke(self, ways: Mapping[str, Array], pause: float) -> Iterator[None]:
-        """Move the hands by ways (3,) in m, as far as their range allows; first move them back if it is used up."""
+        """Move the hands by `ways` (3,) in m as far as their range allows; at its end, move both hands back instead."""
         hand = self.habits.hand
         part = 1.0
         for name, way in ways.items():

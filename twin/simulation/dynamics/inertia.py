@@ -186,7 +186,7 @@ def _frames(table: Inertias, mechanism: Mechanism, poses: dict[str, Array]) -> l
         for key, units in _UNITS.items():
             entry = getattr(link, key)
             if entry is not None and entry.unit != units[not joint.is_angle]:
-                raise MechanismError(f"inertia.toml, {joint.name}: {key} in {entry.unit}, but it is {joint.type}")
+                raise MechanismError(f"inertia.toml: {key} of {joint.name} is in {entry.unit}, but it is {joint.type}")
         T = poses[joint.parent] @ joint.T_parent_joint
         if abs(T[0, 2]) > _ALONG:
             raise MechanismError(

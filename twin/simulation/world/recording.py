@@ -115,7 +115,7 @@ def read_recording(path: Path) -> Recording:
             if len(sizes) < len(head.signals):
                 raise WorldError(f"{path}: a signal is named twice")
             if left != wanted:
-                raise WorldError(f"{path}: {left} bytes of rows; expected {wanted}: it is truncated or too long")
+                raise WorldError(f"{path}: {left} bytes of rows; expected {wanted}: the file is truncated or too long")
             body = file.read()
     except OSError as error:
         raise WorldError(f"{path}: cannot be read: {error.strerror or error}") from error

@@ -1,4 +1,4 @@
-"""Draw a session at a console: paths and speeds of the tips, and what hands and pedals do over time."""
+"""Draw a session at a console: paths and speeds of the tips, and states of hands and pedals over time."""
 
 from __future__ import annotations
 
@@ -91,7 +91,7 @@ def _bands(ax: Axes, found: ConsoleSession, arms: list[tuple[str, str]]) -> None
     ]
     if f"{PEDALS}.silent" in kept.sizes:
         rows.append(("silent", kept[f"{PEDALS}.silent"][:, 0] > 0.5, INK))
-    rows += [(f"{hand} leads", _leads(found, hand), _color(arms, hand)) for hand in HANDS]
+    rows += [(f"{hand} arm follows", _leads(found, hand), _color(arms, hand)) for hand in HANDS]
     names = []
     for k, (name, on, color) in enumerate(rows):
         spans = [(t[a], t[b] - t[a] + kept.dt) for a, b in movement.runs(on)]
