@@ -96,7 +96,7 @@ def test_fields_that_cannot_be_sent_are_told():
     surface = cloth.surfaces["cloth"]
     for field, message in [
         (np.full((9, 3), np.nan), "9 of 9 vertices are not finite"), (np.zeros((8, 3)), r"need \(9, 3\)"),
-        (np.zeros(9), r"shape \(9,\)"), (None, "not in the frame"),
+        (np.zeros(9), r"shape \(9,\)"), (None, "is missing in the frame"),
     ]:  # fmt: skip
         with pytest.raises(TwinError, match=message):
             vertices_of(Frame(0.5, {}, {} if field is None else {"cloth": field}), "cloth", surface)

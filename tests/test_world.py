@@ -300,7 +300,7 @@ def test_a_recording_is_read_as_it_was_written(waved, tmp_path):
         (lambda b: b.replace(b'"ticks": 20', b'"ticks": 20, "more": 1'), "not a twin-world file of version 1: more"),
         (lambda b: b.replace(b'"ticks": 20', b'"ticks": "20"'), "not a twin-world file of version 1: ticks"),
         (lambda b: b.replace(b'"dt": 0.001', b'"dt": -0.001'), "not a twin-world file of version 1: dt"),
-        (lambda b: b.replace(b'"arm.encoder"', b'"arm.command"'), "a signal is named twice"),
+        (lambda b: b.replace(b'"arm.encoder"', b'"arm.command"'), "two signals have the same name"),
         (lambda b: b"", "not a twin-world file of version 1: first line"),
         (lambda b: b"\0" * 100, "not a twin-world file of version 1: first line"),
     ],

@@ -181,7 +181,7 @@ def parser() -> argparse.ArgumentParser:
         "  twin plan sils\n  twin plan sils lowered_patient --out plan/",
     )
     robot(sub)
-    sub.add_argument("protocol", nargs="?", help="name or path; default the robot's default protocol")
+    sub.add_argument("protocol", nargs="?", help="name or path of a protocol (default: the robot's default)")
     out(sub, "./twin-out/<robot>/<protocol>/")
 
     sub = add(
@@ -258,7 +258,7 @@ def parser() -> argparse.ArgumentParser:
         "  twin view sils --html sils.html   a recording that plays without Python",
     )
     sub.add_argument("robot", help="a built-in robot or scene, the path of a robot folder, a scene or a USD stage")
-    sub.add_argument("protocol", nargs="?", help="name or path; default the robot's default protocol")
+    sub.add_argument("protocol", nargs="?", help="name or path of a protocol (default: the robot's default)")
     sub.add_argument("--port", type=_port, default=8080, help="port of the page (default 8080; 0 takes any free port)")
     host(sub)
     sub.add_argument("--no-browser", action="store_true", help="open no browser")
@@ -280,7 +280,7 @@ def parser() -> argparse.ArgumentParser:
         "  twin serve davinci --session hands.session    record the hands at a console, for twin session",
     )
     sub.add_argument("robot", help="a built-in robot or scene, the path of a robot folder, a scene or a USD stage")
-    sub.add_argument("protocol", nargs="?", help="name or path; default the robot's default protocol")
+    sub.add_argument("protocol", nargs="?", help="name or path of a protocol (default: the robot's default)")
     sub.add_argument(
         "--port", type=_port, default=8765, help="port of the server (default 8765; 0 takes any free port)"
     )
@@ -322,7 +322,7 @@ def parser() -> argparse.ArgumentParser:
         "  twin operate davinci --seed 3       a surgeon with two hands, clutch and camera at a scene's console",
     )
     sub.add_argument("robot", help="a built-in robot, the path of a robot folder, or a scene with a console")
-    sub.add_argument("protocol", nargs="?", help="name or path; default the robot's default protocol")
+    sub.add_argument("protocol", nargs="?", help="name or path of a protocol (default: the robot's default)")
     sub.add_argument("--task", metavar="NAME", help="task at the console of a scene (default: its first task)")
     out(sub, "./twin-out/<robot>/<protocol>-operator/")
     sub.add_argument(
@@ -367,7 +367,7 @@ def parser() -> argparse.ArgumentParser:
         "  twin track pa10 --inertia cad --plant pinocchio --json",
     )
     robot(sub)
-    sub.add_argument("protocol", nargs="?", help="name or path; default the robot's default protocol")
+    sub.add_argument("protocol", nargs="?", help="name or path of a protocol (default: the robot's default)")
     out(sub, "./twin-out/<robot>/<protocol>-track/")
     sub.add_argument(
         "--mismatch",
@@ -490,7 +490,7 @@ def parser() -> argparse.ArgumentParser:
         "  twin selftest my_robot/ --json",
     )
     robot(sub)
-    sub.add_argument("--protocol", metavar="NAME", help="the protocol (default the robot's default protocol)")
+    sub.add_argument("--protocol", metavar="NAME", help="the protocol (default: the robot's default protocol)")
     sub.add_argument(
         "--family", metavar="NAMES", help="comma-separated list of formula, cad, usd, units, timing (default all)"
     )

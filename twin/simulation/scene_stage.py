@@ -38,7 +38,7 @@ def write_scene(
     props: Mechanism | None,
     duration: float,
 ) -> Path:
-    """Write the root layer of the scene, and the props beside it; return the path of the root layer.
+    """Write the root layer of the scene, and the props in the same folder; return the path of the root layer.
 
     Args:
         scene: the scene.

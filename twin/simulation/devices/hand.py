@@ -1,9 +1,9 @@
 """A simulated operator, with a random seed, who performs a task with a handle and a clutch pedal.
 
 The hand moves with minimum jerk (Flash and Hogan, J. Neurosci. 5(7), 1985) to reduce the remaining error, and has
-tremor in the physiological frequency band. When the handle leaves its comfortable range, the operator clutches: pedal
-up, handle back to the middle, pedal down. Speeds, pauses and tremor are ASSUMED: the paper publishes results of its
-users, but no hand motions.
+tremor in the physiological frequency band. When the handle leaves its comfortable range, the operator uses the clutch:
+pedal up, handle back to the middle, pedal down. Speeds, pauses and tremor are ASSUMED: the paper publishes results of
+its users, but no hand motions.
 """
 
 from __future__ import annotations

@@ -181,7 +181,7 @@ def _frames(table: Inertias, mechanism: Mechanism, poses: dict[str, Array]) -> l
     lines = []
     for link in table.link:
         if link.joint not in known:
-            raise MechanismError(f"inertia.toml: {unknown('joint of one coordinate', link.joint, known)}")
+            raise MechanismError(f"inertia.toml: {unknown('joint with one coordinate', link.joint, known)}")
         joint = known[link.joint]
         for key, units in _UNITS.items():
             entry = getattr(link, key)

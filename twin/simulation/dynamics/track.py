@@ -208,7 +208,7 @@ def run(
 ) -> Run:
     """Simulate the robot under computed-torque control along a motion; return its tracking errors.
 
-    The robot starts on the motion, with the motion's speed. `progress` is called with the fraction done.
+    The robot starts at the first sample of the motion, with its speed. `progress` is called with the fraction done.
 
     Raises:
         TwinError: the motion does not fit the robot or the control rate, or the robot diverges.
@@ -296,5 +296,5 @@ def _checked(arm: Arm, motion: Motion, c: Conditions) -> tuple[int, int]:
         if values.shape != (k, n) or not np.isfinite(values).all():
             raise TwinError(f"motion: {name} must be {k} rows of {n} finite numbers, not {values.shape}")
     if k < 2 or np.abs(np.diff(motion.t) * c.rate - 1).max() > 1e-6:
-        raise TwinError(f"motion: its samples are not one tick of {1e3 / c.rate:g} ms apart")
+        raise TwinError(f"motion: the time between its samples is not one tick of {1e3 / c.rate:g} ms")
     return k, n

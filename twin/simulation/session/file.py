@@ -171,7 +171,7 @@ class SessionWriter:
         """Add rows (k, m) of all signals; whole chunks are written at once.
 
         Raises:
-            OutputError: the file cannot be written; what was written before is kept in the `.part`.
+            OutputError: the file cannot be written; data written before remain in the `.part`.
         """
         self._rows.append(rows)
         self._held += len(rows)
@@ -184,10 +184,10 @@ class SessionWriter:
             self._rows, self._held = [whole[full:]], len(whole) - full
 
     def close(self) -> None:
-        """Write the rest and the end mark, and give the file its name; a session without a tick leaves no file.
+        """Write the remaining rows and the end mark, and rename the file; a session without ticks leaves no file.
 
         Raises:
-            OutputError: the file cannot be written; what was written before is kept in the `.part`.
+            OutputError: the file cannot be written; data written before remain in the `.part`.
         """
         if self._file is None:
             return
@@ -256,12 +256,12 @@ def _head(path: Path, line: bytes) -> Head:
         raise WorldError(f"{path}: not a twin-session file of version 1: {where}: {first['msg']}") from None
     own, all_signals = sizes(start.device), sizes(start.world)
     if len(own) < len(start.device) or len(all_signals) < len(start.world):
-        raise WorldError(f"{path}: a signal is named twice")
+        raise WorldError(f"{path}: two signals have the same name")
     for name, size in own.items():
         if all_signals.get(name) != size:
             raise WorldError(f"{path}: signal '{name}' of the device is not among the signals of the World")
     if sum(all_signals.values()) > _MOST_NUMBERS:
-        raise WorldError(f"{path}: {sum(all_signals.values())} numbers in a row (limit {_MOST_NUMBERS})")
+        raise WorldError(f"{path}: a row has {sum(all_signals.values())} numbers (limit {_MOST_NUMBERS})")
     return start
 
 

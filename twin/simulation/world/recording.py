@@ -113,7 +113,7 @@ def read_recording(path: Path) -> Recording:
             sizes = {s.name: s.size for s in head.signals}
             wanted = 8 * head.ticks * sum(sizes.values())
             if len(sizes) < len(head.signals):
-                raise WorldError(f"{path}: a signal is named twice")
+                raise WorldError(f"{path}: two signals have the same name")
             if left != wanted:
                 raise WorldError(f"{path}: {left} bytes of rows; expected {wanted}: the file is truncated or too long")
             body = file.read()

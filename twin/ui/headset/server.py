@@ -35,7 +35,7 @@ GAP = 0.004
 """Minimum time in s between two frames; frames after a message `hands` are also sent between ticks."""
 
 SILENCE, GRACE = 5.0, 3.0
-"""Time in s after which a grab is released if its client sends nothing, and if its client is disconnected."""
+"""Times in s after which a grab is released: without a message of its client, and after a disconnection."""
 
 REMEMBERED = 256
 """Maximum number of disconnected clients whose identity is stored, so that they can reconnect."""

@@ -37,7 +37,7 @@ class Moved:
 
     Attributes:
         good: whether the robot has reached the target.
-        reason: why it has not reached the target, with value and limit; "" if it has.
+        reason: why the robot has not reached the target, with value and limit; "" if it has reached the target.
         seconds: solving time in s.
         more: whether the move stopped only because of its time limit; repeat the request to continue.
     """

@@ -150,7 +150,7 @@ class Pens:
     def lead(self, client: str, hand: str, T_old: Array, T_new: Array) -> None:
         """Move a hand so that its tool moves by the displacement from T_old to T_new, both (4, 4) in the World.
 
-        While the camera pedal is pressed, both hands move instead, so that the scene moves in the picture like this.
+        While the camera pedal is pressed, both hands move, so that the scene moves by this displacement in the picture.
 
         Raises:
             HeldError: another client controls the hands.
