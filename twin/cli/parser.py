@@ -342,7 +342,7 @@ def parser() -> argparse.ArgumentParser:
         "--clutch",
         choices=("corrected", "printed"),
         default="corrected",
-        help="variant of eq. (7), the clutch (default corrected)",
+        help="clutch of the SHER simulation paper, eq. (7): corrected (default), or as printed",
     )
     sub.add_argument(
         "--solver", choices=("damped", "slsqp"), default="damped", help="solver of the joint steps (default damped)"

@@ -140,7 +140,7 @@ def run_trials(
         protocol: the protocol; the ends of its phases are the goals.
         trials: number of trials, with the seeds seed, seed + 1, ...
         seed: seed of the first trial.
-        clutch_as: eq. (7), "printed" or "corrected".
+        clutch_as: variant of the clutch, eq. (7) of the SHER simulation paper, "printed" or "corrected".
         scale: tool translation per handle translation; rotations are not scaled.
         solver: solver of the joint step.
         progress: called with a description of the current step and the fraction done.

@@ -32,7 +32,7 @@ UNKNOWN = {"effort": "1e6", "velocity": "1e6"}
 """Values that mean "unknown" for numbers that URDF requires."""
 
 SIMPLE = "transmission_interface/SimpleTransmission"
-"""Transmission type of one motor and one joint: m = mechanicalReduction * q."""
+"""Transmission type of one motor and one joint: motor value = mechanicalReduction * joint value."""
 
 COUPLED = "twin/LinearTransmission"
 """Transmission type of several motors and joints; URDF cannot hold its matrix."""

@@ -30,7 +30,7 @@ class HandState:
         hand: 0 right, 1 left.
         clutch, camera: whether these pedals are pressed.
         number: sequence number, increased by one per state.
-        pose: (4, 4) pose W of the handle in {H}.
+        pose: (4, 4) pose W of the handle in {H}, the frame of the handles.
         grip: angle of the gripper in rad.
     """
 

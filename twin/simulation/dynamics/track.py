@@ -218,7 +218,7 @@ def run(
     if not (c.w > 0 and c.velocity_cutoff > 0 and c.quantisation >= 0):
         raise TwinError(f"w = {c.w:g} rad/s and the cut-off of {c.velocity_cutoff:g} Hz must be above 0")
     if abs(tick / STEP - round(tick / STEP)) > 1e-9:
-        raise TwinError(f"a rate of {c.rate:g} Hz is not a whole number of steps of {STEP * 1e3:g} ms")
+        raise TwinError(f"at {c.rate:g} Hz, a control tick is not a whole number of steps of {STEP * 1e3:g} ms")
     model, plant, half = model_of(arm, c), plant_of(arm, c), 0.5 * tick * c.middle
     limit = arm.limit if c.saturation else np.full(n, np.inf)
     unit = np.where([j.is_angle for j in arm.mechanism.active], 1.0, LENGTH_SCALE)

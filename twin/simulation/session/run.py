@@ -52,7 +52,7 @@ class Ran:
     """Signals of a session that was performed or replayed.
 
     Attributes:
-        kept: the signals that measures and exports use, every `SAMPLE`.
+        kept: the signals that measures and exports use, one row every `SAMPLE` seconds.
         ticks: number of all ticks.
         dt: duration of a tick in s.
         difference: see `Difference`; None if the replay gave the same bytes, or the session was not replayed.

@@ -40,7 +40,7 @@ class Signals:
             WorldError: a name does not have the form "<owner>.<what>".
         """
         if wrong := [name for name in initial if not re.fullmatch(NAME, name)]:
-            raise WorldError(f"signal '{wrong[0]}' must be called <owner>.<what>, in small letters, digits and _")
+            raise WorldError(f"signal '{wrong[0]}' must be called <owner>.<what>, in lower-case letters, digits and _")
         values = {name: np.atleast_1d(np.asarray(v, float)).ravel() for name, v in initial.items()}
         self.sizes = {name: len(v) for name, v in values.items()}
         self.row = np.concatenate([*values.values(), []])

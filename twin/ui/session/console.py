@@ -122,7 +122,7 @@ class LiveConsole:
     # -- hands ----------------------------------------------------------------------------------------
 
     def give(self, client: str, right: HandState, left: HandState) -> None:
-        """Pass in the hands of a client.
+        """Accept the states of both hands from a client.
 
         Raises:
             HeldError: another client controls the hands.

@@ -257,7 +257,7 @@ class Desk:
         for bound in self.hand.bounds:
             beyond = bound.slack(q) < min(0.0, bound.slack(self.assembly.q)) - 1e-9
             if bound.kind == "motor" and beyond:
-                raise KinematicsError(f"{self._bound(bound)}; this is {-bound.slack(q):.3g} {self._unit(bound)} beyond")
+                raise KinematicsError(f"{self._bound(bound)}, exceeded by {-bound.slack(q):.3g} {self._unit(bound)}")
             if bound.kind == "gap" and beyond:
                 lower, upper = bound.name.split()
                 least, left = bound.least / MM, (bound.slack(q) + bound.least) / MM
