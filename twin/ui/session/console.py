@@ -252,7 +252,7 @@ class LiveConsole:
         """Set the new state; log silence, jumps and limits; return the jumps, which the state does not show."""
         old, self.reading = self.reading, new
         log, said = logging.getLogger(__name__), []
-        if new["silent"] and not old["silent"]:
+        if new["silent"] and not old["silent"] and new["owner"] is not None:  # not after a release
             log.warning("no state of the hands was received for %g s: nothing moves", self.device.patience)
         if new["pedal"] and not old["pedal"]:
             log.warning("%s", new["pedal"])

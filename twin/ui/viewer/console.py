@@ -196,8 +196,8 @@ class ConsoleFront(Loop):
 
     def _gone(self, client: viser.ClientHandle) -> None:
         self._through.discard(client.client_id)
-        self._dragged.clear()
         if self.pens.client == _name(client):
+            self._dragged.clear()
             self.pens.release()
             self.say(f"{_name(client)} was closed: nothing moves")
 

@@ -133,10 +133,10 @@ export class Console {
     return node ? new Vector3().fromArray(tool.T_link_tool as number[]).applyMatrix4(node.matrixWorld) : null;
   }
 
-  /** Return the present limits as text; empty without a limit. */
-  walls(): string {
+  /** Return how many of both hands and the camera are at a limit. */
+  walls(): number {
     const state = this.app.model.console;
-    return state ? [...SIDES.map((s) => state.hands[s].wall), state.camera].filter(Boolean).join('; ') : '';
+    return state ? [...SIDES.map((s) => state.hands[s].wall), state.camera].filter(Boolean).length : 0;
   }
 
   /** Return the status line of a hand. */

@@ -27,7 +27,7 @@ export class ConsoleHands {
   /** Hands in control: a hand starts to control by a pull of the trigger or a pinch. */
   readonly leading = new Set<Side>();
   private readonly last: Record<Side, Tracked | null> = { right: null, left: null };
-  private readonly felt: Record<Side, string> = { right: '', left: '' };
+  private readonly felt: Record<Side, boolean> = { right: false, left: false };
   private then = 0;
 
   constructor(
@@ -109,9 +109,9 @@ export class ConsoleHands {
   /** Vibrate the controller once for each new limit of its arm or of the camera. */
   private feel(side: Side, pad: Gamepad | undefined): void {
     const state = this.app.model.console;
-    const limit = (this.leading.has(side) && (state?.hands[side].wall || state?.camera)) || '';
+    const limit = this.leading.has(side) && Boolean(state?.hands[side].wall || state?.camera);
     const pulsing = pad as { hapticActuators?: readonly { pulse?: (value: number, ms: number) => unknown }[] } | undefined;
-    if (limit && limit !== this.felt[side]) void pulsing?.hapticActuators?.[0]?.pulse?.(...PULSE);
+    if (limit && !this.felt[side]) void pulsing?.hapticActuators?.[0]?.pulse?.(...PULSE);
     this.felt[side] = limit;
   }
 }

@@ -30,7 +30,7 @@ export class Pad {
   name = '';
   private last = 0;
   private pulled = { right: 0, left: 0 };
-  private walls = '';
+  private walls = 0;
 
   constructor(private readonly console: Console) {}
 
@@ -64,7 +64,7 @@ export class Pad {
   /** Vibrate once for each new limit. */
   private rumble(pad: Gamepad): void {
     const walls = this.console.walls();
-    if (walls && walls !== this.walls)
+    if (walls > this.walls)
       void pad.vibrationActuator?.playEffect('dual-rumble', { duration: 150, strongMagnitude: 0.8, weakMagnitude: 0.4 });
     this.walls = walls;
   }
