@@ -101,6 +101,14 @@ SHOTS = (
         robot="davinci_ecm", trocar=0.016, floor=-0.9, distance=2.9,
     ),
     Shot(
+        "davinci_psm_si", "", "about_port", "right", "", (-42, 15, 27), (0.0, -0.5, 0.0), (1600, 1000),
+        robot="davinci_psm_si", trocar=0.016, floor=-0.9, distance=2.6,
+    ),
+    Shot(
+        "bands", "", "about_port", "deep", "", (-24, 12, 17), (0.0, -0.25, 0.14), (1600, 1000),
+        robot="davinci_psm_si", trocar=0.012, floor=-0.9, distance=2.3,
+    ),
+    Shot(
         "hexapod", "", "tour", "tilted", "level", (-58, 17, 17.4), (0.0, 0.0, 0.166), (1200, 1000),
         robot="hexapod", trocar=0.0, floor=-0.016, distance=1.75, folder="docs/examples/hexapod",
     ),

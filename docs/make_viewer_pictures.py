@@ -68,10 +68,10 @@ def workspace(front: Front, page: Page) -> None:
     field = page.locator("xpath=//label[contains(., 'half edge')]/following::input[not(@type='hidden')][1]").first
     field.fill("260")
     field.press("Enter")
-    page.get_by_role("button", name="Look for it").click()
+    page.get_by_role("button", name="Compute workspace").click()
     while not page.locator("text=/1 000 000 poses,/").count():
         time.sleep(0.5)
-    page.get_by_role("button", name="Look for it").scroll_into_view_if_needed()
+    page.get_by_role("button", name="Compute workspace").scroll_into_view_if_needed()
 
 
 def console(front: ConsoleFront, page: Page) -> None:

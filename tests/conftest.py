@@ -33,7 +33,7 @@ def cad_once():
 
     true, true_step = build.read_mechanism, build.read_step
 
-    def read(path, *, with_mass=True, read=None):
+    def read(path, *, with_mass=True, tolerance=build.VISUAL_TOLERANCE, read=None):
         try:
             files = sorted(p for p in path.parent.rglob("*") if p.is_file() and "__pycache__" not in p.parts)
             found = [(p.relative_to(path.parent), hashlib.sha256(p.read_bytes()).digest()) for p in files]
@@ -41,10 +41,10 @@ def cad_once():
         except OSError:
             beyond, found = True, []
         if beyond or build.read_step is not true_step:  # another folder has a say, or the test itself
-            return true(path, with_mass=with_mass, read=read)
-        key = (path.name, with_mass, *found)
+            return true(path, with_mass=with_mass, tolerance=tolerance, read=read)
+        key = (path.name, with_mass, tolerance, *found)
         if key not in _READ:
-            _READ[key] = pickle.dumps(true(path, with_mass=with_mass, read=read))
+            _READ[key] = pickle.dumps(true(path, with_mass=with_mass, tolerance=tolerance, read=read))
         return pickle.loads(_READ[key])
 
     with pytest.MonkeyPatch.context() as patch:

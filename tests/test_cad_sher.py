@@ -247,7 +247,6 @@ out, defects = Path(sys.argv[2]), json.loads(sys.argv[3])
 d = model.dimensions(Path(sys.argv[1]).with_name("dimensions.toml"))
 where, parts = model.drawn(d), model.drawing()
 tree, _ = cad.build(model.BODIES, model.draw(d), where, parts.MATERIALS)
-cad.write_step(tree, out / "nominal.step", "sher")
 for label, (body, error) in defects.items():
     # Only the body with the error is drawn anew, by the same function as model.draw.
     assert set(error) <= model.ERRORS[body]
@@ -282,7 +281,7 @@ FOUND = {  # joint -> code: (size, unit), and nothing else
 
 @pytest.fixture(scope="module")
 def redrawn(tmp_path_factory):
-    """The nominal drawing and one for each defect, drawn in one process."""
+    """A drawing for each defect, drawn in one process."""
     folder = tmp_path_factory.mktemp("drawings")
     (folder / "draw.py").write_text(DRAW)
     command = [sys.executable, str(folder / "draw.py"), str(SHER / "model.py"), str(folder), json.dumps(DEFECTS)]
@@ -297,11 +296,6 @@ def measured_on(folder, label):
     (home / "sher.toml").write_text((SHER / "sher.toml").read_text())
     (home / "sher.step").write_bytes((folder / f"{label}.step").read_bytes())
     return read_mechanism(home / "sher.toml", with_mass=False)
-
-
-@pytest.mark.slow
-def test_the_committed_drawing_is_current(redrawn):
-    assert (redrawn / "nominal.step").read_bytes() == STEP.read_bytes()
 
 
 @pytest.mark.slow

@@ -209,7 +209,6 @@ d = model.dimensions(Path(sys.argv[1]).with_name("dimensions.toml"))
 where = model.placements(d, d.pose_position, d.pose_angles)
 parts, nominal = model.drawing(), model.draw(d)
 tree, total = cad.build(model.BODIES, nominal, where, parts.MATERIALS)
-cad.write_step(tree, out / "nominal.step", "sils")
 for label, (body, error) in defects.items():
     # Only the body with the error is drawn anew, by the same functions as model.draw.
     e = lambda key, value: error.get(key, value)
@@ -261,7 +260,7 @@ FOUND = {  # joint -> code: (size, unit), and nothing else
 
 @pytest.fixture(scope="module")
 def redrawn(tmp_path_factory):
-    """The nominal drawing and one for each defect, drawn in one process."""
+    """A drawing for each defect, drawn in one process."""
     folder = tmp_path_factory.mktemp("drawings")
     script = folder / "draw.py"
     script.write_text(DRAW)
@@ -278,11 +277,6 @@ def measured_on(folder, label):
     (home / "sils.toml").write_text(text)
     (home / f"{label}.step").write_bytes((folder / f"{label}.step").read_bytes())
     return read_mechanism(home / "sils.toml", with_mass=False)
-
-
-@pytest.mark.slow
-def test_the_committed_drawing_is_current(redrawn):
-    assert (redrawn / "nominal.step").read_bytes() == STEP.read_bytes()
 
 
 @pytest.mark.slow

@@ -401,7 +401,7 @@ def test_loop_that_cannot_close(robot, judged, no_pictures):
     assert (code, report["verdict"]) == (1, "disagree")
     found = next(f for f in report["findings"] if f["code"] == "mechanism.no_assembly")
     assert found["where"] == "sils"
-    assert re.search(r"follows for \d+ % of the way, then loops open", found["message"])
+    assert re.search(r"it moves \d+ % of the way, then loops open", found["message"])
     assert found["suggestion"]
 
 

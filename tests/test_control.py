@@ -175,5 +175,5 @@ def test_many_clutches_carry_the_tool_on_without_a_step():
 def test_wrong_settings_are_named():
     with pytest.raises(KinematicsError, match="dt is 0"):
         Teleoperation(Gains(), 0.0)
-    with pytest.raises(KinematicsError, match="no clutch 'latched': printed or corrected"):
+    with pytest.raises(KinematicsError, match="no clutch 'latched'; give 'printed' or 'corrected'"):
         Teleoperation(Gains(), 0.005, "latched")  # type: ignore[arg-type]

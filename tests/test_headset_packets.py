@@ -135,7 +135,7 @@ def test_packets_lead_both_instruments_and_the_page_says_so(running):
 
 def test_the_hands_have_one_owner_at_a_time(running):
     running.start()
-    with pytest.raises(RefusedError, match="udp has the hands of the console"):
+    with pytest.raises(RefusedError, match="udp controls the hands of the console"):
         running.op.ask(*page())
     running.wait(0.3, sends=False)
     q = running.q()
@@ -143,9 +143,9 @@ def test_the_hands_have_one_owner_at_a_time(running):
         running.op.ask(*page(number=k))
         running.wait(1 / RATE, sends=k > 2)
     assert running.state["owner"] == "c1"
-    assert running.messages() == [f"packets from {running.pens.name} are ignored: c1 has the hands until it lets go"], (
-        "told once, not for each packet"
-    )
+    assert running.messages() == [
+        f"packets from {running.pens.name} are ignored: c1 controls the hands; release them there"
+    ], "told once, not for each packet"
     assert running.state["packets"]["ignored"] == 2 * 9 * 16
     assert running.state["packets"]["from"] == {"right": None, "left": None}
     assert running.state["packets"]["lost"] == {"right": 0, "left": 0}
@@ -164,7 +164,7 @@ def test_silence_stops_everything_and_hands_take_hold_anew(running, monkeypatch,
     running.start().move("right", (0.01, 0, 0))
     with caplog.at_level(logging.WARNING):
         running.wait(0.4, sends=False)
-    assert "nothing was heard of the hands for 0.25 s: nothing moves" in caplog.text
+    assert "no state of the hands was received for 0.25 s: nothing moves" in caplog.text
     assert running.state["silent"]
     q = running.q()
     running.pens.p["right"] = running.pens.p["right"] + (0, 0.05, 0)
@@ -193,7 +193,7 @@ def test_a_pose_that_jumps_is_told_and_moves_nothing(running):
     running.pens.p["left"] = running.pens.p["left"] + (0.05, 0, 0)
     running.wait(0.2)
     assert np.allclose(running.q(), q, atol=1e-9)
-    assert running.messages() == ["the left hand jumped: psm2 stands, and follows from there"]
+    assert running.messages() == ["the left hand jumped: psm2 ignores the jump and follows from the new pose"]
 
 
 def test_a_malformed_packet_is_told_by_what_is_wrong_and_changes_nothing(running, caplog):
@@ -223,7 +223,7 @@ def test_a_camera_pedal_that_is_stuck_at_the_start_moves_nothing(running):
     running.move("right", (0.02, 0.01, 0), 0.1)
     assert np.array_equal(running.q(), q)
     assert len(running.told) == 1
-    assert "the camera pedal is pressed from the start; release it once" in running.messages()[0]
+    assert "the camera pedal was pressed in the first packet; release it once" in running.messages()[0]
     running.pens.camera = False
     running.start()
     running.pens.camera = True
@@ -411,7 +411,7 @@ def test_a_port_that_is_taken_is_told(running, capsys):
         (["davinci", "--mqtt", "localhost:0"], "port 0 is not the port of a broker"),
         (["davinci", "--mqtt-topic", "a"], "--mqtt-topic requires --mqtt"),
         (["davinci", "--mqtt", "localhost", "--mqtt-topic", "a/#"], "--mqtt-topic 'a/#' is not a topic"),
-        (["sils", "--packets", "9870"], "--packets leads a scene with a console, such as davinci; sils is a robot"),
+        (["sils", "--packets", "9870"], "--packets requires a scene with a console, such as davinci; sils is a robot"),
         (["vsrs", "--mqtt", "localhost"], "--mqtt: scene 'vsrs' has no console"),
         (["davinci", "--packets", "9870", "--replay", "x.json"], "--packets and --replay cannot be combined"),
     ],

@@ -60,7 +60,7 @@ def test_the_first_picture_comes_soon_and_the_page_says_what_it_is(chromium, ser
     assert min(figures) < 3.0
     with shown(chromium, server.url) as page:
         assert page.page.locator("h1").first.inner_text() == robot.cad.description.title
-        assert "No XR hardware found" in page.id("xr").inner_text()
+        assert "No headset found" in page.id("xr").inner_text()
         assert page.id("enter").is_disabled()
         page.tab("Robot")
         assert "ASSUMED" in page.page.locator("h2", has_text="ASSUMED").inner_text().upper()
@@ -114,7 +114,7 @@ def test_what_cannot_be_reached_is_said_and_coloured(desk, robot):
     desk.until("twin.app.model.refused && twin.app.model.state.reason", "the refusal")
     time.sleep(1.0)
     text = desk.id("status").inner_text()
-    assert text.startswith("Not reached: ")
+    assert text.startswith("Target not reached: ")
     assert "limit" in text or "reach" in text
     red = np.all(np.abs(desk.image() - [216, 27, 42]) < 40, axis=2).sum()
     assert red > 60 + np.all(np.abs(shot - [216, 27, 42]) < 40, axis=2).sum()
@@ -125,7 +125,7 @@ def test_what_cannot_be_reached_is_said_and_coloured(desk, robot):
     desk.page.mouse.up()
     desk.until("twin.app.grab.held === null", "it is let go")
     desk.until("!twin.app.model.refused && !twin.app.model.state.reason", "the refusal ends with the hand")
-    desk.until("!twin.app.model.status().text.startsWith('Not reached')", "the sentence too")
+    desk.until("!twin.app.model.status().text.startsWith('Target not reached')", "the sentence too")
 
 
 def test_what_is_wrong_is_red(desk, robot):
@@ -274,7 +274,7 @@ def test_a_lost_line_is_told_and_taken_up_again(chromium):
 def test_ghost_workspace_and_surroundings_are_shown(desk):
     desk.tab("Scene")
     desk.id("variant").select_option("eq1=printed")
-    desk.until("twin.app.overlays.ghostText.includes('drawn ×')", "the ghost")  # enlarged, and that is said
+    desk.until("twin.app.overlays.ghostText.includes('magnified ×')", "the ghost")  # enlarged, and that is said
     assert "µm" in desk.id("ghost").inner_text()
     assert desk("twin.app.overlays.ghost.visible")
     desk.id("variant").select_option("")

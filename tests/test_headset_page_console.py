@@ -180,7 +180,7 @@ def test_another_page_watches_and_is_told_who_leads(page, browser, serving):
         page.page.keyboard.down("d")
         other.until("twin.app.model.console.owner !== null && !twin.app.model.console.silent", "somebody leads")
         other("twin.app.refresh()")
-        headset.until(lambda: "has the hands" in other.id("status").inner_text(), "who leads")
+        headset.until(lambda: "controls the hands" in other.id("status").inner_text(), "who leads")
         page.page.keyboard.up("d")
 
 

@@ -53,8 +53,8 @@ def test_the_page_says_who_leads_what_is_lost_and_what_is_wrong(page):
     q = np.array(page("[...twin.app.model.robots[0].frame.q]"))
     pens = Streaming(page.port)
     try:
-        says(page, "packets", f"UDP packets: port {page.port}, lead the hands")
-        says(page, "hand-right", "psm1 holds still")
+        says(page, "packets", f"UDP packets: port {page.port}, in control of the hands")
+        says(page, "hand-right", "psm1 is at rest")
         pens.roll()
         for side, arm in (("right", "psm1"), ("left", "psm2")):
             says(page, f"hand-{side}", f"{arm} follows")
@@ -70,6 +70,7 @@ def test_the_page_says_who_leads_what_is_lost_and_what_is_wrong(page):
         says(page, "status", f"a packet from {stranger.name} is ignored: the length is 7 bytes; it must be 84")
         stranger.close()
         says(page, "packets", "1 packets ignored")
+        says(page, "status", "UDP packets control psm1 and psm2")  # a note about a packet hides it for 6 s
     finally:
         pens.close()
     says(page, "status", "No packets of the right and the left hand: nothing moves.")

@@ -105,7 +105,7 @@ def test_the_mouse_takes_one_robot_and_the_others_stay(page, scene):
         assert page("twin.app.model.chosen") == i  # the controls speak of what is held
         page.until(f"twin.app.model.robots[{i}].state.holder === twin.app.model.client", "the holder")
         assert page("twin.app.model.robots.map(r => r.holding)") == [k == i for k in range(len(scene.places))]
-        assert page("twin.app.model.status().text").startswith(("You hold", "Not reached"))
+        assert page("twin.app.model.status().text").startswith(("You hold", "Target not reached"))
         page.page.mouse.up()
         page.until("twin.app.model.robots.every(r => r.state.holder === null)", "let go")
         page.settled()

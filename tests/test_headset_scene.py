@@ -96,7 +96,7 @@ def test_fields_that_cannot_be_sent_are_told():
     surface = cloth.surfaces["cloth"]
     for field, message in [
         (np.full((9, 3), np.nan), "9 of 9 vertices are not finite"), (np.zeros((8, 3)), r"need \(9, 3\)"),
-        (np.zeros(9), r"shape \(9,\)"), (None, "not in the frame"),
+        (np.zeros(9), r"shape \(9,\)"), (None, "is missing in the frame"),
     ]:  # fmt: skip
         with pytest.raises(TwinError, match=message):
             vertices_of(Frame(0.5, {}, {} if field is None else {"cloth": field}), "cloth", surface)
@@ -373,4 +373,4 @@ def test_a_scene_says_itself_what_is_played():
         capture_output=True, text=True, timeout=120, cwd=Path(__file__).parents[1],
     )  # fmt: skip
     assert done.returncode == 2
-    assert "is a scene: its file gives the protocol of each robot" in done.stderr
+    assert "is a scene: its file defines the protocol of each robot" in done.stderr

@@ -74,7 +74,9 @@ def led(page, robot, kind, wanted, reachable=True):
     if reachable:
         headset.until(lambda: np.linalg.norm(page.tool()[:3, 3] - there) < 1 * MM, "the tool is where it is led")
     else:
-        page.until("twin.app.model.refused && twin.app.model.status().text.startsWith('Not reached: ')", "the refusal")
+        page.until(
+            "twin.app.model.refused && twin.app.model.status().text.startsWith('Target not reached: ')", "the refusal"
+        )
         assert page("twin.app.grab.ghostHand.visible && twin.app.grab.label.sprite.visible")
         np.testing.assert_allclose(page("twin.app.grab.ghostHand.position.toArray()"), there, atol=2 * MM)
     np.testing.assert_allclose(page.tool()[:3, :3], before[:3, :3], atol=1e-5)  # led, not turned
@@ -218,7 +220,7 @@ def test_vr_where_there_is_no_ar(chromium, server, emulator, robot):
     with device(chromium, server, emulator, "vr") as page:
         headset.ready(page, robot)
         assert page.id("enter").inner_text() == "Enter VR"
-        assert "No AR here, but VR" in page.id("xr").inner_text()
+        assert "VR is available, AR is not" in page.id("xr").inner_text()
         page.enter()
         assert page("[twin.app.xr.mode, twin.app.xr.blend]") == ["immersive-vr", "opaque"]
         assert page("twin.app.world.scene.background !== null && twin.app.world.floor.visible")

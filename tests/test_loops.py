@@ -30,6 +30,7 @@ BLOCKS = {
     "hibou": [5],
     "davinci_psm": [1, 2, 2],  # jaw, parallelograms
     "davinci_ecm": [2, 2],
+    "davinci_psm_si": [1, 1, 1, 1],  # two bands of the pitch, band of the slide, jaw
 }
 
 

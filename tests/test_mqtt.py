@@ -192,7 +192,9 @@ def test_a_broker_that_goes_away_is_told_and_found_again(broker, scene, robots, 
                 await pad.until(lambda: pad.last() == "0.4")
             messages = [d["message"] for d in peer.documents if d["type"] == "error"]
             assert sum(why in m for m in messages) <= 1, "told once, not for each attempt"
-            assert sum(f"127.0.0.1:{broker.port} has gone: the motion scale stays 0.2" in m for m in messages) == 1
+            assert (
+                sum(f"127.0.0.1:{broker.port} has disconnected: the motion scale stays 0.2" in m for m in messages) == 1
+            )
             assert sum("is connected again" in m for m in messages) == 2
 
     with caplog.at_level(logging.WARNING):

@@ -206,7 +206,9 @@ def test_another_address_cannot_take_a_hand_over(sender):
             s.sendto(pack(0, n, POSE, 0.0), ("127.0.0.1", door.port))
         assert door.pump(0.0) == 1, "also of those that come at the same time"
         assert door.refused == 2
-        assert told == [f"packets from {there} are ignored: {here} has the right hand until it is silent for 0.25 s"]
+        assert told == [
+            f"packets from {there} are ignored: {here} controls the right hand until it is silent for 0.25 s"
+        ]
         device.step(NOTHING, 0.0, 1e-3)
         other.sendto(pack(0, 3, POSE, 0.0), ("127.0.0.1", door.port))
         assert door.pump(1.0) == 1
@@ -221,7 +223,7 @@ def test_a_hand_does_not_begin_with_a_camera_pedal_that_is_pressed(sender):
             sender.sendto(pack(1, number, POSE, 0.0, camera=camera), ("127.0.0.1", door.port))
         assert door.pump(0.0) == 2
     assert len(told) == 1
-    assert "the camera pedal is pressed from the start; release it once" in told[0]
+    assert "the camera pedal was pressed in the first packet; release it once" in told[0]
 
 
 def test_packets_are_shared_out_among_the_parts_of_a_step(sender):

@@ -127,8 +127,9 @@ def test_a_start_in_collision_names_the_nearest_free_one():
     t = np.arange(4.0)
     finding = too_near(found, int(np.argmin(found.distance)), t, 0.005)
     assert (finding.code, finding.where, finding.when) == ("scene.start", "a/base, b/base", "t = 0.0 s")
-    assert "start where the protocols are at t = 2.0 s, the first time they are 5 mm apart" in finding.suggestion
-    assert "below 150 mm along the whole protocols" in too_near(found, 0, t, 0.15).suggestion
+    start = "start the protocols from their poses at t = 2.0 s, the first time with a clearance of 5 mm"
+    assert start in finding.suggestion
+    assert "below 150 mm during the whole protocols" in too_near(found, 0, t, 0.15).suggestion
 
 
 def one_robot(tmp_path):

@@ -250,7 +250,7 @@ def test_a_file_cut_anywhere_gives_its_whole_seconds_or_says_that_there_are_none
     first = line + 44 + struct.unpack("<I", data[line + 8 : line + 12])[0]
     for end in (0, 5, line - 1, line, line + 3, line + 44, first - 1):
         cut.write_bytes(data[:end])
-        with pytest.raises(WorldError, match=r"b\.session: (not a twin-session file|it has no whole second)"):
+        with pytest.raises(WorldError, match=r"b\.session: (not a twin-session file|it has no complete chunk)"):
             read_session(cut)
     for end in (first, first + 20, first + 100, len(data) - 45):
         cut.write_bytes(data[:end])
@@ -285,12 +285,12 @@ def bomb(data):
         (lambda d: with_head(d, more=1), "more"),
         (lambda d: with_head(d, device=[]), "device"),
         (lambda d: with_head(d, device=[{"name": "a.b", "size": 4}]), "'a.b' of the device is not among the signals"),
-        (lambda d: with_head(d, device=2 * [{"name": "hand.pose", "size": 3}]), "named twice"),
-        (lambda d: with_head(d, world=[{"name": "hand.pose", "size": 10**6}]), "not among|numbers in a row"),
+        (lambda d: with_head(d, device=2 * [{"name": "hand.pose", "size": 3}]), "two signals have the same name"),
+        (lambda d: with_head(d, world=[{"name": "hand.pose", "size": 10**6}]), "not among|a row has"),
         (lambda d: b"{}\n" + d, "not a twin-session file of version 1"),
-        (lambda d: swapped(d, d.index(b"\n") + 1, 0), "damaged after 0.000 s: there is no chunk"),
+        (lambda d: swapped(d, d.index(b"\n") + 1, 0), "damaged after 0.000 s: there is no valid chunk"),
         (lambda d: swapped(d, d.index(b"\n") + 60, 255), "damaged after 0.000 s"),
-        (lambda d: swapped(d, len(d) - 1, d[-1] ^ 1), "end mark is not that of its 1010 ticks"),
+        (lambda d: swapped(d, len(d) - 1, d[-1] ^ 1), "end mark does not match its 1010 ticks"),
         (lambda d: d + b"x", "end mark"),
         (bomb, "damaged after 0.000 s"),
     ],
@@ -308,7 +308,7 @@ def test_no_file_is_overwritten(tmp_path, capsys):
     path = tmp_path / "a.session"
     written(path, 10)
     before = path.read_bytes()
-    with pytest.raises(OutputError, match="exists, and a session is not overwritten: give another name"):
+    with pytest.raises(OutputError, match="exists; sessions are not overwritten: choose another name"):
         written(path, 20)
     assert path.read_bytes() == before
     path.rename(tmp_path / "a.session.part")
@@ -337,7 +337,7 @@ def test_a_session_replays_with_the_same_bytes(replayed, performed):
     assert replayed.verdict == "agree"
     assert np.array_equal(replayed.ran.kept.rows, performed.ran.kept.rows)
     assert replayed.content() == performed.content() | {"replay": "same"}
-    assert replayed.word == "Same bytes on replay"
+    assert replayed.word == "The replay gives the same bytes"
     assert f"the same bytes in all {replayed.ran.ticks} ticks" in "\n".join(
         p for p in replayed.text() if type(p) is str
     )
@@ -372,9 +372,9 @@ def test_an_interrupted_session_is_replayed_as_far_as_it_goes(recorded, near, tm
 
 
 def test_a_session_of_another_scene_is_refused(recorded, near, davinci, tmp_path):
-    with pytest.raises(TwinError, match="scene 'davinci' has no task 'near', which the session is of"):
+    with pytest.raises(TwinError, match="scene 'davinci' has no task 'near', the task of the session"):
         replay_session(recorded)
-    with pytest.raises(WorldError, match="the session is of scene 'davinci', not of 'other'"):
+    with pytest.raises(WorldError, match="the session was recorded in scene 'davinci', not in 'other'"):
         replay_session(recorded, replace(near, name="other"))
     first = near.places[0]
     nudged = replace(first, T_world_base=first.T_world_base @ spatial.pose(None, (1e-6, 0, 0)))
@@ -582,13 +582,19 @@ def test_without_the_extra_the_rest_is_written_and_the_command_says_what_to_inst
     [
         (["operate", "davinci", "table2"], "davinci is a scene: give a task by --task instead of the protocol"),
         (["operate", "davinci", "--task", "tuch"], "there is no task 'tuch'. Did you mean 'touch'?"),
-        (["operate", "davinci", "--trials", "2"], "--trials is for one robot"),
-        (["operate", "davinci", "--clutch", "printed"], "--clutch is for one robot"),
-        (["operate", "davinci", "--scale", "3"], "--scale 3: a console takes 0.05 to 1"),
+        (["operate", "davinci", "--trials", "2"], "--trials applies to one robot"),
+        (["operate", "davinci", "--clutch", "printed"], "--clutch applies to one robot"),
+        (["operate", "davinci", "--scale", "3"], "--scale 3: give 0.05 to 1"),
         (["operate", "vsrs"], "'vsrs' is a scene, not a robot"),
-        (["operate", "sher", "--task", "touch"], "--task is for the console of a scene; sher is a robot"),
-        (["serve", "sils", "--session", "a.session"], "--session records the hands at a console, which sils does not"),
-        (["serve", "vsrs", "--session", "a.session"], "--session records the hands at a console, which vsrs does not"),
+        (["operate", "sher", "--task", "touch"], "--task applies to the console of a scene; sher is a robot"),
+        (
+            ["serve", "sils", "--session", "a.session"],
+            "hands at a console, and sils has no console",
+        ),
+        (
+            ["serve", "vsrs", "--session", "a.session"],
+            "hands at a console, and vsrs has no console",
+        ),
         (["serve", "davinci", "--session", "a", "--replay", "b"], "--session and --replay cannot be combined"),
     ],
 )

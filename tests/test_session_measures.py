@@ -83,7 +83,7 @@ def test_measures_are_those_of_the_hand_and_not_of_the_rate_of_its_device(second
 
 
 def test_what_does_not_move_has_no_smoothness():
-    with pytest.raises(ValueError, match="no smoothness"):
+    with pytest.raises(ValueError, match="smoothness is undefined"):
         movement.spectral_arc_length(np.zeros(100), DT)
 
 

@@ -224,6 +224,7 @@ def moved(joint, by, side=0):
         (moved(WELD, (0, 0, 1e-3)), "stage.anchor", WELD),
         (put(f"{SLIDE}.state:linear:physics:position", 30.0), "stage.state", SLIDE),
         (put(f"{SLIDE}.physics:upperLimit", 0.02), "stage.beyond_limits", SLIDE),
+        (put(f"{SLIDE}.drive:linear:physics:targetPosition", 0.0905), "stage.drive_target", SLIDE),
     ],
     ids=lambda v: v.rpartition("/")[2] if isinstance(v, str) else "",
 )

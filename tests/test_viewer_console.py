@@ -152,7 +152,7 @@ def test_under_the_clutch_arrows_move_freely_and_the_instruments_stand(desk):
     before = desk.q()
     desk.pens.press("page 1", clutch=True)
     desk.wait(0.1)
-    assert status(desk.live.reading) == ("good", "Clutch: the arrows move freely, the instruments stand.")
+    assert status(desk.live.reading) == ("good", "Clutch: only the arrows move; the instruments are at rest.")
     desk.lead("right", (0.02, 0, 0))
     desk.wait(0.5)
     desk.pens.press("page 1", clutch=False)
@@ -212,8 +212,8 @@ def test_hands_are_let_go_after_a_while_and_taken_by_one_page_at_a_time(desk):
     desk.lead("right", (0.002, 0, 0))
     desk.wait(0.3)
     assert desk.live.owner == "page 1"
-    assert status(desk.live.reading) == ("good", "page 1 leads psm1.")
-    with pytest.raises(HeldError, match="page 1 has the hands"):
+    assert status(desk.live.reading) == ("good", "page 1 controls psm1.")
+    with pytest.raises(HeldError, match="page 1 controls the hands"):
         desk.lead("left", (0.002, 0, 0), client="page 2")
     desk.pens.press("page 1", clutch=True)
     desk.wait(IDLE + 0.5)
@@ -221,7 +221,7 @@ def test_hands_are_let_go_after_a_while_and_taken_by_one_page_at_a_time(desk):
     desk.pens.press("page 1", clutch=False)
     desk.wait(IDLE + 0.5)
     assert desk.live.owner is None
-    assert status(desk.live.reading) == ("plain", "Nobody leads: nothing moves.")
+    assert status(desk.live.reading) == ("plain", "No client controls the hands: nothing moves.")
     before = desk.q()
     to = desk.lead("left", (0.002, 0, 0), client="page 2")
     desk.rest()
@@ -246,7 +246,7 @@ def test_silence_and_a_world_that_fails_are_told(desk, monkeypatch):
     desk.wait(0.3)
     for _ in range(30):
         desk.live.advance(FRAME)
-    assert status(desk.live.reading) == ("warn", "Nothing is heard of page 1: nothing moves.")
+    assert status(desk.live.reading) == ("warn", "No data from page 1: nothing moves.")
 
     def fail(ticks):
         raise WorldError("signal 'psm1.q' is not finite at t = 1.000 s")
@@ -334,9 +334,9 @@ def test_controls_show_what_holds_in_the_world(front):
         go_on(front, lambda: True)
     assert front._jaws["left"].value == 30
     front.ask("pedal", lambda: front.pens.press("page 1", clutch=True))
-    go_on(front, lambda: front._clutch.value and "instruments stand" in front._status.content)
+    go_on(front, lambda: front._clutch.value and "instruments are at rest" in front._status.content)
     front.ask("let go", front.pens.release)
-    go_on(front, lambda: not front._clutch.value and "Nobody leads" in front._status.content)
+    go_on(front, lambda: not front._clutch.value and "No client controls" in front._status.content)
 
 
 def test_a_page_that_is_refused_is_told_once_and_its_arrows_go_back(front, monkeypatch):
@@ -348,7 +348,7 @@ def test_a_page_that_is_refused_is_told_once_and_its_arrows_go_back(front, monke
     for _ in range(3):
         drag(front, "left", (0.01, 0, 0))
         go_on(front, lambda: True)
-    assert said == ["page 7 has the hands of the console; wait until it lets go"]
+    assert said == ["page 7 controls the hands of the console; wait until it releases them"]
     go_on(front, lambda: np.allclose(front.arrows["left"].position, front.console.tool("left")[:3, 3], atol=1e-9))
     front.pens.release()
 
@@ -424,10 +424,10 @@ def test_a_slider_opens_a_jaw_and_a_pedal_is_pressed(look):
     until(lambda: abs(front.console.world.signals["psm2.q"][-1] - 40 * DEG) < 1e-6, "the jaw")
     look.page.locator("label", has_text="clutch").click()
     until(lambda: front.console.reading["mode"] == "nothing", "the clutch")
-    look.page.get_by_text("the instruments stand").first.wait_for()
-    look.page.get_by_role("button", name="Let go").click()
+    look.page.get_by_text("the instruments are at rest").first.wait_for()
+    look.page.get_by_role("button", name="Release the hands").click()
     until(lambda: front.console.owner is None, "the hands are free")
-    look.page.get_by_text("Nobody leads").first.wait_for()
+    look.page.get_by_text("No client controls").first.wait_for()
 
 
 @pytest.mark.browser

@@ -57,7 +57,7 @@ def test_a_wish_that_fails_is_told_and_the_loop_goes_on(two, monkeypatch, caplog
     two.step()
     assert said[0] == ("no", True)
     assert "ZeroDivisionError" in said[1][0]
-    assert "a wish failed" in caplog.text
+    assert "a request failed" in caplog.text
 
 
 def test_another_robot_is_taken_in_hand(two):

@@ -24,7 +24,13 @@ from twin.ui.viewer.rewrite import rewrite
 
 ROOT = Path(__file__).parents[1]
 PROTOCOLS = sorted(ROOT.glob("trajectories/*/*.toml"))
-ENDS_INSIDE = ("davinci_ecm/look_around", "davinci_psm/about_port", "hibou/cavity", "sils/table2_printed")
+ENDS_INSIDE = (
+    "davinci_ecm/look_around",
+    "davinci_psm/about_port",
+    "davinci_psm_si/about_port",
+    "hibou/cavity",
+    "sils/table2_printed",
+)
 
 
 def ident(path: Path) -> str:

@@ -312,7 +312,7 @@ def test_the_workspace_is_found_without_stalling_the_hand(sils):
     front = sils.front
     sils.tab("Design")
     before = sils.shot()
-    sils.page.get_by_role("button", name="Look for it").click()
+    sils.page.get_by_role("button", name="Compute workspace").click()
     until(lambda: len(front.panels.design._points) > 0, "the first points")
     T = desk.assembly.T_base_tool.copy()
     took = []
@@ -326,7 +326,7 @@ def test_the_workspace_is_found_without_stalling_the_hand(sils):
     )
     assert np.percentile(took, 95) < 0.1  # far from stalled; the benchmark measures it
     until(lambda: sils.differs(before) > 0.01, "the cloud in the picture")
-    sils.page.get_by_role("button", name="Stop and hide").click()
+    sils.page.get_by_role("button", name="Hide workspace").click()
 
 
 def found(look):

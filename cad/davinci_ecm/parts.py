@@ -1,28 +1,17 @@
-"""Parts of the endoscope arm. Cart to rail are those of davinci.py; here is what slides on the rail.
+"""Parts of the endoscope arm that slide on the rail.
 
 Body frames (mm), axes of the world in both: `stage` and `scope` at the origin of the insertion, on the
 endoscope's axis, which leads down along -z.
-
-Every function returns a list of ``(part name, solid, material)``.
 """
 
 from build123d import Axis
-from davinci import DOWN, MATERIALS, base, coupler1, coupler2, crank1, crank2, mount, rail, setup1, setup2, sledge, yaw
+from davinci import DOWN, sledge
 from shapes import X, Y, Z, box, cone, cyl, flange, seat, soft
 
-__all__ = [
-    "MATERIALS",
-    "base",
-    "coupler1",
-    "coupler2",
-    "crank1",
-    "crank2",
-    "mount",
-    "rail",
-    "setup1",
-    "setup2",
-    "yaw",
-]
+
+def places(d):
+    """Origin of both bodies in the world, inserted as far as drawn."""
+    return dict.fromkeys(("stage", "scope"), (0, 0, d.origin - d.insertion))
 
 
 def stage(d):

@@ -3,10 +3,10 @@
     read_drake_stranger.py job.json
 
 The job: {"mjcf", "step", "drives": {joint: [stiffness, damping]}, "times", "targets": {joint: values},
-"ties": [[body, point, body, point]]}. Drake reads no actuators of the kind `general`, so that drives with these gains
-are added, as its users do; they go for the targets, m or rad, from time to time. Prints {"start", "held", "moved",
-"constraints"}: how far the ties, points on two bodies in m, are open as loaded and later, how far any body goes, and
-how many constraints there are.
+"ties": [[body, point, body, point, free]]}. "free": the direction of the first body in which a tie may slide, (0, 0, 0)
+if in none. Drake reads no actuators of the kind `general`, so that drives with these gains are added, as its users do;
+they go for the targets, m or rad, in time. Prints {"start", "held", "moved", "constraints"}: how far the ties,
+points on two bodies in m, are open as loaded and later, how far any body goes, and how many constraints there are.
 """
 
 import json
@@ -31,14 +31,21 @@ for name, (stiffness, damping) in job["drives"].items():
 plant.Finalize()
 simulator = Simulator(plant)
 context = simulator.get_mutable_context()
-ties = [(plant.GetBodyByName(a), np.array(p), plant.GetBodyByName(b), np.array(q)) for a, p, b, q in job["ties"]]
+ties = [
+    (plant.GetBodyByName(a), np.array(p), plant.GetBodyByName(b), np.array(q), np.array(free))
+    for a, p, b, q, free in job["ties"]
+]
 bodies = [plant.get_body(i) for i in plant.GetBodyIndices(model)]
 
 
 def gap():
-    """Return how far the farthest tie is open, m."""
-    apart = [a.EvalPoseInWorld(context) @ p - b.EvalPoseInWorld(context) @ q for a, p, b, q in ties]
-    return float(max((np.linalg.norm(v) for v in apart), default=0.0))
+    """Return how far the farthest tie is open, m; of one that may slide, how far it is off its line."""
+    apart = []
+    for a, p, b, q, free in ties:
+        T = a.EvalPoseInWorld(context)
+        off, way = T @ p - b.EvalPoseInWorld(context) @ q, T.rotation() @ free
+        apart.append(np.linalg.norm(off - way * (way @ off)))
+    return float(max(apart, default=0.0))
 
 
 def places():

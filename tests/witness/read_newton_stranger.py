@@ -2,13 +2,14 @@
 
     read_newton_stranger.py job.json
 
-The job: {"stage" or "mjcf", "seconds", "step", "ties": [[body, point, body, point]], "stiff", "times", "ways"}. "stiff"
-gives the springs of loops that time constant, which Newton's importer of stages cannot be told. "ways" are how far each
-joint is driven from where it is loaded, {joint: [m or rad]}, at "times"; "controls" are the same for the actuators of
-an MJCF, in their order. Prints {"start": gap, "unplaced": m, "held":
-gap, "moved": m, "late": m or rad, "skipped": warnings}: how far the farthest tie is open, m, how far forward kinematics
-is from the authored poses, how far a link has moved, how far a driven joint is from its way at the end, and what the
-solver left out.
+The job: {"stage" or "mjcf", "seconds", "step", "ties": [[body, point, body, point, free]], "stiff", "times", "ways"}.
+"free" is the direction of the first body in which a tie may slide, (0, 0, 0) if in none. "stiff" gives the springs of
+loops that time constant, which Newton's importer of stages cannot be told. "ways" are how far each joint is driven from
+where it is loaded, {joint: [m or rad]}, at "times"; "controls" are the same for the actuators of an MJCF, in their
+order. "couplings" are [{joint: ratio}, sum] that should hold. Prints {"start": gap, "unplaced": m, "held": gap,
+"moved": m, "late": m or rad, "uncoupled": m or rad, "skipped": warnings}: how far the farthest tie is open, m, how far
+forward kinematics is from the authored poses, how far a link has moved, how far a driven joint is from its way at the
+end, how far the joints of a coupling are off their sum, and what the solver left out.
 """
 
 import json
@@ -36,6 +37,7 @@ authored = model.body_q.numpy()[:, :3].copy()
 newton.eval_fk(model, model.joint_q, model.joint_qd, now)
 bodies = {label.rsplit("/", 1)[-1]: i for i, label in enumerate(model.body_label)}
 ends = [(np.array([bodies[t[k]] for t in job["ties"]], int), [t[k + 1] for t in job["ties"]]) for k in (0, 2)]
+free = np.reshape([t[4] for t in job["ties"]], (-1, 3))
 
 
 def points(T, which, at):
@@ -47,6 +49,8 @@ def points(T, which, at):
 def gap():
     T = now.body_q.numpy().astype(float)
     apart = points(T, *ends[0]) - points(T, *ends[1])
+    ways = points(T, ends[0][0], free) - T[ends[0][0], :3]
+    apart -= ways * (ways * apart).sum(axis=1, keepdims=True)
     return float(np.nan_to_num(np.linalg.norm(apart, axis=1), nan=np.inf).max(initial=0.0))
 
 
@@ -69,7 +73,7 @@ inputs = control.mujoco.ctrl if "mjcf" in job else control.joint_target_q
 rest = inputs.numpy().copy()
 steered = job.get("controls", list(job.get("ways", {}).values()))
 slots = list(range(len(steered))) if "mjcf" in job else list(driven.values())
-held = moved = 0.0
+held = moved = uncoupled = 0.0
 for step in range(round(job["seconds"] / job["step"])):
     if driven:
         wanted = rest.copy()
@@ -82,7 +86,13 @@ for step in range(round(job["seconds"] / job["step"])):
     if step % 10 == 9:
         held = max(held, gap())
         moved = max(moved, float(np.nan_to_num(np.abs(now.body_q.numpy()[:, :3] - placed), nan=np.inf).max()))
+        if job.get("couplings"):
+            newton.eval_ik(model, now, model.joint_q, model.joint_qd)
+            q = model.joint_q.numpy().astype(float)
+            sums = [sum(r * q[starts[joints[n]]] for n, r in c.items()) - total for c, total in job["couplings"]]
+            uncoupled = max(uncoupled, float(np.nan_to_num(np.abs(sums), nan=np.inf).max()))
 newton.eval_ik(model, now, model.joint_q, model.joint_qd)
 went = model.joint_q.numpy() - begin
 late = [abs(went[at] - np.interp(job["seconds"], job["times"], job["ways"][n])) for n, at in driven.items()]
-print(json.dumps(answer | {"held": held, "moved": moved, "late": float(max(late, default=0.0))}), flush=True)
+answer |= {"held": held, "moved": moved, "uncoupled": uncoupled, "late": float(max(late, default=0.0))}
+print(json.dumps(answer), flush=True)

@@ -189,6 +189,10 @@ def test_mujoco_puts_links_of_the_mjcf_where_they_are(figures, tmp_path, name, p
                 data.qpos[at : at + 4] = spatial.quat_from_matrix_wxyz(then.T @ now)
             else:
                 data.qpos[at] = np.arctan2(T[1, 0], T[0, 0]) if joint.type == "revolute" else T[2, 3]
+        for joint in spanning(this.mechanism).cut:  # a slide that closes a loop is one of a carrier
+            if joint.type == "prismatic":
+                T = joint.relative(this.links[joint.parent][k], this.links[joint.child][k])
+                data.qpos[model.joint(joint.name).qposadr[0]] = T[2, 3]
         mujoco.mj_fwdPosition(model, data)
         residual = max(residual, float(np.abs(data.efc_pos[: data.ne]).max(initial=0.0)))
         for n, rows in found.items():
@@ -291,3 +295,35 @@ def test_physx_keeps_the_loops_closed_while_the_drives_follow_the_protocol(forei
     figures.add("physx", name, f"{protocol}, driven", position, rotation, "links behind the protocol")
     assert gap <= GAP
     assert position <= 1e-3
+
+
+def followed(mechanism) -> list:
+    """Return the couplings that a stage holds as mimic joints: of two joints with ends."""
+    ends = {j.name for j in mechanism.joints if j.limits or j.type == "prismatic"}
+    return [c for c in mechanism.couplings if len(c.joints) == 2 and ends.issuperset(c.joints)]
+
+
+@pytest.mark.parametrize("name", [n for n in twin.names() if followed(twin.load(n).mechanism)])
+def test_physx_moves_joints_that_follow_others(foreign, figures, tmp_path, name):
+    """From home a tenth of each range aside and on, in 2 s: couplings, loops, and the way that the joints went."""
+    foreign.need("physx")
+    mechanism = case(name, next(p for r, p in CASES if r == name)).mechanism
+    home = np.array([mechanism.postures["home"][j.name] for j in mechanism.active])
+    reach = np.array([0.1 * (j.limits[1] - j.limits[0]) for j in mechanism.active])
+    s = np.linspace(0, 1, 2 * RATE + 1)[1:, None]
+    targets = home + s**3 * (10 - 15 * s + 6 * s * s) * reach
+    job = {"stage": str(stage_of(mechanism, tmp_path)), "robot": name, "rate": RATE, "every": RATE // 20}
+    job |= {"joints": [j.name for j in mechanism.active], "targets": targets.tolist()}
+    run = {n: poses(rows) for n, rows in ask(foreign, tmp_path, "physx", job)["run"].items()}
+    q = {j.name: j.coordinate(run[j.parent], run[j.child]) for j in mechanism.joints if len(j.free_axes) == 1}
+    off = max(
+        float(np.abs(sum(r * q[n] for n, r in zip(c.joints, c.ratios, strict=True)) - c.total).max())
+        for c in followed(mechanism)
+    )
+    gap = loop_gap(mechanism, run)
+    figures.add("physx", name, "driven aside", off, float("nan"), "couplings, um or urad")
+    figures.add("physx", name, "driven aside", gap, float("nan"), "loop gap")
+    went = [abs(q[j.name][-1] - target) for j, target in zip(mechanism.active, targets[-1], strict=True)]
+    assert off <= GAP
+    assert gap <= GAP
+    assert max(went) < 0.05  # its drives are springs that bear the weight

@@ -38,7 +38,7 @@ def by_joints(
         robot: a robot with forward equations, or with a mechanism only.
         count: number of samples.
         step: edge length of a cell in m; default: 1/64 of the largest extent.
-        progress: called with the current step and the fraction done.
+        progress: called with a text on the current activity and the fraction done.
 
     Raises:
         TwinError: a prismatic joint has no limits, there are too many cells, or no sample can be assembled.

@@ -350,7 +350,7 @@ def workspace(
         robot: a robot with a closed-form inverse.
         grid: the positions and orientations to evaluate.
         store: function from a shape (positions, 4) to the array for the results, in memory or on disk.
-        progress: called with the current step and the fraction done.
+        progress: called with a text on the current activity and the fraction done.
         client: client of a cluster; None: this machine.
         source: name or path by which the cluster's workers load the robot.
         protocol: name of the protocol that sets the trocar positions, or None.

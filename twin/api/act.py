@@ -117,6 +117,6 @@ def _actors(scene: Scene, progress: Progress) -> list[Actor]:
 
 def props_of(scene: Scene) -> Mechanism | None:
     """Return the mechanism of the props of a scene; None: it has none."""
-    from twin.cad.build import read_mechanism
+    from twin.cad.build import read_props
 
-    return None if scene.props is None else read_mechanism(scene.props, with_mass=False).mechanism
+    return None if scene.props is None else read_props(scene.props)

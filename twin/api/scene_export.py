@@ -152,14 +152,14 @@ def _robot(place: Place) -> Robot:
 
 
 def _write_stage(scene: Scene, bundles: Mapping[str, Bundle], folder: Path) -> Path:
-    from twin.cad.build import read_mechanism
+    from twin.cad.build import read_props
     from twin.exchange.write.usd import write_simulated
     from twin.simulation.scene_stage import write_scene
 
     stages = {p.name: Path("..") / p.name / "usd" / f"{'_'.join(filter(None, (p.robot, p.protocol)))}.usda"
               for p in scene.places}  # fmt: skip
     mechanisms = {n: b.order.mechanism for n, b in bundles.items()}
-    props = None if scene.props is None else read_mechanism(scene.props, with_mass=False).mechanism
+    props = None if scene.props is None else read_props(scene.props)
     stage = write_scene(scene, folder, stages, mechanisms, props, _duration(bundles))
     if not any(p.protocol for p in scene.places):  # else the stage holds baked motions, which a simulator would fight
         write_simulated(scene.name, folder)

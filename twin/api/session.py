@@ -48,9 +48,9 @@ class Arm:
     """A robot of a session: its place, its mechanism, and its motion at the samples of the session.
 
     Attributes:
-        place, mechanism: its place in the scene, and its mechanism.
+        place, mechanism: place of the robot in the scene, and mechanism of the robot.
         q: (k, n) active joints in m or rad.
-        links: T_base_link (k, 4, 4) by link, from the mechanism with closed loops, without its equations.
+        links: T_base_link (k, 4, 4) by link, from the mechanism with closed loops, not from the robot's equations.
         tip: (k, 3) position in m of the measured frame in the World.
     """
 
@@ -67,12 +67,12 @@ class ConsoleSession(Result):
 
     Attributes:
         scene: the scene.
-        source: the replayed file; "" for a session that was simulated now.
+        source: the replayed file; "" for a new simulation.
         seed: random seed of a simulated surgeon; None: a person.
-        task: the task; None: none.
+        task: the task; None: no task.
         ran: signals of the session.
         arms: all robots that the console moves, by name.
-        lost: what is missing at the end of the file; "" if it is complete.
+        lost: sentence that says where the file ends; "" if the file is complete.
         recorded: content of the session file of a simulated surgeon; None for a replayed file.
         pegs: pegs of a task with rings, by name.
     """
@@ -94,7 +94,7 @@ class ConsoleSession(Result):
         """The verdict as text."""
         if self.verdict == "agree":
             done = "All targets were touched" if self.board is None else "All rings are on their pegs"
-            return "Same bytes on replay" if self.source else done
+            return "The replay gives the same bytes" if self.source else done
         return super().word
 
     @property
@@ -141,16 +141,20 @@ class ConsoleSession(Result):
 
     @property
     def findings(self) -> Sequence[Finding]:
-        """Differences of the replay, lost ends, targets that were not touched."""
+        """Findings on differences of the replay, a missing end of the file, and targets that were not touched."""
         out: list[Finding] = []
         if (d := self.ran.difference) is not None:
-            size = f"; the largest is {d.size:.3g} in {d.signal}" if d.signal else "; all signals are equal at its end"
+            size = (
+                f"; the largest difference is {d.size:.3g} in {d.signal}"
+                if d.signal
+                else "; all signals are equal again at the end of this second"
+            )
             out.append(
                 disagreement(
                     "session.differs",
                     d.signal,
-                    f"the replay gives other bytes from this second on{size}",
-                    suggestion="replay it with the version of twin and on the kind of processor that recorded it",
+                    f"the replay gives different bytes from this second on{size}",
+                    suggestion="replay with the version of twin and on the kind of processor of the recording",
                     when=f"{d.t0:g} .. {d.t1:g} s",
                 )
             )
@@ -252,7 +256,7 @@ class ConsoleSession(Result):
         yield ""
         scale = f"{c.scale[0]:g}" if c.scale[0] == c.scale[1] else f"{c.scale[0]:g} to {c.scale[1]:g}"
         console = [
-            ("time since a hand first led", f"{c.time:.1f} s of {c.duration:.1f} s"),
+            ("time since an arm first followed", f"{c.time:.1f} s of {c.duration:.1f} s"),
             ("clutch presses", f"{c.clutches}, for {c.clutched:.1f} s; quick taps: {c.taps}"),
             ("camera moves", f"{c.camera_moves}, for {c.camera_time:.1f} s"),
             ("device silent", f"{c.silent:.1f} s"),
@@ -387,7 +391,7 @@ def operate_console(
 
     console_scene.console_of(scene)
     if scale is not None and not SCALE[0] <= scale <= SCALE[1]:
-        raise TwinError(f"--scale {scale:g}: a console takes {SCALE[0]:g} to {SCALE[1]:g}")
+        raise TwinError(f"--scale {scale:g}: give {SCALE[0]:g} to {SCALE[1]:g} for a console")
     chosen = run.task_of(scene, task)
     progress("read CAD", 0.0)
     robots, members = _members(scene)
@@ -406,7 +410,7 @@ def replay_session(
 
     Args:
         path: a session file.
-        scene: its scene, by name, path or as loaded; default: the built-in scene that the file names.
+        scene: the scene of the session, as name, path or loaded scene; default: the built-in scene of the file's name.
         progress: see `Progress`.
 
     Raises:
@@ -423,7 +427,7 @@ def replay_session(
         raise TwinError(f"{path}: scene '{start.scene}' is not built in: give its folder with --scene")
     placed = scene if isinstance(scene, Scene) else load_scene(scene or start.scene)
     if start.task is not None and start.task not in placed.tasks:
-        raise TwinError(f"{path}: scene '{placed.name}' has no task '{start.task}', which the session is of")
+        raise TwinError(f"{path}: scene '{placed.name}' has no task '{start.task}', the task of the session")
     progress("read CAD", 0.0)
     robots, members = _members(placed)
     task = None if start.task is None else placed.tasks[start.task]

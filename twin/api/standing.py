@@ -23,7 +23,7 @@ def standing(scene: str, robot: str, load: Callable[[str], Any]) -> list[Still]:
     Raises:
         TwinError: there is no such scene, or the robot is not in it.
     """
-    from twin.cad.build import read_mechanism
+    from twin.cad.build import read_props
     from twin.model.scene import load_scene
     from twin.reference import ReferenceModel
     from twin.reference.space import Still
@@ -41,7 +41,7 @@ def standing(scene: str, robot: str, load: Callable[[str], Any]) -> list[Still]:
             mechanism = other.bound(other.protocol(place.protocol)).mechanism
             groups.append((place.name, mechanism, place.T_world_base))
     if read.props is not None:
-        props = read_mechanism(read.props, with_mass=False).mechanism
+        props = read_props(read.props)
         groups.append((props.name, props, spatial.pose()))
     out = []
     for name, mechanism, T_world in groups:

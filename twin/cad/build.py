@@ -20,7 +20,7 @@ from twin.cad.frames import Drawn, into
 from twin.cad.meeting import meetings
 from twin.cad.motors import actuators, transmissions
 from twin.cad.parameters import SCALES, parameters
-from twin.cad.step import MASS_TOLERANCE, Part, StepModel, read_step
+from twin.cad.step import MASS_TOLERANCE, PROP_TOLERANCE, VISUAL_TOLERANCE, Part, StepModel, read_step
 from twin.core.errors import CadError, unknown
 from twin.core.findings import Finding, info, warning
 from twin.core.foreign.once import Once, Read
@@ -84,12 +84,24 @@ def fingerprint(description_path: Path, description: Description | None = None, 
     return f"sha256:{digest.hexdigest()}"
 
 
-def read_mechanism(description_path: Path, *, with_mass: bool = True, read: Read | None = None) -> CadModel:
+def read_props(description_path: Path) -> Mechanism:
+    """Return the props of a scene, without masses, from cad/<scene>/<props>.toml; errors as in `read_mechanism`."""
+    return read_mechanism(description_path, with_mass=False, tolerance=PROP_TOLERANCE).mechanism
+
+
+def read_mechanism(
+    description_path: Path,
+    *,
+    with_mass: bool = True,
+    tolerance: float = VISUAL_TOLERANCE,
+    read: Read | None = None,
+) -> CadModel:
     """Build the mechanism of a robot from its description and CAD.
 
     Args:
         description_path: cad/<robot>/<robot>.toml.
         with_mass: also compute the masses, on a finer mesh; takes about a second more.
+        tolerance: chord tolerance of the triangles in m.
         read: function that returns the bytes of TOML and STEP files; default: from disk, each file once.
 
     Raises:
@@ -102,7 +114,7 @@ def read_mechanism(description_path: Path, *, with_mass: bool = True, read: Read
     references.check(description_path, d)
     folder = description_path.parent
     found: list[Finding] = []
-    step = read_step(folder / d.step, read=read) if d.step else None
+    step = read_step(folder / d.step, tolerance, read=read) if d.step else None
     parts = _parts_by_body(d, step)
     measured = {
         body: {name: features.find(body, name, spec, parts[body], d.tolerance) for name, spec in specs.items()}

@@ -102,10 +102,10 @@ def _apart(d: Description, at: Drawn) -> list[str]:
 
 
 def _plainest(suspects: list[Suspect], placed: set[tuple[str, str]]) -> list[Suspect]:
-    """Keep for each part the suspects with the fewest features: a single feature, else the features of one joint.
+    """Return for each part the suspects with the fewest features, and the larger suspects that can be distinguished.
 
-    A suspect with more features is also kept if its additional features place a frame or a point, because the rows of
-    the equations can then distinguish the two suspects.
+    The comparison with the equations can distinguish a larger suspect if one of its additional features places a frame
+    or a point.
     """
     few = {s.body: min(len(o.features) or 99 for o in suspects if o.body == s.body) for s in suspects}
     plain = [s for s in suspects if not s.features or len(s.features) == few[s.body]]

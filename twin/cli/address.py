@@ -71,7 +71,7 @@ def _reachable() -> str:
     """Return the IP address of this machine in its network."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as s:
         try:
-            s.connect(("192.0.2.1", 9))  # reserved address: nothing is sent; the route gives our own address
+            s.connect(("192.0.2.1", 9))  # reserved address; nothing is sent, but the socket then has our own address
             return str(s.getsockname()[0])
         except OSError:
             return socket.gethostname()

@@ -196,7 +196,7 @@ def _write(report, folder: Path, root: Path) -> None:
 
 
 def _finish(reports, args: argparse.Namespace) -> int:
-    """Print the reports; the exit code is that of the most severe verdict."""
+    """Print the reports; return the exit code of the most severe verdict."""
     code = max(r.exit_code for r, _ in reports)
     if args.json:
         data = [{**r.as_dict(), "folder": str(folder)} for r, folder in reports]

@@ -25,7 +25,7 @@ the elapsed time is limited to `_PATIENCE` times this limit.
 _PATIENCE = 3.0
 
 _PAIRS = 0.4
-"""Part of `SECONDS` for the search for two edits in one row (one equation compared with the mechanism).
+"""Fraction of `SECONDS` for the search for two edits in one row (one equation compared with the mechanism).
 
 The rest of the time is for poses, single edits and numbers.
 """
@@ -45,7 +45,7 @@ class Cures:
         self._known: dict[tuple[object, ...], str] = {}
 
     def of(self, report: Report, protocol: str | Path | None, progress: Progress) -> Report:
-        """Return the report on a protocol, with a fix if one is found and the first cause is in the equations."""
+        """Return the report on a protocol; add a fix if the first cause is in the equations and a fix is found."""
         causes = report.causes
         if not causes or causes[0].side != "equations" or causes[0].head.severity != "disagreement":
             return report

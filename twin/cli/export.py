@@ -45,7 +45,9 @@ def _scene(file: Path, args: argparse.Namespace, formats: tuple[str, ...], budge
     from twin.api.scene_export import export_scene
 
     if args.tool is not None or args.protocol:
-        raise TwinError(f"{args.robot} is a scene: its file gives the tools and protocols; omit --tool and --protocol")
+        raise TwinError(
+            f"{args.robot} is a scene: its file defines the tools and protocols; omit --tool and --protocol"
+        )
     folder = Path(args.out) if args.out else Path("twin-out") / file.parent.name / "export"
     with show.progress(args.quiet or args.json) as progress:
         found = export_scene(file, folder, formats, budget=budget, progress=progress)

@@ -15,13 +15,13 @@ _SCALE = 0.1
 
 
 def operate(args: argparse.Namespace) -> int:
-    """Simulate the operator, print the measures, write JSON, CSV and a picture; exit 1 if a goal was not reached."""
+    """Simulate the operator; print measures; write JSON, CSV and a picture; exit 1 if a goal was not reached."""
     from twin.ui.report.files import write_result
 
     if (file := assets.scene_file(args.robot)) is not None:
         return _at_console(file, args)
     if args.task is not None:
-        raise TwinError(f"--task is for the console of a scene; {args.robot} is a robot: give a protocol")
+        raise TwinError(f"--task applies to the console of a scene; {args.robot} is a robot: give a protocol instead")
     robot = api.load(args.robot)
     protocol = robot.protocol(args.protocol)
     folder = Path(args.out) if args.out else Path("twin-out") / robot.name / f"{protocol.name}-operator"
@@ -43,7 +43,7 @@ def operate(args: argparse.Namespace) -> int:
 
 
 def _at_console(file: Path, args: argparse.Namespace) -> int:
-    """Simulate a surgeon at the console of a scene; write its session and what `twin session --out` writes."""
+    """Simulate a surgeon at the console of a scene; write the session and the same files as `twin session --out`."""
     from twin.api.session import FILE, operate_console
     from twin.simulation.session.run import task_of
     from twin.ui.report.files import write_result
@@ -52,7 +52,9 @@ def _at_console(file: Path, args: argparse.Namespace) -> int:
         raise TwinError(f"{args.robot} is a scene: give a task by --task instead of the protocol '{args.protocol}'")
     wrong = [n for n, v in (("trials", 1), ("clutch", "corrected"), ("solver", "damped")) if getattr(args, n) != v]
     if wrong:
-        raise TwinError(f"--{wrong[0]} is for one robot; the console of a scene takes --task, --seed and --scale")
+        raise TwinError(
+            f"--{wrong[0]} applies to one robot; the options for the console of a scene are --task, --seed and --scale"
+        )
     scene = api.load_scene(file)
     task = task_of(scene, args.task)
     folder = Path(args.out) if args.out else Path("twin-out") / scene.name / f"{task.name}-operator"

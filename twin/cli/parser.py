@@ -12,14 +12,14 @@ from twin.core.errors import unknown
 
 _EPILOG = """\
 examples:
-  twin run sils                                   CAD to report in one go
-  twin validate sils                              judge the equations on the default protocol
-  twin validate sils --variant eq1=printed        judge equation (1) as the paper prints it
-  twin validate sils --all-protocols --json       every protocol, for scripts
-  twin explain sils --variant printed             where it is wrong, and the edit that fixes it
+  twin run sils                                   from CAD to report in one command
+  twin validate sils                              validate the equations on the default protocol
+  twin validate sils --variant eq1=printed        validate equation (1) as the paper prints it
+  twin validate sils --all-protocols --json       validate on every protocol; print JSON for scripts
+  twin explain sils --variant printed             show the wrong rows, and the edit that fixes them
   twin plan sils lowered_patient --out plan/      timed joint and tool motion as CSV
   twin build my_robot/                            USD stage of your own robot
-  twin export sils --to glb,tracks                for headsets and engines, with the files audited
+  twin export sils --to glb,tracks                write and audit files for headsets and engines
 
 exit codes: 0 agree or done, 1 disagree, 2 could not check or wrong usage
 """
@@ -39,7 +39,7 @@ class UsageError(Exception):
 
 
 class _Help(argparse.RawDescriptionHelpFormatter):
-    """Help formatter with enough width for the longest command; argparse does not account for their indentation."""
+    """Help formatter with a column for the longest command name, including the indentation that argparse ignores."""
 
     def __init__(self, *args: Any, **more: Any) -> None:
         super().__init__(*args, **more)
@@ -83,7 +83,7 @@ def parser() -> argparse.ArgumentParser:
     formatter = _Help
     root = _Parser(
         prog="twin",
-        description="Bring your CAD and your equations; see where they disagree.",
+        description="Compare the equations of a robot with its CAD, and show where they disagree.",
         epilog=_EPILOG,
         formatter_class=formatter,
     )
@@ -114,8 +114,8 @@ def parser() -> argparse.ArgumentParser:
             "--tool",
             metavar="NAME",
             help=(
-                "frame or body that is the tool of a USD stage (default: the tool that the stage names, or the end of "
-                "its longest chain)"
+                "frame or body that is the tool of a USD stage (default: the tool that the stage defines, or the end "
+                "of its longest chain)"
             ),
         )
 
@@ -139,8 +139,8 @@ def parser() -> argparse.ArgumentParser:
 
     def variants(sub: argparse.ArgumentParser, bare: str) -> None:
         help_ = (
-            "use another variant of an equation, such as eq1=printed; a variant name alone, such as `printed`, judges "
-            f"{bare}"
+            "use another variant of an equation, such as eq1=printed; a variant name alone, such as `printed`, applies "
+            f"to {bare}"
         )
         sub.add_argument(
             "--variant",
@@ -161,7 +161,7 @@ def parser() -> argparse.ArgumentParser:
     robot(sub)
     tool(sub)
     sub.add_argument(
-        "--inertia", action="store_true", help="check masses and inertias instead: in CAD, stage and tables"
+        "--inertia", action="store_true", help="check the masses and inertias in CAD, stage and tables instead"
     )
 
     sub = add(
@@ -181,7 +181,7 @@ def parser() -> argparse.ArgumentParser:
         "  twin plan sils\n  twin plan sils lowered_patient --out plan/",
     )
     robot(sub)
-    sub.add_argument("protocol", nargs="?", help="name or path; default the robot's default protocol")
+    sub.add_argument("protocol", nargs="?", help="name or path of a protocol (default: the robot's default)")
     out(sub, "./twin-out/<robot>/<protocol>/")
 
     sub = add(
@@ -194,7 +194,7 @@ def parser() -> argparse.ArgumentParser:
     robot(sub)
     out(sub, "./twin-out/<robot>/<protocol>/")
     chosen(sub)
-    variants(sub, "each equation that has this variant by itself, then all together")
+    variants(sub, "each equation that has this variant, first one at a time, then all together")
     sub.add_argument(
         "--tolerance-um",
         type=float,
@@ -240,7 +240,7 @@ def parser() -> argparse.ArgumentParser:
 
     sub = add(
         "run",
-        "build, plan and validate: CAD to report in one go",
+        "build, plan and validate: from CAD to report in one command",
         "  twin run sils\n  twin run sils --protocol lowered_patient --out demo/",
     )
     robot(sub)
@@ -250,16 +250,16 @@ def parser() -> argparse.ArgumentParser:
     sub = add(
         "view",
         "show a robot in the browser: play, drag, measure, redesign",
-        "  twin view sils\n  twin view sher phantom            plan and play that protocol\n"
+        "  twin view sils\n  twin view sher phantom            plan and play the protocol `phantom`\n"
         "  twin view vsrs                    a scene of several robots\n"
-        "  twin view davinci                 a scene led from its console, live\n"
+        "  twin view davinci                 a scene that is controlled from its console\n"
         "  twin view davinci --task pegboard       with rings to grasp\n"
         "  twin view my_robot/ --port 8090 --no-browser\n"
         "  twin view usd/pa10/pa10.usda      a USD stage without a robot folder\n"
         "  twin view sils --html sils.html   a recording that plays without Python",
     )
     sub.add_argument("robot", help="a built-in robot or scene, the path of a robot folder, a scene or a USD stage")
-    sub.add_argument("protocol", nargs="?", help="name or path; default the robot's default protocol")
+    sub.add_argument("protocol", nargs="?", help="name or path of a protocol (default: the robot's default)")
     sub.add_argument("--port", type=_port, default=8080, help="port of the page (default 8080; 0 takes any free port)")
     host(sub)
     sub.add_argument("--no-browser", action="store_true", help="open no browser")
@@ -270,19 +270,19 @@ def parser() -> argparse.ArgumentParser:
     sub = add(
         "serve",
         "serve a robot or a scene to headsets and browsers: place it in the room, play, grab it",
-        "  twin serve sils                     a Quest by USB cable: adb reverse tcp:8765 tcp:8765\n"
+        "  twin serve sils                     for a Quest by USB cable, first: adb reverse tcp:8765 tcp:8765\n"
         "  twin serve sher phantom --no-browser\n"
-        "  twin serve my_robot/                or a USD stage without a robot folder\n"
-        "  twin serve vsrs                     all robots of a scene, on one clock\n"
-        "  twin serve davinci                  its two instruments and its camera, led by mouse, keyboard or gamepad\n"
-        "  twin serve davinci --packets 9870 --mqtt 127.0.0.1    or by UDP packets, the motion scale by MQTT\n"
+        "  twin serve my_robot/                your own robot; a USD stage also works\n"
+        "  twin serve vsrs                     all robots of a scene, with one clock\n"
+        "  twin serve davinci                  instruments and camera, controlled from the page or the headset\n"
+        "  twin serve davinci --packets 9870 --mqtt 127.0.0.1    also by UDP packets; motion scale by MQTT\n"
         "  twin serve sils --host 0.0.0.0 --cert cert.pem --key key.pem    for every headset in the network\n"
         "  twin serve sils --record session.json        record requests and what clients see\n"
         "  twin serve sils --replay session.json\n"
         "  twin serve davinci --session hands.session    record the hands at a console, for twin session",
     )
-    sub.add_argument("robot", help="a built-in robot, the path of a robot folder, or a USD stage")
-    sub.add_argument("protocol", nargs="?", help="name or path; default the robot's default protocol")
+    sub.add_argument("robot", help="a built-in robot or scene, the path of a robot folder, a scene or a USD stage")
+    sub.add_argument("protocol", nargs="?", help="name or path of a protocol (default: the robot's default)")
     sub.add_argument(
         "--port", type=_port, default=8765, help="port of the server (default 8765; 0 takes any free port)"
     )
@@ -294,18 +294,18 @@ def parser() -> argparse.ArgumentParser:
         "--packets",
         type=_packets,
         metavar="[HOST:]PORT",
-        help="UDP port for hands of other programs, of a scene with a console (docs/console.md, Packets)",
+        help="UDP port for hand states from other programs, for a scene with a console (docs/console.md, Packets)",
     )
     sub.add_argument(
         "--mqtt",
         type=_broker,
         metavar="HOST[:PORT]",
-        help="MQTT broker that sets the motion scale of a scene with a console (port 1883 unless given)",
+        help="MQTT broker for the motion scale of a scene with a console (default port 1883)",
     )
     sub.add_argument(
         "--mqtt-topic",
         metavar="TOPIC",
-        help="topic of the motion scale; it is set by TOPIC/set (default twin/<scene>/scale)",
+        help="topic of the motion scale; messages to TOPIC/set change the scale (default twin/<scene>/scale)",
     )
     sub.add_argument(
         "--session", metavar="FILE", help="record the hands at a console, tick by tick; twin session replays them"
@@ -317,7 +317,7 @@ def parser() -> argparse.ArgumentParser:
 
     sub = add(
         "operate",
-        "simulate an operator (hands, pedals) doing a protocol or a task, and measure the result",
+        "simulate an operator (hands, pedals) who performs a protocol or a task, and measure the result",
         "  twin operate sher phantom\n  twin operate sher phantom --trials 5 --seed 10 --json\n"
         "  twin operate sher phantom --clutch printed      the published clutch, with which the tool jumps\n"
         "  twin operate sils lowered_patient --scale 0.5\n"
@@ -325,7 +325,7 @@ def parser() -> argparse.ArgumentParser:
         "  twin operate davinci --task pegboard      rings from pegs to pegs, held by friction",
     )
     sub.add_argument("robot", help="a built-in robot, the path of a robot folder, or a scene with a console")
-    sub.add_argument("protocol", nargs="?", help="name or path; default the robot's default protocol")
+    sub.add_argument("protocol", nargs="?", help="name or path of a protocol (default: the robot's default)")
     sub.add_argument("--task", metavar="NAME", help="task at the console of a scene (default: its first task)")
     out(sub, "./twin-out/<robot>/<protocol>-operator/")
     sub.add_argument(
@@ -337,15 +337,15 @@ def parser() -> argparse.ArgumentParser:
         type=float,
         metavar="S",
         help=(
-            "ratio of tool motion to hand motion (default 0.1, ASSUMED: the paper states none; at a console that of "
-            "the scene); rotations are not scaled"
+            "ratio of tool motion to hand motion (default 0.1, ASSUMED, because the paper states none; at a console "
+            "the scene's scale); rotations are not scaled"
         ),
     )
     sub.add_argument(
         "--clutch",
         choices=("corrected", "printed"),
         default="corrected",
-        help="variant of eq. (7), the clutch (default corrected)",
+        help="clutch of the SHER simulation paper, eq. (7): corrected (default), or as printed",
     )
     sub.add_argument(
         "--solver", choices=("damped", "slsqp"), default="damped", help="solver of the joint steps (default damped)"
@@ -358,7 +358,9 @@ def parser() -> argparse.ArgumentParser:
         "  twin session hands.session --out session/       page, plots, CSV, tracks, GLB, MCAP",
     )
     sub.add_argument("file", help="a file of twin serve --session, or hands.session of twin operate")
-    sub.add_argument("--scene", metavar="SCENE", help="its scene, by path (default: the built-in scene that it names)")
+    sub.add_argument(
+        "--scene", metavar="SCENE", help="path of the session's scene (default: the built-in scene of this name)"
+    )
     sub.add_argument("--out", metavar="FOLDER", help="folder to write to (default: nothing is written)")
 
     sub = add(
@@ -368,7 +370,7 @@ def parser() -> argparse.ArgumentParser:
         "  twin track pa10 --inertia cad --plant pinocchio --json",
     )
     robot(sub)
-    sub.add_argument("protocol", nargs="?", help="name or path; default the robot's default protocol")
+    sub.add_argument("protocol", nargs="?", help="name or path of a protocol (default: the robot's default)")
     out(sub, "./twin-out/<robot>/<protocol>-track/")
     sub.add_argument(
         "--mismatch",
@@ -395,7 +397,7 @@ def parser() -> argparse.ArgumentParser:
         "check a paper's tables: do totals and p-values follow from the printed rows?",
         "  twin study sher\n  twin study pa10                 inertia tables: are they physically possible?\n"
         "  twin study davinci              groups of users, and the accuracy of a console\n"
-        "  twin study my_study.toml --json\n  twin study users.csv            your own groups, compared by ranks",
+        "  twin study my_study.toml --json\n  twin study users.csv            your own groups, with rank tests",
     )
     sub.add_argument("subject", help="a built-in robot or study, a robot folder, a study file, or a CSV of users")
 
@@ -404,7 +406,7 @@ def parser() -> argparse.ArgumentParser:
         "check the published equations of a surgeon's console: hands, clutch, camera, forces",
         "  twin console davinci                             the corrected reading of the equations\n"
         "  twin console davinci --variant paper             every equation as printed\n"
-        "  twin console davinci --variant conjugate         eq. (2) completed to a change of frame\n"
+        "  twin console davinci --variant conjugate         eq. (2) as a complete change of frame\n"
         "  twin console davinci --variant eq4=paper --json",
     )
     sub.add_argument("console", help="a console: davinci")
@@ -414,26 +416,27 @@ def parser() -> argparse.ArgumentParser:
         action="append",
         default=[],
         help=(
-            "use another reading of an equation, such as eq4=paper; or one for all equations: paper, conjugate, "
-            "decoupled"
+            "use another reading of an equation, such as eq4=paper, or of all equations: paper, conjugate or decoupled"
         ),
     )
     out(sub, "./twin-out/<console>/console-<variant>/")
 
     sub = add(
         "new",
-        "make a robot folder from URDF, MJCF, SDF, a USD stage, or the STEP of an assembly",
+        "create a robot folder from URDF, MJCF, SDF, a USD stage, or the STEP file of an assembly",
         "  twin new leg --from robot.urdf                   loops from robot.yaml in the same folder\n"
         "  twin new gripper --from gripper.xml --out robots/gripper/\n"
-        "  twin new arm.step                                a skeleton: joints are proposed as comments",
+        "  twin new arm.step                                an incomplete robot: joints are proposed as comments",
     )
-    sub.add_argument("name", help="name of the robot: lower-case letters, digits and _; or the file itself")
+    sub.add_argument("name", help="name of the robot (lower-case letters, digits and _), or the file to read")
     sub.add_argument("--from", dest="source", metavar="FILE", help=".urdf, .xml (MJCF), .sdf, .usd* or .step")
     sub.add_argument(
         "--closures", metavar="FILE", help="closure YAML of a URDF (default: the .yaml file of the same name)"
     )
     sub.add_argument(
-        "--root", metavar="NAME", help="selects one of several robots: a prim path (USD), model (SDF) or body (MJCF)"
+        "--root",
+        metavar="NAME",
+        help="robot to read, if the file has several: prim path (USD), model (SDF) or body (MJCF)",
     )
     sub.add_argument("--force", action="store_true", help="overwrite a robot folder; equations and protocols are kept")
     out(sub, "./<name>/")
@@ -474,23 +477,23 @@ def parser() -> argparse.ArgumentParser:
 
     sub = add(
         "audit",
-        "check exported files with independent readers, also files from other tools, and compare them with each other",
+        "check exported files, including those of other tools, with independent readers, and compare the files",
         "  twin audit twin-out/sils/export/\n  twin audit twin-out/sils/export/ --robot sils    against the mechanism\n"
         "  twin audit model.glb              a file from any source\n  twin audit robot.usdz --json",
     )
     sub.add_argument("path", help="a folder, or a .glb, .gltf, USD, .usdz, track, MJCF or URDF file")
     sub.add_argument("--robot", metavar="NAME", help="recompute the poses from this robot's mechanism: name or folder")
-    sub.add_argument("--all", action="store_true", help="show notes and every check, not only the worst of each kind")
+    sub.add_argument("--all", action="store_true", help="show notes and all checks, not only the worst of each kind")
 
     sub = add(
         "selftest",
-        "seed faults into a correct robot and see whether the validator finds them: its mutation score",
+        "seed faults into a correct robot, and measure how many the validator finds (mutation score)",
         "  twin selftest sils                            equations, CAD, USD, units, timing\n"
         "  twin selftest sils --family formula,cad --count 60 --seed 7\n"
         "  twin selftest my_robot/ --json",
     )
     robot(sub)
-    sub.add_argument("--protocol", metavar="NAME", help="the protocol (default the robot's default protocol)")
+    sub.add_argument("--protocol", metavar="NAME", help="the protocol (default: the robot's default protocol)")
     sub.add_argument(
         "--family", metavar="NAMES", help="comma-separated list of formula, cad, usd, units, timing (default all)"
     )

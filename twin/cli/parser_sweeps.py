@@ -27,7 +27,7 @@ def add_sweeps(
         "  twin workspace my_robot/ --step-mm 2 --scheduler tcp://10.0.0.1:8786",
     )
     robot(sub)
-    sub.add_argument("--protocol", metavar="NAME", help="protocol that gives the position of the trocar (if any)")
+    sub.add_argument("--protocol", metavar="NAME", help="protocol with the position of the trocar (if any)")
     sub.add_argument("--count", type=_count, default=1_000_000, metavar="N", help="total number of poses (default 1e6)")
     sub.add_argument("--step-mm", type=float, metavar="MM", help="distance between positions, instead of --count")
     sub.add_argument(
@@ -51,7 +51,7 @@ def add_sweeps(
     sub = add(
         "tolerance",
         "compute the tool error caused by part and encoder errors, and compare it with a requirement",
-        "  twin tolerance sher                              in every posture, against the robot's requirement\n"
+        "  twin tolerance sher                              in every posture, with the robot's requirement\n"
         "  twin tolerance sher --sigma-um 2 --encoder-um 0.5 --require-um 30\n"
         "  twin tolerance sils --protocol table2 --samples 100000 --json",
     )
@@ -116,7 +116,7 @@ def add_sweeps(
     sub.add_argument(
         "--objective", metavar="NAMES", help="comma-separated list of volume, conditioning, margin, tolerance"
     )
-    sub.add_argument("--protocol", metavar="NAME", help="protocol that gives the position of the trocar (if any)")
+    sub.add_argument("--protocol", metavar="NAME", help="protocol with the position of the trocar (if any)")
     sub.add_argument("--seed", type=int, default=0, help="random seed of the Latin hypercube (default 0)")
     _scheduler(sub)
     sub.add_argument(

@@ -20,7 +20,7 @@ names, find = assets.scenes, assets.scene_file
 
 
 def refuse(args: argparse.Namespace) -> None:
-    """Raise an error if a scene is given to a command that accepts only a robot.
+    """Check that no scene is given to a command that accepts only a robot.
 
     Raises:
         TwinError: a scene is given; the message lists the commands for scenes, and the scene's robots.
@@ -46,11 +46,11 @@ def refuse(args: argparse.Namespace) -> None:
 
 
 def content(scene: Scene) -> tuple[dict[str, api.Robot], Mechanism | None]:
-    """Return (robots by name of their place, props or None) of a scene; robots of one kind are read once."""
-    from twin.cad.build import read_mechanism
+    """Return (robots by name of their place, props or None) of a scene; each robot folder is read once."""
+    from twin.cad.build import read_props
 
     kinds = {name: api.load(name) for name in {p.robot for p in scene.places}}
-    props = None if scene.props is None else read_mechanism(scene.props, with_mass=False).mechanism
+    props = None if scene.props is None else read_props(scene.props)
     return {p.name: kinds[p.robot] for p in scene.places}, props
 
 

@@ -23,7 +23,7 @@ from twin.core.errors import TwinError
 if TYPE_CHECKING:
     from twin.ui.headset.served import Served
 
-_ADVICE = "a headset enters AR only over https (--cert and --key) or a USB cable, see --help"
+_ADVICE = "a headset allows AR only over https (--cert and --key) or by a USB cable; see twin serve --help"
 
 
 def serve(args: argparse.Namespace) -> int:
@@ -32,11 +32,11 @@ def serve(args: argparse.Namespace) -> int:
     context = _tls(args.cert, args.key)
     if args.record is not None:
         if args.replay is not None:
-            raise TwinError("--record and --replay cannot be combined: the session is already recorded")
+            raise TwinError("--record and --replay cannot be combined: the replayed session is already in a file")
         assets.require_writable(Path(args.record).parent)
     if args.session is not None:
         if args.replay is not None:
-            raise TwinError("--session and --replay cannot be combined: nobody's hands lead a replay")
+            raise TwinError("--session and --replay cannot be combined: a replay has no hands to record")
         assets.require_writable(Path(args.session).parent)
     name, make = _what(args)
     asyncio.run(_run(args, name, make, port, context))
@@ -44,7 +44,7 @@ def serve(args: argparse.Namespace) -> int:
 
 
 def _what(args: argparse.Namespace) -> tuple[str, Callable[[], Served]]:
-    """Return (title, function that starts the source in the event loop); raise `TwinError` for an invalid name."""
+    """Return (title, function that starts the source in the event loop); raise `TwinError` for wrong arguments."""
     from twin.ui.headset import served
 
     plans = args.replay is None
@@ -53,18 +53,18 @@ def _what(args: argparse.Namespace) -> tuple[str, Callable[[], Served]]:
     if linked == "mqtt_topic" and args.mqtt is None:
         raise TwinError("--mqtt-topic requires --mqtt HOST")
     if linked is not None and not plans:
-        raise TwinError(f"{option} and --replay cannot be combined: nothing leads a recorded session")
+        raise TwinError(f"{option} and --replay cannot be combined: a recorded session cannot be controlled")
     file = scenes.find(args.robot)
     if file is None:
         if linked is not None:
-            raise TwinError(f"{option} leads a scene with a console, such as davinci; {args.robot} is a robot")
+            raise TwinError(f"{option} requires a scene with a console, such as davinci; {args.robot} is a robot")
         _require_no_session(args)
         robot = api.load(args.robot)
         if args.protocol is not None:
             robot.protocol(args.protocol)
         return robot.name, lambda: served.of_robot(robot, str(args.robot), args.protocol, plans)
     if args.protocol is not None:
-        raise TwinError(f"{args.robot} is a scene: its file gives the protocol of each robot; omit the protocol")
+        raise TwinError(f"{args.robot} is a scene: its file defines the protocol of each robot; omit the protocol")
     from twin.model.scene import load_scene
 
     scene = load_scene(file)
@@ -82,7 +82,7 @@ def _what(args: argparse.Namespace) -> tuple[str, Callable[[], Served]]:
 
 def _require_no_session(args: argparse.Namespace) -> None:
     if args.session is not None:
-        raise TwinError(f"--session records the hands at a console, which {args.robot} does not have: use --record")
+        raise TwinError(f"--session records the hands at a console, and {args.robot} has no console: use --record")
 
 
 async def _run(

@@ -11,7 +11,7 @@ from twin.core import assets
 
 
 def session(args: argparse.Namespace) -> int:
-    """Replay the session and print its measures; with --out write page, picture and data; exit 1 if it differs."""
+    """Replay the session and print its measures; with --out write page, picture and data; exit 1 on a difference."""
     from twin.ui.report.files import write_result
 
     folder = None if args.out is None else Path(args.out)

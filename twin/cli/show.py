@@ -22,7 +22,7 @@ _MARKS = {"error": "✖", "disagreement": "✖", "warning": "▲", "info": "·"}
 
 
 def tool_note(robot: Robot, quiet: bool) -> None:
-    """Print which tool was assumed if the stage does not name a tool."""
+    """Print the assumed tool if the stage does not define a tool."""
     if not quiet and robot.files is None and robot.mechanism and robot.tool_note:
         print(f"  {robot.tool_note} Choose another with --tool.", file=sys.stderr)
 

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from twin.ui.viewer.front import Front
 
 
-_ADVICE = "everyone who connects can move and load robots, but cannot write to disk"
+_ADVICE = "every connected client can move and load robots, but cannot write to disk"
 
 
 def view(args: argparse.Namespace) -> int:
@@ -41,7 +41,7 @@ def view(args: argparse.Namespace) -> int:
     front, stopping = None, threading.Event()
 
     def end(*_: object) -> None:
-        """Request the end of the loop instead of raising an exception; a second Ctrl-C raises KeyboardInterrupt."""
+        """End the loop without an exception; a second Ctrl-C raises KeyboardInterrupt."""
         stopping.set()
         signal.signal(signal.SIGINT, signal.default_int_handler)
 
@@ -101,9 +101,9 @@ def _what(args: argparse.Namespace) -> tuple[str, Callable[[viser.ViserServer, d
 
         return robot.name, of_robot
     if args.tool is not None:
-        raise TwinError(f"{args.robot} is a scene: the tools are set by its robots; omit --tool")
+        raise TwinError(f"{args.robot} is a scene: its robots define their tools; omit --tool")
     if args.protocol is not None:
-        raise TwinError(f"{args.robot} is a scene: its file gives the protocol of each robot; omit the protocol")
+        raise TwinError(f"{args.robot} is a scene: its file defines the protocol of each robot; omit the protocol")
     from twin.model.scene import load_scene
 
     scene = load_scene(file)

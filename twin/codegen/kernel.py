@@ -80,13 +80,13 @@ class Kernel:
         threads: int | None = None,
         out: Sequence[Array] | None = None,
     ) -> tuple[Array, ...]:
-        """Return an array (numbers, k) for each output.
+        """Return an array (c, k) for each output: k samples of c numbers; see `outputs` for c.
 
         Args:
-            arrays: float64 arrays (numbers, k) of k samples, in the order of `inputs`.
+            arrays: float64 arrays (c, k), in the order of `inputs`; see `inputs` for c.
             carry: initial carried values; overwritten by the final values.
             threads: maximum number of threads; None: number of processors.
-            out: float64 arrays (numbers, k) to fill and return, which saves allocations; None: new arrays.
+            out: float64 arrays (c, k) to fill and return, which saves allocations; None: new arrays.
 
         Raises:
             ValueError: an array has a wrong shape, or an array of `out` is not contiguous float64.
@@ -118,7 +118,7 @@ class Kernel:
         return results
 
     def rows(self, Z: Array) -> Array:
-        """Return all results as rows (k, numbers) for samples Z (k, n) of the only input, on all processors.
+        """Return the outputs side by side, one row per sample, for samples Z (k, n) of the only input; uses threads.
 
         Samples and results are transposed in blocks that fit into the processor's cache: transposing all samples at
         once takes five times as long as the arithmetic of a closed-form inverse.

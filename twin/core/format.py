@@ -127,7 +127,7 @@ def _length(value: float, per: str, digits: int | None) -> str:
         number = float(f"{value / factor:.{n}g}")
         if abs(number) >= (_LARGE if factor == 1.0 else 1.0) or factor == _STEPS[-1][0]:
             return f"{plain(number, n)} {prefix}m{per}"
-    raise AssertionError("the last step takes all")
+    raise AssertionError("the last step accepts every value")
 
 
 def _angle(deg: float, per: str, digits: int | None) -> str:

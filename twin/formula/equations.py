@@ -29,13 +29,13 @@ class Equations:
 
         equation = Equations()
 
-        @equation("inverse", "ball -> carriages", gives="q1 q2", source="paper, eq. (2)", why="this reading holds")
+        @equation("inverse", "ball -> carriages", gives="q1 q2", source="paper, eq. (2)", why="as in Fig. 3")
         def eq2(x, y, l_1, l_2):
             q1 = x + l_2
             q2 = y - l_1
             return q1, q2
 
-        @equation.variant("printed", of=eq2, why="the odd row names the wrong length")
+        @equation.variant("printed", of=eq2, why="the row of q1 has the wrong length")
         def eq2_printed(x, l_1):
             q1 = x + l_1
             return q1
@@ -174,7 +174,7 @@ def definition(function: Callable[..., Any]) -> ast.FunctionDef:
     f = inspect.unwrap(getattr(f, _CHANGES, (None, f))[1])
     code = getattr(f, "__code__", None)
     if code is None or not Path(code.co_filename).is_file():
-        raise KinematicsError(f"{function!r} has no source file, so its rows cannot be read")
+        raise KinematicsError(f"{function!r} has no source file; the text of an equation must be readable")
     path = Path(code.co_filename)
     node = _definitions(path, text_of(path, f.__globals__)).get((code.co_name, code.co_firstlineno))
     if node is None:
@@ -222,7 +222,7 @@ def _merged(base: Callable[..., Any], change: Callable[..., Any]) -> tuple[Row, 
             continue
         at = [i for i, r in enumerate(out) if set(assigned(r.node)) == set(names)]
         if len(at) != 1:
-            raise fail(row.node, f"changes {', '.join(names)}: {len(at)} rows of the equation assign this, not one row")
+            raise fail(row.node, f"changes {', '.join(names)}: {len(at)} rows of the equation assign this; required: 1")
         out[at[0] : at[0] + 1] = [*waiting, row]
         waiting = []
         changes += names

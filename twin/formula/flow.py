@@ -203,6 +203,25 @@ def _where(error: BaseException, function: Rows) -> str:
     return f"{code.co_filename}:{line}"
 
 
+def attach(function: ca.Function, *arguments: Array) -> tuple[Array, Callable[[], None]]:
+    """Return an array for the value of a function, and a procedure that computes the value from the arguments.
+
+    The function reads the current numbers of the arguments (contiguous arrays) from their memory. Nothing is copied or
+    checked, which suits control loops.
+    """
+    out = np.zeros(function.size1_out(0))
+    buffer, trigger = function.buffer()
+    for i, argument in enumerate(arguments):
+        buffer.set_arg(i, argument.data)  # pyright: ignore[reportCallIssue]
+    buffer.set_res(0, out.data)  # pyright: ignore[reportCallIssue]
+
+    def call() -> None:
+        trigger()
+
+    call.__dict__["memory"] = buffer, arguments  # kept alive as long as this procedure
+    return out, call
+
+
 class Evaluator:
     """A compiled function of one vector, fast for single vectors and for batches.
 

@@ -80,9 +80,9 @@ class Margins:
             return kin.program.margins_at(tuple(self._passive), self._points).many(np.ascontiguousarray(np.hstack(z)))
 
     def valid(self, s: States, passive: bool) -> NDArray[np.bool_]:
-        """Return (k,) bool: whether the equations give the joints of each state; with `passive`, also passive joints.
+        """Return (k,) bool: whether the equations reproduce each state; with `passive`, also its passive joint values.
 
-        Where the values differ, the equations are on another branch.
+        Where they do not, the equations are on another branch.
         """
         kin = self._kin
         with np.errstate(all="ignore"):

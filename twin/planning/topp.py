@@ -27,7 +27,7 @@ _FREE = 1e12
 """Squared rate used instead of a missing limit: a million times the mean rate, squared."""
 
 _FLAT = 1e-24
-"""Minimum coefficient of y: with `_FREE` it changes a row by 1e-12 at most."""
+"""Minimum coefficient of y, the squared rate at the next grid point; since y <= `_FREE`, a row changes by <= 1e-12."""
 
 _SHRINK = 1e-12
 """Fraction subtracted from each largest x, so that rounding cannot exceed the root."""

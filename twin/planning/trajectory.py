@@ -44,9 +44,10 @@ class Carrier(Interface):
         ...
 
     def follow(self, Ts: Array, directions: np.ndarray, p_tool: Array, start: Array) -> tuple[Array, Array, Array]:
-        """Return states, driven joint values (k, n) and T_base_tool (k, 4, 4) along poses followed in some directions.
+        """Return states, driven joint values (k, n) and T_base_tool (k, 4, 4) along given poses `Ts`.
 
-        The directions (6,) are along and about the axes of base. `p_tool` (3,) in m is the point of the tool that
+        The tool follows the poses only in the directions whose entry in the mask `directions` (6,) is true:
+        translations along x, y, z of base, then rotations about them. `p_tool` (3,) in m is the point of the tool that
         follows the positions.
         """
         ...

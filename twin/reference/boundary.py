@@ -132,7 +132,7 @@ class Boundary:
             self._size = np.array([float(np.median(v)) if len(v) else 1.0 for v in known])
 
     def judge(self) -> list[Judged]:
-        """Return the result for each row."""
+        """Return the result for each row (margin, measure or aspect)."""
         s = self.stated
         rows = range(len(s.names))
         if self._why:

@@ -72,7 +72,7 @@ class Degeneracy:
         return np.stack(columns, axis=1)
 
     def motions(self, states: Array) -> Array:
-        """Return tangent steps (k, nv, freedom) that keep the loops closed; slides in units of `LENGTH_SCALE`."""
+        """Return tangent steps (k, nv, freedom) that keep the loops closed, in rad; lengths in `LENGTH_SCALE`."""
         return self._raw(states, motions_only=True)[0]
 
     def tool(self, states: Array) -> Array:

@@ -10,7 +10,7 @@ from twin.core.spatial import Array, Index
 from twin.reference.loops import AXES, Loops
 
 _FLAT = 1e-9
-"""Relative singular value that counts as zero."""
+"""Singular value that counts as zero, relative to the largest one of all constraints: those of one loop may be zero."""
 
 _SHARE = 1e-6
 """Coefficient in a linear dependency of constraint rows, above which a row counts as repeated."""
@@ -54,9 +54,9 @@ def count(A: Array, loops: Loops, passive: Index) -> Mobility:
         passive: velocity indices of the joints that are not driven.
     """
     redundant: dict[str, int] = {}
-    rank = 0
+    rank, size = 0, float(np.linalg.norm(A, 2)) if A.size else 0.0
     for i, name in enumerate(loops.names):
-        new = _rank(A[loops.row_loop <= i])
+        new = _rank(A[loops.row_loop <= i], size)
         redundant[name] = int(np.sum(loops.row_loop == i)) - (new - rank)
         rank = new
     # A row with a coefficient in the left null space locks a direction that other rows also lock.
@@ -65,12 +65,9 @@ def count(A: Array, loops: Loops, passive: Index) -> Mobility:
         name: tuple(AXES[a] for a in loops.row_axis[repeats & (loops.row_loop == i)])
         for i, name in enumerate(loops.names)
     }
-    internal = len(passive) - _rank(A[:, passive])
+    internal = len(passive) - _rank(A[:, passive], size)
     return Mobility(A.shape[1] - rank, len(A) - rank, redundant, repeated, internal)
 
 
-def _rank(A: Array) -> int:
-    if not A.size:
-        return 0
-    s = np.linalg.svd(A, compute_uv=False)
-    return int(np.sum(s > s[0] * _FLAT))
+def _rank(A: Array, size: float) -> int:
+    return int(np.sum(np.linalg.svd(A, compute_uv=False) > size * _FLAT)) if A.size else 0

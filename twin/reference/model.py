@@ -319,8 +319,8 @@ class ReferenceModel:
                     continue
                 best = self.state(X[0] if converged[0] else x)
                 raise AssemblyError(
-                    f"{self.mechanism.name}: the mechanism cannot be assembled at the target: it follows for "
-                    f"{100 * s:.0f} % of the way, then loops open (best gap {best.worst_gap / MM:.3g} mm) or the "
+                    f"{self.mechanism.name}: the mechanism cannot be assembled at the target: it moves "
+                    f"{100 * s:.0f} % of the way, then loops open (smallest gap {best.worst_gap / MM:.3g} mm) or the "
                     f"assembly mode changes",
                     best,
                     best.worst_gap,

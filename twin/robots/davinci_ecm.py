@@ -14,17 +14,8 @@ from twin.formula import symbolic
 from twin.formula.contract import ActiveJoint, Aspect, Coordinates, Formula
 from twin.formula.equations import Equations
 from twin.robots._authoring import mm, row
-from twin.robots._davinci import (
-    DVRK,
-    LINKAGE,
-    PINS,
-    about_rcm,
-    linkage,
-    linkage_angles,
-    linkage_pins,
-    shaft_frame,
-    to_insertion,
-)
+from twin.robots._davinci import DVRK, about_rcm, depth, shaft_frame, to_insertion
+from twin.robots._davinci_classic import LINKAGE, PINS, linkage, linkage_angles, linkage_pins
 
 _POINTS = (*PINS, "rcm", "tip")
 
@@ -40,8 +31,7 @@ def table(q1, q2, q3, q4, origin, shaft_long):
 @equation("inverse", "tip -> q1, q2, q3", gives="q1 q2 q3")
 def arm(T_base_tool, origin, shaft_long):
     """Yaw, pitch and insertion; the tip is beyond the RCM."""
-    q1, q2, depth = about_rcm(T_base_tool[0:3, 3])
-    return q1, q2, depth + origin - shaft_long
+    return depth(T_base_tool[0:3, 3], origin, shaft_long)
 
 
 @equation("inverse", "rotation about the shaft -> q4", gives="q4")

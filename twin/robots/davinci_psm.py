@@ -10,28 +10,25 @@ z. The jaw does not move the tool and is in no equation.
 
 from __future__ import annotations
 
-from casadi import atan2, cos, norm_2, pi, sqrt, vertcat
+from casadi import pi, vertcat
 
-from twin.core.units import DEG
 from twin.formula import symbolic
-from twin.formula.contract import ActiveJoint, Aspect, Formula, Measure
+from twin.formula.contract import Formula
 from twin.formula.equations import Equations
-from twin.robots._authoring import ZYX, mm, row
-from twin.robots._davinci import (
-    DVRK,
-    LINKAGE,
-    PAPER,
-    PINS,
-    about_rcm,
-    linkage,
-    linkage_angles,
-    linkage_pins,
-    shaft_frame,
-    standard,
-    to_insertion,
-)
+from twin.robots import _davinci_instrument as instrument
+from twin.robots._authoring import ZYX, row
+from twin.robots._davinci import DVRK, to_insertion
+from twin.robots._davinci_classic import LINKAGE, PINS, linkage, linkage_angles, linkage_pins
 
-_POINTS = (*PINS, "rcm", "wrist", "fulcrum", "tip")
+PAPER = "paper on the affordable console"
+_POINTS = (*PINS, *instrument.ENDS)
+
+
+def standard(a, alpha, d, theta):
+    """Return Rz(theta) Tz(d) Tx(a) Rx(alpha), (4, 4): one row of a standard Denavit-Hartenberg table."""
+    R = symbolic.rotation_z(theta)
+    return symbolic.pose(R @ symbolic.rotation_x(alpha), R @ vertcat(a, 0, d))
+
 
 equation = Equations("DERIVED from the table of dVRK", variant="derived")
 
@@ -80,32 +77,9 @@ def table1_printed(q1, q2, q3, q4, q5, q6, a5):
     return T_03, T_36, T_base_tool
 
 
-@equation("inverse", "pose -> point P_w of the shaft on the pitch axis", gives="P_w")
-def wrist(T_base_tool, a5):
-    """P_w: at distance a5 from the yaw axis, perpendicular to it, on the side of the RCM."""
-    R, p = T_base_tool[0:3, 0:3], T_base_tool[0:3, 3]
-    back = -R.T @ p
-    n = vertcat(0, back[1], back[2])
-    return p + a5 * (R @ (n / norm_2(n)))
-
-
-@equation("inverse", "P_w -> q1, q2, q3", gives="q1 q2 q3")
-def arm(P_w, origin, shaft_long):
-    """Yaw, pitch and insertion; the wrist is below the RCM."""
-    q1, q2, depth = about_rcm(P_w)
-    return q1, q2, depth + origin - shaft_long
-
-
-@equation("inverse", "rotation relative to the shaft -> q4, q5, q6", gives="q4 q5 q6")
-def wrist_angles(T_base_tool, q1, q2):
-    """Roll, wrist pitch within a quarter turn, wrist yaw."""
-    along = symbolic.rotation_x(-pi / 2) @ symbolic.rotation_z(pi / 2)  # last frame of the table -> {tool}
-    X = shaft_frame(q1, q2).T @ T_base_tool[0:3, 0:3] @ along.T
-    q4 = atan2(X[1, 2], X[0, 2])
-    q5 = atan2(-X[2, 2], sqrt(X[0, 2] ** 2 + X[1, 2] ** 2))
-    down = symbolic.rotation_x(-pi / 2)
-    left = (symbolic.rotation_z(q4) @ down @ symbolic.rotation_z(q5 - pi / 2) @ down).T @ X
-    return q4, q5, atan2(left[0, 0], -left[1, 0])
+equation("inverse", "pose -> point P_w of the shaft on the pitch axis", gives="P_w")(instrument.wrist)
+equation("inverse", "P_w -> q1, q2, q3", gives="q1 q2 q3")(instrument.arm)
+equation("inverse", "rotation relative to the shaft -> q4, q5, q6", gives="q4 q5 q6")(instrument.wrist_angles)
 
 
 @equation("helper", "points in base", gives=[f"at_{n}" for n in _POINTS])
@@ -114,9 +88,7 @@ def places(
 ):
     """Pins of the linkage, the RCM, wrist, fulcrum and tip."""
     pins = linkage_pins(q1, q2, reach, setback, rise, second_y, second_z, apart_y, apart_z)
-    p = T_base_tool[0:3, 3]
-    at_wrist = (q3 + shaft_long - origin) * shaft_frame(q1, q2)[0:3, 2]
-    return *pins, vertcat(0, 0, 0), at_wrist, p, p + tip * T_base_tool[0:3, 2]
+    return *pins, *instrument.ends(T_base_tool, q1, q2, q3, origin, shaft_long, tip)
 
 
 @equation("helper", "pitch -> passive pins", gives=LINKAGE)
@@ -125,42 +97,23 @@ def pins(q2):
     return linkage_angles(q2)
 
 
-@equation("helper", "distance from singularities", gives="depth straight")
-def margins(q3, q5, origin, shaft_long, crank):
-    """Distance of the wrist beyond the RCM divided by the crank's length; cosine of the wrist's pitch."""
-    return (q3 + shaft_long - origin) / crank, cos(q5)
-
-
-_ALARM = "alarm ASSUMED: no published threshold"
+equation("helper", "distance from singularities", gives="depth straight")(instrument.margins)
 
 FORMULA = Formula(
     name="davinci_psm",
     title="da Vinci Classic instrument arm (PSM) with a needle driver",
     source=f"{PAPER}, Table 1; offsets and lengths: {DVRK}",
     parameters=(
-        mm("origin", 431.8, "CITED", f"{DVRK}: origin of the insertion above the RCM at q3 = 0"),
-        mm("shaft_long", 416.2, "CITED", f"{DVRK}, tool 400006: origin of the insertion to the wrist's pitch axis"),
-        mm("a5", 9.1, "CITED", f"{DVRK}, tool 400006: pitch axis to yaw axis; in Table 1 without a value"),
-        mm("tip", 10.2, "CITED", "jhu-dvrk/dvrk_model: yaw axis to the tip of the jaws"),
+        *instrument.parameters(431.8, 416.2, "400006"),
         *linkage(516.0, (-40.09, 144.54), (-96.0, 0.0), (0.0, -38.08), "CITED", "WPI-AIM/dvrk_dynamics_identification"),
     ),
-    joints=tuple(ActiveJoint(f"q{i}", "prismatic" if i == 3 else "revolute") for i in range(1, 7)),
+    joints=instrument.JOINTS,
     coordinates=ZYX,
     equations=tuple(equation),
     characteristic_length=lambda crank: crank,
     points={n: f"at_{n}" for n in _POINTS},
     passive=LINKAGE,
-    measures=(
-        Measure("depth", "depth", "type1", 0.1, f"wrist at the RCM: yaw and pitch do not move it; {_ALARM}"),
-        Measure("wrist", "straight", "type1", 0.1, f"wrist bent by a quarter turn: roll and yaw in line; {_ALARM}"),
-    ),
-    aspects=(
-        Aspect("depth", 1, "wrist beyond the RCM, on the patient's side"),
-        Aspect("straight", 1, "wrist bent by less than a quarter turn"),
-    ),
-    seeds=(
-        (0.0, 0.0, -0.1135, 90 * DEG, 0.0, 180 * DEG),
-        (0.04, 0.03, -0.12, 70 * DEG, 10 * DEG, 170 * DEG),
-        (-0.05, 0.02, -0.15, 100 * DEG, -10 * DEG, 190 * DEG),
-    ),
+    measures=instrument.MEASURES,
+    aspects=instrument.ASPECTS,
+    seeds=instrument.SEEDS,
 )

@@ -250,7 +250,7 @@ def passive_joints(r_x, r_y, r_z, q1, q2, q3, r_b, r_p, th1, th2, al, AB, CD, DA
 
 @equation("helper", "reach and singularity", gives="leg1 leg2 leg3 toggle slide volume sin_c cos_r up1 up2 up3")
 def margins(r_x, r_y, r_z, q1, q2, q3, r_b, r_p, l, th1, al, AB, BC, CD, DA, AQ, QR, phi1, y_AR):  # noqa: E741
-    """Reach of rods, four-bar and slider-crank in m, and the measures that vanish at a singularity."""
+    """Reach margins of rods, four-bar, slider-crank in m (below 0: out of reach), and measures: 0 at a singularity."""
     rho = r_b - r_p
     lateral = [l - hypot(r_x - rho * cos(a), r_y - rho * sin(a)) for a in _AZIMUTHS]
     legs = _legs(r_x, r_y, r_z, r_b, r_p, (q1, q2, q3))

@@ -76,16 +76,16 @@ def world(
 ) -> World:
     """Return a World in which a console controls the robots of a scene.
 
-    The camera's arm turns about its port: pan about y, tilt about x of its base. The frame {H} of the hands is parallel
-    to the frame of the picture: x right, y up, z out of the picture.
+    The camera's arm rotates about its port: pan is about y of its base, tilt about x. The frame {H} of the hands is
+    parallel to the frame of the picture: x right, y up, z out of the picture.
 
     Args:
         scene: a scene with a console.
         members: robots by the names of their places.
-        device: block that writes poses and gripper angles of `HANDS`, and the pedals.
+        device: block that writes the poses and gripper angles of `HANDS`, and the states of the pedals.
         dt: duration of one tick in s.
         records: whether every tick is recorded; see `World`.
-        watch: block without outputs that sees all signals at the end of each tick.
+        watch: block without outputs that reads all signals at the end of each tick.
         task: a task; if it has transfers, the instruments touch objects and the solid bodies of the props.
         props: mechanism of the props; only needed for such a task.
 
@@ -146,9 +146,10 @@ def led_by(scene: Scene) -> list[Place]:
 def identity(
     scene: Scene, members: Mapping[str, Member], task: Task | None = None, props: Mechanism | None = None
 ) -> str:
-    """Return the hash "sha256:..." of what `world` is built from, apart from the equations and the program itself.
+    """Return the hash "sha256:..." of the inputs of `world`: console, camera, places, start values, limits and frames.
 
-    Numbers are rounded to 1e-9, so that the hash does not depend on the processor.
+    The equations and the version of the program are not included. Numbers are rounded to 1e-9, so that the hash does
+    not depend on the processor.
     """
 
     def plain(x: Any) -> Any:
@@ -186,8 +187,8 @@ def _camera(
     tool, frame = (member.mechanism.frame(n) for n in (member.mechanism.tool, camera.frame))
     if tool.body != frame.body:
         raise TwinError(
-            f"{scene.file}: camera '{table.camera}' is on {frame.body}; a console drags one on {tool.body}, "
-            f"the body of the tool of {place.name}"
+            f"{scene.file}: camera '{table.camera}' is on {frame.body}; a console can move only a camera on "
+            f"{tool.body}, the body of the tool of {place.name}"
         )
     T_tool_view = spatial.inverse(tool.T_body_frame) @ frame.T_body_frame @ camera.in_frame @ PICTURE
     T_world_centre = spatial.pose(place.T_world_base[:3, :3], next(iter(place.p_world_ports.values())))

@@ -48,13 +48,12 @@ class Limits:
         return Evaluator("steps", z, ca.vertcat(*self.steps_of(z[:n], z[n])), (2, n))
 
     @cached_property
-    def follow(self) -> Evaluator:
+    def follow(self) -> ca.Function:
         """(q (n), command (n), dt in s) -> q (n) after dt on the way to the command, exact if within the limits."""
         n = len(self.lower)
-        z = ca.SX.sym("z", 2 * n + 1)
-        q, command = z[:n], z[n : 2 * n]
-        lower, upper = self.steps_of(q, z[2 * n])
+        q, command, dt = ca.SX.sym("q", n), ca.SX.sym("command", n), ca.SX.sym("dt")
+        lower, upper = self.steps_of(q, dt)
         wanted = command - q
         dq = ca.fmin(ca.fmax(wanted, lower), upper)
         # A command within the limits is reached without the rounding errors of a difference.
-        return Evaluator("follow", z, ca.if_else(dq == wanted, command, q + dq))
+        return ca.Function("follow", [q, command, dt], [ca.if_else(dq == wanted, command, q + dq)])

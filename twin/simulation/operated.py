@@ -104,7 +104,7 @@ class Operated(Result):
             touched = f"{sum(m.contacts.values())} of {len(m.contacts)}"
             aside = f"{max(m.aside.values()) / UM:.0f} µm" if m.aside else "-"
             rows.append((str(trial.seed), f"{m.time:.1f} s", str(m.presses), f"{m.path / MM:.1f} mm", touched, aside))
-        yield Table(("seed", "time", "clutch presses", "path", "contacts", "beside the axis"), rows)
+        yield Table(("seed", "time", "clutch presses", "path", "contacts", "max. off axis"), rows)
         yield ""
         yield from by_severity(self.findings)
 
@@ -140,7 +140,7 @@ def run_trials(
         protocol: the protocol; the ends of its phases are the goals.
         trials: number of trials, with the seeds seed, seed + 1, ...
         seed: seed of the first trial.
-        clutch_as: eq. (7), "printed" or "corrected".
+        clutch_as: variant of the clutch, eq. (7) of the SHER simulation paper, "printed" or "corrected".
         scale: tool translation per handle translation; rotations are not scaled.
         solver: solver of the joint step.
         progress: called with a description of the current step and the fraction done.
@@ -209,7 +209,7 @@ def _missed(trials: Sequence[Trial]) -> list[Finding]:
     for trial in trials:
         untouched = [n for n, touched in trial.measures.contacts.items() if not touched]
         if untouched:
-            why = f"; the hand gave up at '{trial.record.missed}'" if trial.record.missed else ""
+            why = f"; the operator gave up at '{trial.record.missed}'" if trial.record.missed else ""
             text = f"seed {trial.seed}: no contact in {', '.join(untouched)}{why}"
             out.append(disagreement("task.missed", untouched[0], text))
     return out

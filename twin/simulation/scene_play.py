@@ -126,7 +126,7 @@ class Played(Result):
         for place in self.scene.places:
             own, motion = assets.files(place.robot).usd, f"{place.robot}_{place.protocol}.usda"
             if not (own / motion).is_file():
-                raise TwinError(f"{place.name} has no stage with this motion: `twin build {place.robot}` first")
+                raise TwinError(f"{place.name} has no stage with this motion: run `twin build {place.robot}`")
             shutil.copytree(own, folder / "usd" / place.name)
             stages[place.name] = Path("..") / place.name / motion
         mechanisms = {a.place.name: a.mechanism for a in self.actors}
@@ -138,10 +138,12 @@ def _duration(actors: Sequence[Actor]) -> float:
 
 
 def trocars_of(place: Place, mechanism: Mechanism, trajectory: Trajectory) -> dict[str, Array]:
-    """Return the trocars (3,) of a robot in its base in m, by name; without trocars, the first RCM of its motion as "".
+    """Return the positions (3,) of a robot's trocars in its base in m, by name.
+
+    The result for a robot without trocars is the first RCM of its motion, with the name "".
 
     Raises:
-        TwinError: a trocar for which the robot's place states a port does not exist.
+        TwinError: a trocar has no port, a port is for a trocar that does not exist, or the motion has no RCM.
     """
     if mechanism.trocars:
         at = {n: mechanism.trocar_at(n) for n in place.ports}
@@ -150,9 +152,9 @@ def trocars_of(place: Place, mechanism: Mechanism, trajectory: Trajectory) -> di
         return at
     rcm = next((p.rcm for p in trajectory.phases if p.rcm is not None), None)
     if rcm is None:
-        raise TwinError(f"{place.name}: protocol '{place.protocol}' registers no RCM, so it uses no port")
+        raise TwinError(f"{place.name}: protocol '{place.protocol}' has no RCM; a robot at a port needs one")
     if unheld := [n for n in place.ports if n]:
-        raise TwinError(f"{place.name} has no trocar '{unheld[0]}': give its port by the key port, not ports")
+        raise TwinError(f"{place.name} has no trocar '{unheld[0]}': use the key `port`, not `ports`")
     return {"": rcm}
 
 
@@ -204,7 +206,7 @@ def play(
 
 
 def too_near(found: Clearance, k: int, t: Array, clearance: float) -> Finding:
-    """Return a finding for the nearest pair at sample k; if it overlaps at the start, say when it is first free."""
+    """Return a finding for the nearest pair at sample k; for an overlap at the start, with the first free time."""
     a, b = found.pair[k]
     least, start = float(found.distance[k]), float(found.distance[0])
     what, code = "come too close", "scene.near"
@@ -215,11 +217,11 @@ def too_near(found: Clearance, k: int, t: Array, clearance: float) -> Finding:
         a, b = found.pair[0]
         k, least, what, code = 0, start, "overlap at the start", "scene.start"
         free = np.flatnonzero(found.distance >= clearance)
-        way_out = f"their distance is below {mm(clearance)} along the whole protocols: move a base in scene.toml"
+        way_out = f"their distance is below {mm(clearance)} during the whole protocols: move a base in scene.toml"
         if len(free):
             way_out = (
-                f"start where the protocols are at t = {t[free[0]]:.1f} s, the first time they are {mm(clearance)} "
-                "apart, "
+                f"start the protocols from their poses at t = {t[free[0]]:.1f} s, the first time with a clearance of "
+                f"{mm(clearance)}, "
                 "or move a base in scene.toml"
             )
     return disagreement(

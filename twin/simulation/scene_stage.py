@@ -1,7 +1,7 @@
 """Write one USD stage for a scene: references to the robots' stages, each at its place, the props, and the cameras.
 
-Props do not move: they are static colliders with their exact triangles, which engines accept of nothing that moves.
-Pairs of bodies that touch by design do not collide.
+Props do not move: they are static colliders with their exact triangles. Engines accept exact triangles only for static
+colliders. Collisions of bodies that touch by design are switched off.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ def write_scene(
     props: Mechanism | None,
     duration: float,
 ) -> Path:
-    """Write the root layer of the scene, and the props beside it; return the path of the root layer.
+    """Write the root layer of the scene, and the props in the same folder; return the path of the root layer.
 
     Args:
         scene: the scene.
@@ -79,7 +79,7 @@ def write_scene(
 
 
 def _let_touch(stage: Usd.Stage, scene: Scene, props: Mechanism | None) -> None:
-    """Switch off collisions between bodies that touch by design; a static body is named by its colliders."""
+    """Switch off collisions between bodies that touch by design; a static body is listed by its colliders."""
     for pair in sorted(sorted(p) for p in scene.touching):
         sides = [_colliding(scene, name, props) for name in pair]
         for path in sides[0]:
@@ -89,7 +89,7 @@ def _let_touch(stage: Usd.Stage, scene: Scene, props: Mechanism | None) -> None:
 
 
 def _colliding(scene: Scene, name: str, props: Mechanism | None) -> list[str]:
-    """Return the paths of "owner/body" that engines filter: of a robot its body, of props the body's meshes."""
+    """Return the paths for collision filters of "owner/body": a robot's body, or the meshes of a body of the props."""
     owner, body = name.split("/")
     if props is None or owner != props.name:
         return [f"/{scene.name}/{name}"]

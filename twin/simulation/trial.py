@@ -126,7 +126,7 @@ def record_of(recording: Recording, kin: Kinematics, goals: Sequence[Goal], miss
 
 @dataclass(frozen=True)
 class Measures:
-    """Measures of one trial, as in the paper.
+    """Measures of one trial, as in the SHER 3.0 simulation paper.
 
     Attributes:
         time: time in s from the first press of the pedal to the end.
@@ -146,7 +146,7 @@ class Measures:
 
     @property
     def success(self) -> bool:
-        """Whether every insertion touched."""
+        """Whether the tip touched in every insertion."""
         return bool(self.contacts) and all(self.contacts.values())
 
 

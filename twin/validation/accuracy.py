@@ -1,6 +1,7 @@
 """Simulate the accuracy test of a console: move haptic pens along their axes and measure the tool's displacement.
 
-The error is the tool's displacement minus the pen's displacement expressed in {RB}; it is not the printed eq. (7).
+The error is the tool's displacement minus the pen's displacement, both in {RB}, the frame of the robot's base. It is
+not the error of eq. (7) as printed in the console's paper.
 """
 
 from __future__ import annotations

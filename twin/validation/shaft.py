@@ -26,7 +26,7 @@ from twin.validation.result import Residual
 from twin.validation.rows import Clock, row, text
 
 ALL, LOOKED = 64, 12
-"""(samples up to which all intervals of a phase are measured, number of intervals measured in longer phases)."""
+"""(maximum number of samples in a phase whose intervals are all measured, number measured in longer phases)."""
 
 _INSIDE = np.linspace(0.0, 1.0, 9)[1:-1]
 """Positions (0 to 1) within an interval at which the distance is measured; a parabola refines the maximum."""

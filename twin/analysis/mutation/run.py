@@ -41,7 +41,7 @@ def selftest(
         families: the families of faults to seed.
         count: total number of faults.
         seed: seed of the random faults; the same seed draws the same faults.
-        progress: called with the current step and the fraction done.
+        progress: called with a description of the current step and the fraction done.
 
     Raises:
         TwinError: the robot has no equations, or its protocol cannot be planned.

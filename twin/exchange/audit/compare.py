@@ -358,7 +358,7 @@ def compare_shapes(contents: Sequence[Content]) -> None:
                     "compare.shape",
                     "disagreement",
                     f"the bounding box of the meshes of link '{name}' differs by {off * 1e3:.4g} mm from {first.file}; "
-                    f"its diagonal is {float(np.linalg.norm(a.high - a.low)):.4g} m, there it is {size:.4g} m.",
+                    f"its diagonal is {float(np.linalg.norm(a.high - a.low)):.4g} m here and {size:.4g} m there.",
                     where=name,
                     size=off * 1e3,
                     unit="mm",

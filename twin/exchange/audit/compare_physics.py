@@ -16,6 +16,7 @@ from scipy.spatial import cKDTree
 
 from twin.exchange.audit import poses
 from twin.exchange.audit.colors import Rgba, apart
+from twin.exchange.audit.couplings import solved
 from twin.exchange.audit.motion import Content, Shape
 from twin.exchange.audit.physics import Frame, Joint, Mass, Motor, Physics
 from twin.exchange.audit.physics_tracks import TOOL
@@ -209,8 +210,9 @@ def compare_physics(contents: Sequence[Content], truth: Physics | None = None) -
                 del view.said[key]
     there = [s for s, name in dict.fromkeys(key for v in views for key in v.said) if name == "existence"]
     for view in (v for v in views if v.physics.complete):
+        stated = ("joint", *["motor"] * view.physics.all_motors, *["coupling"] * (view.physics.couplings is not None))
         for subject in there:
-            if subject.startswith("joint") or (subject.startswith("motor") and view.physics.all_motors):
+            if subject.startswith(stated):
                 view.said.setdefault((subject, "existence"), False)
     subjects = dict.fromkeys(key for v in views for key in v.said)
     worst: dict[str, dict[str, tuple[float, str]]] = {}
@@ -349,11 +351,11 @@ def _state(view: View, canonical: Mapping[str, Joint], known: set[str], movable:
         say["the world", "gravity"] = p.gravity
     if p.held is not None:
         say["the world", "held"] = tuple(sorted(p.held & known))
-    for name, (ratios, total) in (p.couplings or {}).items():
-        say[f"coupling '{name}'", "existence"] = True
-        say[f"coupling '{name}'", "links"] = tuple(sorted(ratios))
-        say[f"coupling '{name}'", "ratios"] = np.array([ratios[n] for n in sorted(ratios)])
-        say[f"coupling '{name}'", "sum"] = total
+    for name, (ratios, total) in solved(p.couplings or {}).items():
+        say[f"coupling of '{name}'", "existence"] = True
+        say[f"coupling of '{name}'", "links"] = tuple(sorted(ratios))
+        say[f"coupling of '{name}'", "ratios"] = np.array([ratios[n] for n in sorted(ratios)])
+        say[f"coupling of '{name}'", "sum"] = total
 
     for name, motor in (p.motors or {}).items():
         _state_motor(say, f"motor '{name}'", motor, p.all_motors)

@@ -181,16 +181,31 @@ def _motors(root: Usd.Prim) -> dict[str, Motor]:
 
 
 def _couplings(stage: Usd.Stage, meters: float) -> dict[str, tuple[dict[str, float], float]]:
-    """Return the couplings of joints, which are PhysX tendons in a stage."""
+    """Return the couplings of joints: tendons of PhysX, and its mimic joints, q + gearing * leader + offset = 0."""
     out: dict[str, tuple[dict[str, float], float]] = {}
     for prim in stage.Traverse():
-        for name in prim.GetAppliedSchemas():
+        for name in map(
+            str, prim.GetPrimTypeInfo().GetAppliedAPISchemas()
+        ):  # also those that this OpenUSD does not know
+            if name.startswith("PhysxMimicJointAPI:"):
+                place = f"physxMimicJoint:{name.split(':', 1)[1]}"
+                leader = prim.GetRelationship(f"{place}:referenceJoint")
+                leaders = leader.GetTargets() if leader else ()
+                said = (prim.GetAttribute(f"{place}:{n}").Get() for n in ("gearing", "offset"))
+                gearing, offset = (d if v is None else float(v) for v, d in zip(said, (1.0, 0.0), strict=True))
+                ratios = {prim.GetName(): 1.0, **{p.name: gearing for p in leaders}}
+                out[f"{prim.GetName()} {name}"] = ratios, -offset * _unit(prim, meters)
             if name.startswith(("PhysxTendonAxisRootAPI:", "PhysxTendonAxisAPI:")):
                 tendon = name.split(":", 1)[1]
                 gearing = prim.GetAttribute(f"physxTendon:{tendon}:gearing").Get()
                 ratios, total = out.get(tendon, ({}, 0.0))
                 rest = prim.GetAttribute(f"physxTendon:{tendon}:restLength").Get()
-                unit = np.pi / 180 if prim.IsA(UsdPhysics.RevoluteJoint) else meters
+                unit = _unit(prim, meters)
                 ratios[prim.GetName()] = float(gearing[0]) if gearing else 0.0
                 out[tendon] = (ratios, total if rest is None else float(rest) * unit)
     return out
+
+
+def _unit(joint: Usd.Prim, meters: float) -> float:
+    """Return the m or rad of one unit of a joint's coordinate."""
+    return np.pi / 180 if joint.IsA(UsdPhysics.RevoluteJoint) else meters

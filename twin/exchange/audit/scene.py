@@ -30,10 +30,10 @@ Audited = tuple[list[Content], list[Ledger]]
 
 @dataclass(frozen=True)
 class Shown:
-    """What a robot's own files show.
+    """Base pose and motion of a robot in an exported scene.
 
     Attributes:
-        T_world_base: (4, 4), of scene.json.
+        T_world_base: pose (4, 4) of the robot's base in scene.json.
         times: times (k,) in s.
         links: T_base_link (k, 4, 4) by link.
     """

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Container
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -44,7 +45,7 @@ def read_usd(path: Path, root: str | None) -> Imported:
             raise
         raise SourceError(f"{path}: {error}") from error
     findings = [replace(f, severity="warning") if f.code == "stage.read.shape" else f for f in findings]
-    findings += _left_out(path, root)
+    findings += _left_out(path, root, {n for c in mechanism.couplings for n in c.joints})
     if not mechanism.active:
         moving = {j.name for j in mechanism.tree if len(j.free_axes) == 1}
         joints = tuple(replace(j, active=j.name in moving) for j in mechanism.joints)
@@ -54,7 +55,7 @@ def read_usd(path: Path, root: str | None) -> Imported:
     return Imported(tooled(mechanism, findings), findings)
 
 
-def _left_out(path: Path, root: str | None) -> list[Finding]:
+def _left_out(path: Path, root: str | None, coupled: Container[str]) -> list[Finding]:
     from pxr import Usd, UsdGeom, UsdPhysics
 
     stage = Usd.Stage.Open(str(path))
@@ -65,7 +66,8 @@ def _left_out(path: Path, root: str | None) -> list[Finding]:
         strange = [str(s) for s in prim.GetPrimTypeInfo().GetAppliedAPISchemas() if str(s).split(":")[0] not in _READ]
         joint = prim.IsA(UsdPhysics.Joint)
         for schema in strange:
-            if joint and "mimic" in schema.split(":")[0].lower():  # the part after the colon is the instance name
+            # The part after the colon is the instance name. Couplings of our own stages are read from customData.
+            if joint and "mimic" in schema.split(":")[0].lower() and prim.GetName() not in coupled:
                 raise SourceError(
                     f"{path}: joint {where} is coupled to another joint by {schema}: couplings of other vendors are "
                     "not supported. "

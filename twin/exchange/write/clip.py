@@ -272,7 +272,7 @@ def draw(times: Array, Ts: Array, keys: Index, blend: Callable[[Array, Array, Ar
 
 
 def _furthest(off: Array, reach: Array) -> Array:
-    """Return the largest position error (k,) in m of points (n, 3), from the pose differences `off` (k, 4, 4)."""
+    """Return the largest error (k,) in m of the points `reach` (n, 3), from the pose differences `off` (k, 4, 4)."""
     moved = off[:, None, :3, :3] @ reach[None, :, :, None]
     return np.linalg.norm(moved[..., 0] + off[:, None, :3, 3], axis=-1).max(axis=1)
 

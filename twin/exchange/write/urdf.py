@@ -21,7 +21,8 @@ from twin.exchange.write.left_out import CONES, MAX_ACCELERATIONS, SOFT_LIMITS, 
 from twin.exchange.write.masses import inertia_of, unweighed
 from twin.exchange.write.meshes import SCALE, mesh_file, write_meshes
 from twin.exchange.write.xml import numbers, srgb, write_xml
-from twin.model.mechanism import Body, Coupling, Drive, Inertia, Joint, Material, Mechanism
+from twin.model.following import Following, following
+from twin.model.mechanism import Body, Drive, Inertia, Joint, Material, Mechanism
 from twin.usd.write.spanning import spanning
 
 SMALL = Inertia(1e-6, np.zeros(3), 1e-9 * np.eye(3))
@@ -31,7 +32,7 @@ UNKNOWN = {"effort": "1e6", "velocity": "1e6"}
 """Values that mean "unknown" for numbers that URDF requires."""
 
 SIMPLE = "transmission_interface/SimpleTransmission"
-"""Transmission type of one motor and one joint: m = mechanicalReduction * q."""
+"""Transmission type of one motor and one joint: motor value = mechanicalReduction * joint value."""
 
 COUPLED = "twin/LinearTransmission"
 """Transmission type of several motors and joints; URDF cannot hold its matrix."""
@@ -88,8 +89,8 @@ def urdf_findings(mechanism: Mechanism) -> list[Finding]:
                 "of the passive joints from the tracks",
             )
         )
-    held = _mimics(mechanism).values()
-    for coupling in (c for c in mechanism.couplings if c not in held):
+    held = _mimics(mechanism)
+    for coupling in (c for c in mechanism.couplings if c.name not in held):
         terms = " + ".join(f"{r:g} {n}" for n, r in zip(coupling.joints, coupling.ratios, strict=True))
         found.append(
             warning(
@@ -105,16 +106,9 @@ def urdf_findings(mechanism: Mechanism) -> list[Finding]:
     return found
 
 
-def _mimics(mechanism: Mechanism) -> dict[str, Coupling]:
-    """Return the couplings that URDF can hold (two joints of the tree), by name of the joint that is not driven."""
-    single = {j.name for j in spanning(mechanism).tree if j.type in ("revolute", "prismatic")}
-    driven = {j.name for j in mechanism.active}
-    out: dict[str, Coupling] = {}
-    for coupling in (c for c in mechanism.couplings if len(c.joints) == 2 and single.issuperset(c.joints)):
-        follower = next((n for n in coupling.joints if n not in driven and n not in out), None)
-        if follower is not None and not any(follower in c.joints for c in out.values()):
-            out[follower] = coupling
-    return out
+def _mimics(mechanism: Mechanism) -> dict[str, Following]:
+    """Return what follows by the couplings that URDF can hold (two joints of the tree), by name of the coupling."""
+    return following(mechanism, {j.name for j in spanning(mechanism).tree if j.type in ("revolute", "prismatic")})
 
 
 def _document(mechanism: Mechanism) -> ET.Element:
@@ -132,15 +126,9 @@ def _document(mechanism: Mechanism) -> ET.Element:
     _transmissions(root, mechanism)
     for joint in (_as_driven(mechanism, j) for j in spanning(mechanism).tree):
         _joint(root, joint, joint.relative(home[joint.parent], home[joint.child]))
-    for name, coupling in _mimics(mechanism).items():
-        ratio = dict(zip(coupling.joints, coupling.ratios, strict=True))
-        (leader,) = (n for n in coupling.joints if n != name)
-        line = {
-            "joint": leader,
-            "multiplier": numbers([-ratio[leader] / ratio[name]]),
-            "offset": numbers([coupling.total / ratio[name]]),
-        }
-        ET.SubElement(next(j for j in root.findall("joint") if j.get("name") == name), "mimic", line)
+    for f in _mimics(mechanism).values():
+        line = {"joint": f.leader, "multiplier": numbers([f.multiplier]), "offset": numbers([f.offset])}
+        ET.SubElement(next(j for j in root.findall("joint") if j.get("name") == f.joint), "mimic", line)
     return root
 
 

@@ -1,8 +1,8 @@
-"""Move the camera by both hands: pan, tilt, zoom by their midpoint, roll by the line between them, eqs (3), (4).
+"""Move the camera by both hands: their midpoint changes pan, tilt and zoom, the line between them changes roll.
 
-The equations are used in their corrected reading. The camera turns about its remote centre: T = Ry(pan) Rx(tilt)
-Tz(-depth) Rz(roll), with the view along -z, x to the right and y up in the picture. The scene moves with the hands, so
-the camera moves in the opposite direction.
+Equations (3) and (4) of `console` are used in their corrected reading. The camera rotates about its remote centre:
+T = Ry(pan) Rx(tilt) Tz(-depth) Rz(roll), with the view along -z, x to the right and y up in the picture. The scene
+moves with the hands, so the camera moves in the opposite direction.
 """
 
 from __future__ import annotations
@@ -116,19 +116,19 @@ def looking(T: Array) -> Array:
     if not np.allclose(view(at), T, atol=1e-6):
         off = float(np.linalg.norm(view(at)[:3, 3] - T[:3, 3]))
         raise WorldError(
-            f"the camera does not look along a line through its remote centre: {off / MM:.3g} mm beside it"
+            f"the line of sight of the camera passes {off / MM:.3g} mm from its remote centre; it must pass through it"
         )
     return at
 
 
 def hands(at: Array, wanted: Array, right: Array, left: Array, drag: Drag) -> tuple[Array, Array]:
-    """Return where both hands (3,) drag the camera from `at` to `wanted`: inverse of `Dragging.step`.
+    """Return the positions (3,) of both hands that move the camera from `at` to `wanted`: inverse of `Dragging.step`.
 
     Args:
         at: (4,) pan, tilt, depth, roll when the hands were coupled, in rad and m.
         wanted: (4,) pan, tilt, depth, roll to reach, within the limits of `drag`.
         right: (3,) position of the right hand when it was coupled, in m in the axes of the picture.
-        left: (3,) position of the left hand, likewise.
+        left: (3,) position of the left hand when it was coupled, in m in the same axes.
         drag: parameters of the camera motion.
     """
     reach, rho = at[2] + drag.lever, wanted[3]

@@ -38,7 +38,7 @@ equation = Equations(PAPER, variant="decoupled")
     "motion of the hand -> motion of the tool",
     gives="dW",
     source=f"{PAPER}, eq. (2)",
-    why="rotations change frame by R_T alone, translations by R_T and the scale; each body rotates about its own point",
+    why="rotations change frame by R_T alone, translations by R_T and scale; each body rotates about its own origin",
 )
 def eq2(W_0, W_1, T, scale):
     """Return the rotation and translation of the tool in {RB}, (4, 4), for eq. (1) in the same reading."""
@@ -54,7 +54,7 @@ def eq2_paper(W_0, W_1, T):
     return dW
 
 
-@equation.variant("conjugate", of=eq2, why="a change of frame, but the tool turns about the hand's point, no scale")
+@equation.variant("conjugate", of=eq2, why="a change of frame, but the tool rotates about the hand's origin; no scale")
 def eq2_conjugate(W_0, W_1, T):
     """Return the motion (4, 4) of the tool: the hand motion W_1 W_0^-1, expressed in {RB} by T."""
     dW = T @ (W_1 @ inverse(W_0)) @ inverse(T)
@@ -66,7 +66,7 @@ def eq2_conjugate(W_0, W_1, T):
     "motion and pose of the tool -> its next pose",
     gives="P_1",
     source=f"{PAPER}, eq. (1)",
-    why="the tool turns about its own point",
+    why="the tool rotates about its own origin",
 )
 def eq1(dW, P_0):
     """Return the tool pose (4, 4) in {RB} after the motion."""

@@ -8,7 +8,7 @@ the hand jumps.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -32,11 +32,11 @@ class Start:
     """Condition that must be met before a hand moves the tool.
 
     Attributes:
-        attitude, again: largest angle in rad between hand and tool at the first start, and after a clutch.
+        attitude, again: largest angle in rad between hand and tool at the first start, and after use of the clutch.
         grip, roll: gripper travel in rad, or rotation of the handle about its axis in rad, that shows that a person
             holds the handle.
-        together: if the sum of grip and roll travel exceeds this fraction of the sum of both thresholds, it also shows
-            this.
+        together: fraction of the sum of both thresholds. A sum of gripper travel and rotation above this value also
+            shows that a person holds the handle.
     """
 
     attitude: float = 5 * DEG
@@ -86,7 +86,7 @@ class Following:
         self.started = self.follows = False
         self.jumps = 0
         self._tick = HandStep(laws or console(), pace or Pace(), dt)
-        self._wanted, self._last = self.goal, np.eye(4)
+        self._wanted = self.goal
         self._coupled: tuple[Array, float] = np.eye(4), 1.0  # pose of {H} and scale since the hand was coupled
         self._seen: tuple[Array, float, float, float, float] | None = None
 
@@ -104,7 +104,7 @@ class Following:
             T: (4, 4) pose of {H} in {RB}.
             scale: tool motion per hand motion, limited to `SCALE`.
         """
-        self._tick(hand, self._last, self.goal)
+        self._tick(hand, self.goal)
         if not self._tick.rigid:  # ignore an invalid pose
             self.follows = False
             return self.goal
@@ -119,16 +119,16 @@ class Following:
             self.jumps += 1
             self._couple(hand, self._wanted, *self._coupled, hand)
         elif scale != self._coupled[1] or (T is not self._coupled[0] and (self._coupled[0] != T).any()):
-            self._couple(self._last, self._wanted, T, scale, hand)
+            self._couple(self._tick.last.copy(), self._wanted, T, scale, hand)
         self._wanted, self.goal = self._tick.wanted, self._tick.goal
-        self._last[...] = hand
+        self._tick.last[...] = hand
         return self.goal
 
     def _couple(self, W_0: Array, P_0: Array, T: Array, scale: float, hand: Array) -> None:
         """Couple the hand at W_0 with the tool at P_0, and compute this tick again."""
         self._coupled = T, scale
         self._tick.couple(W_0, P_0, T, scale)
-        self._tick(hand, self._last, self.goal)
+        self._tick(hand, self.goal)
 
     def _may_begin(self, hand: Array, grip: float, tool: Array, T: Array) -> bool:
         apart = float(spatial.rotation_angle(T[:3, :3] @ hand[:3, :3] @ tool[:3, :3].T)) if self.aligns else 0.0
@@ -160,7 +160,7 @@ class Arm:
 
 
 class HandToPose(Block):
-    """Reads a hand, pedals and encoders; writes tool goals of arms, of which one at a time follows the hand.
+    """Moves the tools of the arms of one hand; one arm at a time follows the hand.
 
     Reads `<hand>.pose` (16,), W in {H} row by row, `<hand>.grip` in rad, `<device>.scale`, `console.mode`,
     `console.taps`, `<robot>.encoder` of each arm and, for a movable camera, `<camera>.view` (16,) in the World. Writes
@@ -207,24 +207,25 @@ class HandToPose(Block):
         self._laws = [Following(T, dt, aligns=aligns, start=start, pace=pace) for T in self._tools]
         self._view: tuple[bytes, list[Array]] = b"", []
         self._said = [(0.0, 0.0)] * len(arms)
-        self._pose, self._grip, self._scale = f"{hand}.pose", f"{hand}.grip", f"{device}.scale"
+        self._signals: Signals | None = None
         self._names = [tuple(f"{a.robot}.{n}" for n in ("goal", "follows", "jumps")) for a in arms]
         self.outputs = {f"{a.robot}.goal": T.ravel() for a, T in zip(arms, self._tools, strict=True)}
         self.outputs |= {f"{a.robot}.{n}": 0.0 for a in arms for n in ("follows", "jumps")}
 
     def step(self, signals: Signals, t: float, dt: float) -> dict[str, Array | float]:
         """Move the selected arm; the other arms remain at rest."""
-        now, follow = signals.now, self._laws
-        pose, grip = now[self._pose].reshape(4, 4), now[self._grip].item()
-        active = int(now["console.taps"].item()) % len(follow) if now["console.mode"].item() == TOOLS else -1
+        if signals is not self._signals:
+            self._attach(signals)
+        follow, mode = self._laws, self._mode.item()
+        active = int(self._taps.item()) % len(follow) if mode == TOOLS else -1
         out: dict[str, Array | float] = {}
         for i, law in enumerate(follow):
             if i == active:
                 if not law.follows:  # the tool's current pose is used when the hand is coupled
                     arm = self.arms[i]
                     self._tools[i] = arm.kin.forward(signals[f"{arm.robot}.encoder"], self._tools[i])
-                T = self._poses_of_hand(now)[i]
-                law.step(pose, grip, self._tools[i], T, now[self._scale].item())
+                T = self._poses_of_hand()[i]
+                law.step(self._pose, self._grip.item(), self._tools[i], T, self._scale.item())
             else:
                 law.release()
             goal, follows, jumps = self._names[i]
@@ -234,11 +235,16 @@ class HandToPose(Block):
                 self._said[i] = out[follows], out[jumps] = said
         return out
 
-    def _poses_of_hand(self, now: Mapping[str, Array]) -> list[Array]:
+    def _attach(self, signals: Signals) -> None:
+        self._signals, now = signals, signals.now
+        self._pose, self._grip = now[f"{self.hand}.pose"].reshape(4, 4), now[f"{self.hand}.grip"]
+        self._scale, self._mode, self._taps = now[f"{self.device}.scale"], now["console.mode"], now["console.taps"]
+        self._camera = now[f"{self.view}.view"] if isinstance(self.view, str) else self.view
+
+    def _poses_of_hand(self) -> list[Array]:
         """Return the pose of {H} in the base of each arm; the same arrays as before if the view has not moved."""
-        view = now[f"{self.view}.view"] if isinstance(self.view, str) else self.view
-        seen = view.tobytes()
+        seen = self._camera.tobytes()
         if seen != self._view[0]:
-            T_world_hand = view.reshape(4, 4) @ self._T_view_hand
+            T_world_hand = self._camera.reshape(4, 4) @ self._T_view_hand
             self._view = seen, [T @ T_world_hand for T in self._T_base_world]
         return self._view[1]

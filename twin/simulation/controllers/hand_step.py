@@ -12,7 +12,7 @@ import numpy as np
 
 from twin.core.spatial import Array
 from twin.formula import symbolic
-from twin.formula.flow import Evaluator
+from twin.formula.flow import Evaluator, attach
 from twin.formula.symbol import from_sx, to_sx
 from twin.simulation.controllers.console import Console
 
@@ -27,7 +27,7 @@ _SCALE = 96
 
 @dataclass(frozen=True)
 class Pace:
-    """Maximum speed of a tool, and threshold for jumps of a hand; ASSUMED: no console publishes them.
+    """Maximum speed of a tool, and threshold for jumps of a hand; ASSUMED: no values are published for any console.
 
     Attributes:
         speed, turn: maximum speeds of the tool, in m/s and rad/s.
@@ -48,33 +48,35 @@ class HandStep:
         jumped: whether the hand had moved farther from `last` than `Pace.jump` or `Pace.twist` allow.
         wanted: (4, 4) tool pose in {RB} by the equations, without speed limits.
         goal: (4, 4) tool pose in {RB} after the tick: from the previous goal towards `wanted`, within the limits.
+        last: (4, 4) pose of the handle one tick earlier; write into this array.
     """
 
     def __init__(self, laws: Console, pace: Pace, dt: float) -> None:
         """Compile the law for ticks of dt in s."""
         law, slow = _compile(laws.laws["eq2"], laws.laws["eq1"], pace, dt)
-        (z, self._law), (pair, self._slow) = law.bind(), slow.bind()
-        self._hand, self._last, self._goal, self._W_0, self._P_0, self._T = z[:_SCALE].reshape(6, 4, 4)
+        z, (pair, self._slow) = np.zeros(_SCALE + 1), slow.bind()
+        out, self._law = attach(law.function, z)
+        self._tests, self._out = out[:3], out[3:].reshape(4, 4)
+        self._hand, self.last, self._goal, self._W_0, self._P_0, self._T = z[:_SCALE].reshape(6, 4, 4)
         self._scale, (self._from, self._to) = z[_SCALE:], pair.reshape(2, 4, 4)
         self.rigid = self.jumped = False
         self.goal = self.wanted = self._goal.copy()
 
     def couple(self, W_0: Array, P_0: Array, T: Array, scale: float) -> None:
-        """Set the poses (4, 4) of hand and tool of the coupling, the pose of {H} in {RB}, and the scale."""
+        """Couple the hand at W_0 with the tool at P_0, for the pose T of {H} in {RB}, each (4, 4), and a scale."""
         self._W_0[...], self._P_0[...], self._T[...], self._scale[...] = W_0, P_0, T, scale
 
-    def __call__(self, hand: Array, last: Array, goal: Array) -> None:
-        """Compute one tick; all poses (4, 4).
+    def __call__(self, hand: Array, goal: Array) -> None:
+        """Compute one tick; all poses are (4, 4).
 
         Args:
             hand: pose of the handle in {H}.
-            last: its pose one tick earlier.
             goal: goal of the tool in {RB} one tick earlier.
         """
-        self._hand[...], self._last[...], self._goal[...] = hand, last, goal
-        out = self._law()
-        rigid, jumped, near = out[:3].tolist()
-        self.rigid, self.jumped, self.wanted = rigid > 0, jumped > 0, out[3:].reshape(4, 4)
+        self._hand[...], self._goal[...] = hand, goal
+        self._law()
+        rigid, jumped, near = self._tests.tolist()
+        self.rigid, self.jumped, self.wanted = rigid > 0, jumped > 0, self._out.copy()
         if near:
             self.goal = self.wanted
         else:
@@ -84,9 +86,9 @@ class HandStep:
 
 @cache
 def _compile(eq2: Law, eq1: Law, pace: Pace, dt: float) -> tuple[Evaluator, Evaluator]:
-    """Return two functions: the law, with the tests of its input; the step towards a goal that is too far for a tick.
+    """Return two functions: the control law with the tests of its input, and a speed-limited step towards a goal.
 
-    The second one is apart because it costs more than the first and is seldom needed.
+    The second function is separate because it is slower than the first and seldom needed.
     """
     z, pair = ca.SX.sym("z", _SCALE + 1), ca.SX.sym("pair", 32)
     hand, last, goal, W_0, P_0, T = (symbolic.unflat(z[16 * i : 16 * i + 16], 4, 4) for i in range(6))

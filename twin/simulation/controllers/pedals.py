@@ -1,4 +1,4 @@
-"""Two pedals of a console that select what the hands control; quick taps of the clutch change the arm."""
+"""Two pedals that select instruments, camera or nothing for the hands; a quick tap of the clutch changes the arm."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class Pedals(Block):
     """Reads `<device>.clutch` and `<device>.camera`; writes `console.mode` and `console.taps` (number of quick taps).
 
     The clutch has priority: with both pedals pressed, the hands control nothing. The hands also control nothing while
-    the device is silent (if it writes `<device>.silent`, and this is 1); silence does not count as a tap.
+    the device is silent (its signal `<device>.silent`, if it exists, is 1); silence does not count as a tap.
     """
 
     def __init__(self, device: str, tap: float = TAP) -> None:

@@ -8,7 +8,7 @@ import casadi as ca
 import numpy as np
 
 from twin.core.spatial import Array
-from twin.formula.flow import Evaluator
+from twin.formula.flow import attach
 from twin.kinematics import Kinematics
 from twin.kinematics.compiled import POSE_TOL
 from twin.simulation.controllers.velocity import Solver, step
@@ -25,9 +25,9 @@ A larger step may belong to another working mode.
 class PoseToJoints(Block):
     """Reads `<robot>.goal` (16,), the tool pose in base, and `<robot>.encoder`; writes `<robot>.command` (n,).
 
-    The closed-form inverse is used if its result is near and within the limits; otherwise a Jacobian step, as far as
-    the limits allow. A joint that does not move the tool follows `<robot>.jaw` in rad if this signal exists; otherwise
-    it is at rest.
+    The closed-form inverse is used if its result is within the limits and near the current joint values. Otherwise, a
+    Jacobian step is made as far as the limits allow. A joint that does not move the tool follows `<robot>.jaw` in rad;
+    without this signal, the joint is at rest.
     """
 
     def __init__(self, robot: str, kin: Kinematics, q: Array, limits: Limits, solver: Solver = "damped") -> None:
@@ -35,45 +35,51 @@ class PoseToJoints(Block):
         self.robot, self.kin, self.limits = robot, kin, limits
         self.solver: Solver = solver
         self._T = kin.forward(q)
-        self._encoder, self._goal, self._jaw = (f"{robot}.{n}" for n in ("encoder", "goal", "jaw"))
         self._command, self._auxiliary = f"{robot}.command", np.flatnonzero(kin.auxiliary)
-        self._z, self._near = _near_inverse(kin, limits).bind() if kin.closed_inverse else (np.zeros(17 + len(q)), None)
-        self._given: tuple[bytes, bytes] | None = None
-        self._said: dict[str, Array] = {}
+        self._near = _near_inverse(kin, limits) if kin.closed_inverse else None
+        self._signals: Signals | None = None
         self.outputs = {self._command: q}
 
     def step(self, signals: Signals, t: float, dt: float) -> dict[str, Array]:
         """Make one step towards the goal."""
-        z, now = self._z, signals.now
-        q, goal = now[self._encoder], now[self._goal]
-        jaw = now[self._jaw] if self._jaw in now else q[self._auxiliary]
-        z[:16], z[16:-1], z[-1] = goal, q, dt
-        command = self._near() if self._near else None
-        if command is not None and not math.isnan(command[0]):
-            self._given = None
-        else:
-            given = (z.tobytes(), jaw.tobytes())
-            if self._near and given == self._given:
-                return self._said  # unchanged input: return the previous result
-            self._given = given
-            if not self.kin.closed_forward:
-                self._T = self.kin.forward(q, self._T)
-            command = step(self.kin, q, goal.reshape(4, 4), dt, self.limits, self.solver, seed=self._T).q
-        command[self._auxiliary] = jaw
-        self._said = {self._command: command}
-        return self._said
+        if signals is not self._signals:
+            self._attach(signals)
+        goal, q, auxiliary = self._goal, self._encoder, self._jaw
+        if self._rests:
+            auxiliary[...] = q[self._auxiliary]
+        given = goal.tobytes(), q.tobytes(), auxiliary.tobytes(), dt
+        if given == self._given and self._near:
+            return {}  # unchanged input: the command is unchanged
+        self._given = given
+        self._tick[0] = dt
+        if self._inverse:
+            self._inverse()
+            if not math.isnan(self._found[0]):
+                return {self._command: self._found}
+        if not self.kin.closed_forward:
+            self._T = self.kin.forward(q, self._T)
+        command = step(self.kin, q, goal.reshape(4, 4), dt, self.limits, self.solver, seed=self._T).q
+        command[self._auxiliary] = auxiliary
+        return {self._command: command}
+
+    def _attach(self, signals: Signals) -> None:
+        self._signals, self._given, self._inverse = signals, None, None
+        self._goal, self._encoder = (signals.now[f"{self.robot}.{name}"] for name in ("goal", "encoder"))
+        self._rests, self._tick = f"{self.robot}.jaw" not in signals, np.zeros(1)
+        self._jaw = np.zeros(len(self._auxiliary)) if self._rests else signals.now[f"{self.robot}.jaw"]
+        if self._near:
+            self._found, self._inverse = attach(self._near, self._tick, self._goal, self._encoder, self._jaw)
 
 
-def _near_inverse(kin: Kinematics, limits: Limits) -> Evaluator:
-    """Return the function (pose (16), q (n), dt in s) -> q (n) by the closed-form inverse, with angles nearest to q.
+def _near_inverse(kin: Kinematics, limits: Limits) -> ca.Function:
+    """Return the function (dt in s, pose (16), q (n), auxiliary joints) -> q (n) by the closed-form inverse.
 
-    All results are NaN if the pose is not rigid or out of reach, or if a joint step exceeds a limit or `_NEAR`.
-    Auxiliary joints keep their values.
+    Angles are those nearest to q. All results are NaN if the pose is not rigid or out of reach, or if the step of a
+    joint that moves the tool exceeds a limit or `_NEAR`.
     """
-    n = len(kin.joints)
-    z = ca.SX.sym("z", 16 + n + 1)
-    q, dt = z[16 : 16 + n], z[16 + n]
-    inverse = kin.program.inverse.function(z[:16])
+    n, auxiliary = len(kin.joints), np.flatnonzero(kin.auxiliary).tolist()
+    dt, goal, q, rest = (ca.SX.sym(*x) for x in (("dt", 1), ("goal", 16), ("q", n), ("rest", len(auxiliary))))
+    inverse = kin.program.inverse.function(goal)
     found, misfit = inverse[:n], inverse[n]
     turns = ca.DM(np.where(kin.revolute, 1 / (2 * np.pi), 0.0))
     found -= 2 * np.pi * ca.floor((found - q) * turns + 0.5)
@@ -83,4 +89,5 @@ def _near_inverse(kin: Kinematics, limits: Limits) -> Evaluator:
     # Comparisons with NaN (no inverse) are false.
     above, below = step >= ca.fmax(lower, -_NEAR), step <= ca.fmin(upper, _NEAR)
     near = ca.logic_and(ca.mmin(ca.vertcat(above, below)), misfit <= POSE_TOL)
-    return Evaluator("near_inverse", z, ca.if_else(near, found, np.nan))
+    found[auxiliary] = rest
+    return ca.Function("near_inverse", [dt, goal, q, rest], [ca.densify(ca.if_else(near, found, np.nan))])

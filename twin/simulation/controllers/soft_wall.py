@@ -1,4 +1,4 @@
-"""Force on a hand whose tool cannot follow: the limit of its arm feels like a surface, by eq. (5) of the console."""
+"""Force on a hand whose tool cannot follow: the limit of the arm acts like a surface, by eq. (5) of the console."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class SoftWall:
         """Return the force (3,) in N on the hand.
 
         Args:
-            way: (3,) from the tool to its goal in m, in the frame of the force; zero: the tool is not at a limit.
+            way: (3,) vector in m from the tool to its goal, in the frame of the force; zero if the tool can follow.
             dt: time in s since the last call.
         """
         depth = float(np.linalg.norm(way))

@@ -61,7 +61,7 @@ class Teleoperation:
         if not dt > 0:
             raise KinematicsError(f"dt is {dt} s; it must be above 0")
         if clutch not in ("printed", "corrected"):
-            raise KinematicsError(f"there is no clutch '{clutch}': printed or corrected")
+            raise KinematicsError(f"there is no clutch '{clutch}'; give 'printed' or 'corrected'")
         self.gains, self.dt, self.clutch = gains, dt, clutch
         self.offset = np.zeros(coordinates)
         self._sum, self._last = np.zeros(coordinates), np.zeros(coordinates)

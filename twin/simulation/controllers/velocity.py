@@ -26,7 +26,10 @@ from twin.simulation.world import Block, Signals
 Solver = Literal["slsqp", "damped"]
 
 _DAMPING = 1e-4
-"""Damping relative to the size of the weighted Jacobian: far below tracking errors, limits steps near singularities."""
+"""Damping relative to the size of the weighted Jacobian.
+
+It limits the steps near singularities; elsewhere, its effect is far below the tracking errors.
+"""
 
 
 @dataclass(frozen=True)
@@ -105,8 +108,8 @@ def step(
 class ToolToJoints(Block):
     """Reads tool rates `<robot>.rate` (n,) and `<robot>.encoder`; writes joint values `<robot>.command` (n,).
 
-    Each rate is applied for `ticks` steps along a straight line, starting at the tool's pose when it arrives. A rate of
-    zero leaves the command unchanged.
+    Each rate is applied for `ticks` steps along a straight line, which starts at the tool's pose when the rate arrives.
+    A rate of zero leaves the command unchanged.
     """
 
     def __init__(
@@ -151,7 +154,7 @@ def _damped(J: Array, e: Array, lower: Array, upper: Array) -> Array:
 def _bounded(n: int) -> Evaluator:
     """Return the function (A (n, n), b (n), lower (n), upper (n)) -> x (n) that minimises x A x / 2 - b x in bounds.
 
-    DAQP, an active-set solver that comes with CasADi, takes some 15 us; SciPy's `lsq_linear` takes 300 us.
+    DAQP, an active-set solver that comes with CasADi, takes about 15 us; SciPy's `lsq_linear` takes 300 us.
     """
     z = ca.MX.sym("z", n * (n + 3))
     A, (b, lower, upper) = ca.reshape(z[: n * n], n, n), ca.vertsplit(z[n * n :], n)
@@ -164,7 +167,7 @@ def _slsqp(J: Array, e: Array, lower: Array, upper: Array) -> Array:
     """Return the x that minimises |J x - e|^2 within bounds, by sequential least squares programming."""
     from scipy.optimize import minimize
 
-    size = max(float(np.abs(e).max()), 1e-15)  # scale the problem: the absolute stopping limit exceeds (1 um)^2
+    size = max(float(np.abs(e).max()), 1e-15)  # scale the problem: the solver's absolute tolerance exceeds (1 um)^2
     target = e / size
 
     def cost(x: Array) -> tuple[float, Array]:

@@ -1,4 +1,4 @@
-"""Two hands and pedals with states from outside the World; the newest state counts, and silence stops the hands.
+"""Two hands and pedals with states from outside the World; the newest state is used, and silence stops the hands.
 
 The owner of a network connection or web page passes states to `give`; this module does not depend on their origin.
 """
@@ -30,7 +30,7 @@ class HandState:
         hand: 0 right, 1 left.
         clutch, camera: whether these pedals are pressed.
         number: sequence number, increased by one per state.
-        pose: (4, 4) pose W of the handle in {H}.
+        pose: (4, 4) pose W of the handle in {H}, the frame of the handles.
         grip: angle of the gripper in rad.
     """
 
@@ -46,7 +46,7 @@ class GivenHands(Block):
     """Writes `<hand>.pose` (16,), `<hand>.grip`, `<hand>.lost`, and the pedals for both hands.
 
     `<device>.clutch` and `<device>.camera` are the pedals; `<device>.ignored` counts ignored states and scales.
-    `<device>.silent` is 1 if a hand has sent no state for `patience`: nothing moves until it sends one again.
+    `<device>.silent` is 1 if a hand has sent no state for `patience`; nothing moves until that hand sends a state.
     """
 
     def __init__(
@@ -112,7 +112,7 @@ class GivenHands(Block):
         silent = self.silent(hand, t)
         if (
             last is not None and self._heard[hand] > -math.inf
-        ):  # after `leave`, another sender counts from its own number
+        ):  # after `leave`, another sender starts with its own number
             ahead = (state.number - last.number + 2**31) % 2**32 - 2**31
             if not silent and not 0 < ahead <= _LEAP:
                 self._ignored += 1

@@ -1,9 +1,9 @@
 """A simulated operator, with a random seed, who performs a task with a handle and a clutch pedal.
 
 The hand moves with minimum jerk (Flash and Hogan, J. Neurosci. 5(7), 1985) to reduce the remaining error, and has
-tremor in the physiological frequency band. When the handle leaves its comfortable range, the operator clutches: pedal
-up, handle back to the middle, pedal down. Speeds, pauses and tremor are ASSUMED: the paper publishes results of its
-users, but no hand motions.
+tremor in the physiological frequency band. When the handle leaves its comfortable range, the operator uses the clutch:
+pedal up, handle back to the middle, pedal down. Speeds, pauses and tremor are ASSUMED: the paper publishes results of
+its users, but no hand motions.
 """
 
 from __future__ import annotations
@@ -132,7 +132,7 @@ class ScriptedHand(Block):
         program = self.kin.program
         wanted = program.coordinates_of_pose.one(goal.T_base_tool.ravel())
         if np.linalg.norm(program.pose_of_coordinates.one(wanted) - goal.T_base_tool) > 1e-6:
-            raise KinematicsError(f"{self.kin.formula.name}: goal '{goal.name}' is outside the robot's freedoms")
+            raise KinematicsError(f"{self.kin.formula.name}: the robot's coordinates cannot express goal '{goal.name}'")
         return wanted
 
     def _tool(self) -> Array:

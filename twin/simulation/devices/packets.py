@@ -70,7 +70,7 @@ def unpack(data: bytes) -> HandState:
 
 
 class Packets(GivenHands):
-    """Hands whose states arrive as packets, beside those that are passed to `give`."""
+    """Hands whose states arrive as packets, in addition to states that are passed to `give`."""
 
     def read(self, data: bytes) -> HandState:
         """Return the hand state in a packet, to be passed to `give`; count a malformed packet in `<device>.ignored`.

@@ -19,7 +19,7 @@ _STALLED = 12
 
 
 class ScriptedSurgeon(SurgeonHands):
-    """Writes `<hand>.pose` (16,) with tremor, `<hand>.grip`, the pedals, and `surgeon.target`: index, or -1 before.
+    """Writes `<hand>.pose` (16,) with tremor, `<hand>.grip`, the pedals, and `surgeon.target`: index; -1 at the start.
 
     The surgeon sees the tips (from `<robot>.q`) in the picture (`<camera>.view`) between two strokes. The device ends
     after the last target.
@@ -52,13 +52,13 @@ class ScriptedSurgeon(SurgeonHands):
             targets: name of each target and, by hand, its point (3,) in m in the World.
             tolerance: largest distance in m of a tip from its point.
             hold: time in s for which the tips remain at a target.
-            scale: motion scale, which the surgeon knows.
+            scale: motion scale of the console; the surgeon divides displacements by it.
             dt: duration of a tick in s.
             seed: seed of tremor and errors.
             habits: parameters of the surgeon; None: the defaults.
 
         Raises:
-            WorldError: there are not two hands, or a target is for another hand.
+            WorldError: the number of hands is not two, or a target is for another hand.
         """
         for name, points in targets:
             if not points or not set(points) <= set(arms):
@@ -72,7 +72,7 @@ class ScriptedSurgeon(SurgeonHands):
         return super()._said(t) | {"surgeon.target": float(self._target)}
 
     def _missing(self, points: Mapping[str, Array]) -> dict[str, Array]:
-        """Return the way (3,) in m from the tip of each hand to its point, in the frame of the picture."""
+        """Return the vector (3,) in m from the tip of each hand to its point, in the frame of the picture."""
         tips = {hand: (self._tool(hand) @ self.arms[hand].T_tool_tip)[:3, 3] for hand in points}
         seen, tips = self._in_picture(points), self._in_picture(tips)
         return {hand: seen[hand] - tips[hand] for hand in points}

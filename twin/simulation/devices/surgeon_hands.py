@@ -1,7 +1,7 @@
 """The hands and feet of a simulated surgeon at a console: strokes, grippers, pedals.
 
 The hands move as that of `devices.hand`: with minimum jerk to reduce the remaining error in the picture, with tremor
-and errors of judgement. If what the surgeon wants to see is outside the middle of the picture, the surgeon drags the
+and errors of judgement. If what the surgeon wants to see is outside the middle of the picture, the surgeon moves the
 camera; if a hand has left its comfortable range, it is moved back while the clutch is pressed. All of this is ASSUMED:
 hand motions at such a console are not published.
 """
@@ -24,7 +24,7 @@ from twin.simulation.devices.hand import Hand, minimum_jerk, tremor
 from twin.simulation.world import Block, Signals
 
 _DRAGS = 20
-"""Number of strokes with the camera pedal after which the surgeon is content with the picture."""
+"""Maximum number of strokes with the camera pedal for one target; then the surgeon accepts the picture."""
 
 
 @dataclass(frozen=True)
@@ -38,9 +38,9 @@ class Habits:
         clutched: time in s for which the clutch is pressed before and after the hands move back.
         open: angle of the grippers on the way to a target.
         grasp: time in s in which the grippers open or close.
-        central: part of the picture, from its middle, in which a target is seen well enough.
+        central: size of the central area in which targets are visible enough, as a fraction of half the picture.
         drag: motion of the scene per motion of the hands that the surgeon expects from the camera pedal.
-        settle: time in s until the camera, which has limited speed, has followed.
+        settle: time in s that the surgeon waits for the camera, whose speed is limited.
     """
 
     hand: Hand = field(default_factory=Hand)
@@ -56,7 +56,7 @@ class Habits:
 
 @dataclass(frozen=True)
 class Eye:
-    """What the surgeon sees of one arm: its name in the World, its tip by its equations, and its base (4, 4)."""
+    """One arm that the surgeon sees: its name in the World, its equations, and its base and tip frames (4, 4)."""
 
     robot: str
     kin: Kinematics
@@ -95,7 +95,7 @@ class SurgeonHands(Block):
             habits: parameters of the surgeon; None: the defaults.
 
         Raises:
-            WorldError: there are not two hands.
+            WorldError: the number of hands is not two.
         """
         if len(arms) != 2:
             raise WorldError(f"the surgeon has {len(arms)} hands; give two, right and left")
@@ -135,7 +135,7 @@ class SurgeonHands(Block):
         out |= {f"{self.device}.clutch": float(self._clutch), f"{self.device}.camera": float(self._camera)}
         return out | {f"{self.device}.scale": self.scale}
 
-    # -- what the surgeon sees ------------------------------------------------------------------------
+    # -- perception -----------------------------------------------------------------------------------
 
     def _view(self) -> Array:
         """Return the frame (4, 4) of the picture in the World."""
@@ -152,7 +152,7 @@ class SurgeonHands(Block):
         T = self._T[hand] = eye.kin.forward(self._signals[f"{eye.robot}.q"], self._T.get(hand))
         return eye.T_world_base @ T
 
-    # -- what the surgeon does; each yields once per tick ---------------------------------------------
+    # -- actions: each generator yields once per tick -------------------------------------------------
 
     def _show(self) -> Iterator[None]:
         """Turn both handles a little, as the start condition requires."""
@@ -163,11 +163,11 @@ class SurgeonHands(Block):
         yield from self._rest(0.1)
 
     def _look(self, points: Mapping[str, Array]) -> Iterator[None]:
-        """Drag the camera until the middle between the points is near the middle of the picture."""
+        """Move the camera until the mean of the points is near the middle of the picture."""
         for _ in range(_DRAGS):
             middle = np.mean(list(self._in_picture(points).values()), axis=0)
             aside = float(np.abs(middle[:2]).max()) / (self._half * max(-middle[2], 1e-6))
-            # once the pedal is pressed, the target is dragged well into the central part
+            # once the pedal is pressed, the limit is lower, so that the target is not at the edge of the central area
             if aside < self.habits.central * (0.4 if self._camera else 1.0):
                 break
             if not self._camera:
@@ -180,7 +180,7 @@ class SurgeonHands(Block):
             yield from self._rest(0.1)
 
     def _misjudged(self, way: Array) -> Array:
-        """Return a way (3,) with an error of judgement in every direction."""
+        """Return a displacement (3,) with a random error of judgement in every direction."""
         return way + self.habits.hand.misjudge * float(np.linalg.norm(way)) * self._rng.normal(size=3)
 
     def _stroke(

@@ -103,7 +103,7 @@ def arm(mechanism: Mechanism, table: Inertias | None = None, *, cited: bool = Tr
     if missing:
         raise MechanismError(
             f"{mechanism.name}: no body with a mass is moved by {', '.join(missing)}: give the bodies there a "
-            "material with a density, or their links in inertia.toml"
+            "material with a density, or add their links to inertia.toml"
         )
     links = {link.joint: link for link in table.link} if table is not None else {}
     motors = {a.name: a.max_effort for a in out.actuators}

@@ -181,12 +181,12 @@ def _frames(table: Inertias, mechanism: Mechanism, poses: dict[str, Array]) -> l
     lines = []
     for link in table.link:
         if link.joint not in known:
-            raise MechanismError(f"inertia.toml: {unknown('joint of one coordinate', link.joint, known)}")
+            raise MechanismError(f"inertia.toml: {unknown('joint with one coordinate', link.joint, known)}")
         joint = known[link.joint]
         for key, units in _UNITS.items():
             entry = getattr(link, key)
             if entry is not None and entry.unit != units[not joint.is_angle]:
-                raise MechanismError(f"inertia.toml, {joint.name}: {key} in {entry.unit}, but it is {joint.type}")
+                raise MechanismError(f"inertia.toml: {key} of {joint.name} is in {entry.unit}, but it is {joint.type}")
         T = poses[joint.parent] @ joint.T_parent_joint
         if abs(T[0, 2]) > _ALONG:
             raise MechanismError(

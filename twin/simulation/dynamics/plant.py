@@ -44,7 +44,7 @@ class Plant(Protocol):
 class ModelPlant:
     """A mechanism that moves according to `Dynamics`, integrated by the Runge-Kutta method of fourth order.
 
-    It is not independent of the controller's model, so that it shows only the errors of the control.
+    This plant is not independent of the controller's model, so it shows only the errors of the control.
     """
 
     def __init__(self, dynamics: Dynamics, step: float = STEP) -> None:
@@ -152,7 +152,7 @@ class MujocoPlant:
         data.qvel[self._free] = -np.linalg.pinv(J[:, self._free], rcond=1e-9) @ (J[:, self._rates] @ qd)
 
     def _close(self) -> Array:
-        """Close the loops, with active joints held, by Gauss-Newton on MuJoCo's constraints; return their Jacobian."""
+        """Close the loops with fixed active joints, by Gauss-Newton on MuJoCo's constraints; return their Jacobian."""
         mujoco, model, data = self._mujoco, self.model, self.data
         for _ in range(20):
             mujoco.mj_fwdPosition(model, data)

@@ -64,7 +64,7 @@ class Tracking(Result):
 
     @property
     def worst(self) -> str:
-        """Name of the run with a wrong model that has the largest tip error."""
+        """Name of the run with the largest tip error among the wrong models."""
         return max((n for n in self.runs if n != EXACT), key=lambda n: self.runs[n].tip_max)
 
     @property
@@ -109,19 +109,19 @@ class Tracking(Result):
     def text(self) -> Iterator[Part]:
         """Yield the parts of the printed result."""
         c = self.runs[EXACT].conditions
-        yield f"{self.robot} · {self.title} · {self.duration:.3f} s, moved by {c.plant}"
+        yield f"{self.robot} · {self.title} · {self.duration:.3f} s · simulated with {c.plant}"
         yield (
-            f"  Kp = w², Kv = 2 w, w = {c.w:g} rad/s, {c.rate:g} Hz, efforts held for a tick; with a wrong model:\n"
-            f"  masses {100 * self.mismatch:g} % off, friction {100 * c.friction_error:g} % off, joints in steps of "
-            f"{ENCODER * 1e6:.2f} µrad. All ASSUMED: the paper prints none.\n"
-            f"  Inertias: {SOURCES[self.inertia]}; {sum(self.arm.masses.values()):.2f} kg move.\n"
+            f"  Kp = w², Kv = 2 w, w = {c.w:g} rad/s, {c.rate:g} Hz, efforts constant during a tick. Wrong models:\n"
+            f"  masses {100 * self.mismatch:g} % wrong, friction {100 * c.friction_error:g} % wrong, encoder step "
+            f"{ENCODER * 1e6:.2f} µrad. All ASSUMED: the paper prints no values.\n"
+            f"  Inertias: {SOURCES[self.inertia]}; moving mass {sum(self.arm.masses.values()):.2f} kg.\n"
         )
         rows = [(n, *_lengths(r), _um(r.rcm_max)) for n, r in self.runs.items()]
-        yield Table(("model", "tip, largest µm", "tip, RMS µm", "shaft from RCM µm"), rows)
+        yield Table(("model", "tip error max µm", "tip error RMS µm", "shaft to RCM max µm"), rows)
         yield ""
         for name, runs in self.curves.items():
             yield Table(
-                (name, "largest µm", "RMS µm"),
+                (name, "tip error max µm", "tip error RMS µm"),
                 [(f"{100 * r.conditions.inertia_error:+.0f} %", *_lengths(r)) for r in runs],
             )
             yield ""
@@ -149,7 +149,7 @@ def _judged(name: str, r: Run, arm: Arm) -> Iterator[Finding]:
         yield warning(
             "track.exact",
             name,
-            "maximum tip error with an exact model, where the only error is that efforts are constant during a tick",
+            "maximum tip error with an exact model; the only cause is that efforts are constant during a tick",
             um(r.tip_max),
             um(EXACT_LIMIT),
         )
@@ -160,7 +160,7 @@ def _judged(name: str, r: Run, arm: Arm) -> Iterator[Finding]:
             f"{name}: maximum tip error exceeds the value in the paper on the PA-10",
             mm(r.tip_max),
             mm(TIP_LIMIT),
-            "use stiffer control (w) or a better friction model",
+            "use a higher control bandwidth w or a better friction model",
             when=f"{r.t[int(r.tip_error.argmax())]:.3f} s",
         )
     cut = [motor for i, motor in enumerate(arm.motors) if r.saturated[:, i].any()]

@@ -2,13 +2,13 @@
 
     effort = M(q) [qdd_d + Kv (qd_d - qd) + Kp (q_d - q)] + C(q, qd) qd + g(q) + F qd,   Kp = w^2, Kv = 2 w
 
-The plant is the robot as stated. The controller's model may be wrong in masses and tensors (rotors are assumed known)
-and in friction. The controller reads the joints once per tick, exactly or in encoder steps; its efforts are constant
-until the next tick. With an exact model, this hold is the only cause of errors: an effort that is correct at the start
-of a tick is on average half a tick old, while friction, gravity and acceleration change. Therefore the equations are
-evaluated at the state predicted for the middle of the tick (`Conditions.middle`); measurement and feedback are
-unchanged. Efforts are commanded to the motors, which saturate at their limits. Errors are those of the true joint
-values at the ticks.
+The plant has the robot's stated parameters. The controller's model may have wrong masses, tensors (rotors are assumed
+known) and friction. The controller reads the joints once per tick, exactly or in encoder steps; its efforts are
+constant until the next tick. With an exact model, constant efforts are the only cause of errors: an effort that is
+correct at the start of a tick is on average half a tick old, while friction, gravity and acceleration change. Therefore
+the equations are evaluated at the state predicted for the middle of the tick (`Conditions.middle`); measurement and
+feedback are unchanged. Efforts are commanded to the motors, which saturate at their limits. Errors are those of the
+true joint values at the ticks.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ EXACT_LIMIT, TIP_LIMIT = 10e-6, 1e-3
 """Limits of the tip error in m: with an exact model (hold of one tick only), and with a wrong one (the paper's)."""
 
 _LOST = 1.0
-"""Joint error in rad (times `LENGTH_SCALE` in m) beyond which the robot has diverged."""
+"""Joint error in rad (times `LENGTH_SCALE` in m) beyond which the simulation stops because it diverges."""
 
 _OFTEN = 200
 """Number of ticks between two progress reports."""
@@ -90,7 +90,7 @@ class Motion:
         q, qd, qdd: (k, n) joint values in rad or m, and their derivatives per s and per s2.
         T_tool_tip: (4, 4) pose of the tip in the tool frame.
         shaft: (3,) direction of the instrument in the tip frame.
-        rcm: (k, 3) in base in m, point through which the shaft must pass; NaN without RCM at that time. None: never.
+        rcm: (k, 3) in base in m, point through which the shaft must pass; NaN without RCM at that time. None: no RCM.
     """
 
     t: Array
@@ -186,7 +186,7 @@ def signs(n: int, seed: int | None) -> Array:
 
 
 def plant_of(arm: Arm, conditions: Conditions = Conditions()) -> Plant:
-    """Return the true robot in the simulation engine of the conditions.
+    """Return the plant, with the true parameters, in the simulation engine that the conditions select.
 
     Raises:
         TwinError: the engine is unknown or not installed, or the robot has no MJCF.
@@ -208,7 +208,7 @@ def run(
 ) -> Run:
     """Simulate the robot under computed-torque control along a motion; return its tracking errors.
 
-    The robot starts on the motion, with the motion's speed. `progress` is called with the fraction done.
+    The robot starts at the first sample of the motion, with its speed. `progress` is called with the fraction done.
 
     Raises:
         TwinError: the motion does not fit the robot or the control rate, or the robot diverges.
@@ -218,7 +218,7 @@ def run(
     if not (c.w > 0 and c.velocity_cutoff > 0 and c.quantisation >= 0):
         raise TwinError(f"w = {c.w:g} rad/s and the cut-off of {c.velocity_cutoff:g} Hz must be above 0")
     if abs(tick / STEP - round(tick / STEP)) > 1e-9:
-        raise TwinError(f"a rate of {c.rate:g} Hz is not a whole number of steps of {STEP * 1e3:g} ms")
+        raise TwinError(f"at {c.rate:g} Hz, a control tick is not a whole number of steps of {STEP * 1e3:g} ms")
     model, plant, half = model_of(arm, c), plant_of(arm, c), 0.5 * tick * c.middle
     limit = arm.limit if c.saturation else np.full(n, np.inf)
     unit = np.where([j.is_angle for j in arm.mechanism.active], 1.0, LENGTH_SCALE)
@@ -296,5 +296,5 @@ def _checked(arm: Arm, motion: Motion, c: Conditions) -> tuple[int, int]:
         if values.shape != (k, n) or not np.isfinite(values).all():
             raise TwinError(f"motion: {name} must be {k} rows of {n} finite numbers, not {values.shape}")
     if k < 2 or np.abs(np.diff(motion.t) * c.rate - 1).max() > 1e-6:
-        raise TwinError(f"motion: its samples are not one tick of {1e3 / c.rate:g} ms apart")
+        raise TwinError(f"motion: the time between its samples is not one tick of {1e3 / c.rate:g} ms")
     return k, n

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from twin.core.spatial import Array
+from twin.formula.flow import attach
 from twin.simulation.limits import Limits
 from twin.simulation.world import Block, Signals
 
@@ -18,21 +19,20 @@ class Kinematic(Block):
 
     def __init__(self, robot: str, q: ArrayLike, limits: Limits) -> None:
         """Start at q (n,) in m or rad."""
-        self.q = np.array(q, float)
-        n = len(self.q)
-        self._z, self._follow = limits.follow.bind()
-        self._from, self._to = self._z[:n], self._z[n : 2 * n]
+        self.q, self._tick = np.array(q, float), np.zeros(1)
         self._command, self._q, self._encoder = (f"{robot}.{n}" for n in ("command", "q", "encoder"))
-        self.outputs = self._signals()
+        self._limits, self._signals = limits, None
+        self.outputs = {self._q: self.q.copy(), self._encoder: self.q.copy()}
 
     def step(self, signals: Signals, t: float, dt: float) -> dict[str, Array]:
         """Move the joints towards the command."""
-        self._from[...], self._to[...], self._z[-1] = self.q, signals.now[self._command], dt
-        q = self._follow()
-        if q.tobytes() == self.q.tobytes():
+        if signals is not self._signals:
+            self._signals = signals
+            command = signals.now[self._command]
+            self._next, self._follow = attach(self._limits.follow, self.q, command, self._tick)
+        self._tick[0] = dt
+        self._follow()
+        if self._next.tobytes() == self.q.tobytes():
             return {}
-        self.q = q
-        return self._signals()
-
-    def _signals(self) -> dict[str, Array]:
+        self.q[...] = self._next
         return {self._q: self.q, self._encoder: self.q}

@@ -1,10 +1,10 @@
 """File of a session: the device's signals of every tick, written second by second while the session runs.
 
-A `twin-session` file is one line of JSON (`Head`), then chunks of at most `CHUNK` ticks, then an end mark. A chunk is
-"TWNS", its number of ticks and its number of packed bytes (u32 each, little-endian), the SHA-256 of all signals of the
-World in these ticks (float64, little-endian, row by row), and, packed by zlib, the device's signals in these ticks and
-the row of all signals after the last of them. The end mark is "TWNE", the number of all ticks, 0, and the SHA-256 of
-the digests of all chunks.
+A `twin-session` file is one line of JSON (`Head`), then chunks of at most `CHUNK` ticks, then an end mark. All numbers
+are little-endian. A chunk has, in this order: "TWNS"; its number of ticks and its number of packed bytes (u32 each);
+the SHA-256 of all signals of the World in these ticks (float64, row by row); packed bytes. The packed bytes are, by
+zlib, the device's signals in these ticks and the row of all signals after the last tick (float64). The end mark is
+"TWNE", the number of all ticks, 0 (u32 each), and the SHA-256 of the digests of all chunks.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from twin.simulation.world.recording import SignalTable
 from twin.simulation.world.signals import columns
 
 CHUNK = 1000
-"""Number of ticks in a chunk: one second at the usual 1 ms, which is the most that a crash loses."""
+"""Number of ticks in a chunk: one second at the usual 1 ms. A crash loses at most one chunk."""
 
 LONGEST = 3600.0
 """Maximum duration of a session in s."""
@@ -38,7 +38,7 @@ LONGEST = 3600.0
 _HEAD = struct.Struct("<4sII32s")
 _MAGIC, _END = b"TWNS", b"TWNE"
 _LONGEST_HEAD, _MOST_NUMBERS = 1_000_000, 10_000
-"""Maximum bytes of the first line; maximum count of numbers in a row."""
+"""Maximum length of the first line in bytes; maximum count of numbers in a row."""
 
 
 class Head(Table):
@@ -48,7 +48,7 @@ class Head(Table):
     version: Literal[1]
     twin: Annotated[str, Field(description="version of twin that wrote the file")]
     scene: Annotated[str, Field(description="name of the scene")]
-    identity: Annotated[str, Field(pattern="^sha256:[0-9a-f]{64}$", description="of what the World is built from")]
+    identity: Annotated[str, Field(pattern="^sha256:[0-9a-f]{64}$", description="hash of the World's inputs")]
     dt: Annotated[float, Field(gt=0, description="s, of one tick")]
     device: Annotated[list[SignalTable], Field(min_length=1, description="signals of the device, in the order of rows")]
     world: Annotated[list[SignalTable], Field(min_length=1, description="all signals, in the order of rows")]
@@ -78,7 +78,7 @@ class Session:
     Attributes:
         head: the first line.
         chunks: the chunks, in order.
-        lost: "" if the file is complete; otherwise what is missing at its end.
+        lost: "" if the file is complete; otherwise a sentence that says where the file ends.
     """
 
     head: Head
@@ -144,7 +144,7 @@ class SessionWriter:
         self.path, self.ticks, self._head = Path(path), 0, head
         self._part = self.path.with_name(self.path.name + ".part")
         if self.path.exists():
-            raise OutputError(f"{self.path} exists, and a session is not overwritten: give another name")
+            raise OutputError(f"{self.path} exists; sessions are not overwritten: choose another name")
         found, at = columns(sizes(head.world)), [s.name for s in head.device]
         self._device = np.concatenate([np.arange(found[n].start, found[n].stop) for n in at])
         self._rows: list[Array] = []
@@ -171,7 +171,7 @@ class SessionWriter:
         """Add rows (k, m) of all signals; whole chunks are written at once.
 
         Raises:
-            OutputError: the file cannot be written; what was written before is kept in the `.part`.
+            OutputError: the file cannot be written; data written before remain in the `.part`.
         """
         self._rows.append(rows)
         self._held += len(rows)
@@ -184,10 +184,10 @@ class SessionWriter:
             self._rows, self._held = [whole[full:]], len(whole) - full
 
     def close(self) -> None:
-        """Write the rest and the end mark, and give the file its name; a session without a tick leaves no file.
+        """Write the remaining rows and the end mark, and rename the file; a session without ticks leaves no file.
 
         Raises:
-            OutputError: the file cannot be written; what was written before is kept in the `.part`.
+            OutputError: the file cannot be written; data written before remain in the `.part`.
         """
         if self._file is None:
             return
@@ -223,17 +223,17 @@ class SessionWriter:
             raise OutputError(f"{self._part} is closed")
         try:
             self._file.write(data)
-            self._file.flush()  # the system has it now, whatever happens to this process
+            self._file.flush()  # passes the data to the system, so that a crash of this process loses nothing
         except OSError as error:
             raise OutputError(f"cannot write to {self._part}: {error.strerror or error}") from error
 
 
 def read_session(path: Path) -> Session:
-    """Read the session in a file; of a file that ends too early, all whole chunks.
+    """Read the session in a file; if the file ends too early, read all complete chunks.
 
     Raises:
-        WorldError: the file is missing, damaged, not a `twin-session` file of version 1, too long, or has no whole
-            block.
+        WorldError: the file is missing, damaged, not a `twin-session` file of version 1, too long, or has no complete
+            chunk.
     """
     try:
         with path.open("rb") as file:
@@ -243,7 +243,7 @@ def read_session(path: Path) -> Session:
     except OSError as error:
         raise WorldError(f"{path}: cannot be read: {error.strerror or error}") from error
     if not chunks:
-        raise WorldError(f"{path}: it has no whole second: nothing can be replayed")
+        raise WorldError(f"{path}: it has no complete chunk, so nothing can be replayed")
     return Session(start, tuple(chunks), lost)
 
 
@@ -256,12 +256,12 @@ def _head(path: Path, line: bytes) -> Head:
         raise WorldError(f"{path}: not a twin-session file of version 1: {where}: {first['msg']}") from None
     own, all_signals = sizes(start.device), sizes(start.world)
     if len(own) < len(start.device) or len(all_signals) < len(start.world):
-        raise WorldError(f"{path}: a signal is named twice")
+        raise WorldError(f"{path}: two signals have the same name")
     for name, size in own.items():
         if all_signals.get(name) != size:
             raise WorldError(f"{path}: signal '{name}' of the device is not among the signals of the World")
     if sum(all_signals.values()) > _MOST_NUMBERS:
-        raise WorldError(f"{path}: {sum(all_signals.values())} numbers in a row (limit {_MOST_NUMBERS})")
+        raise WorldError(f"{path}: a row has {sum(all_signals.values())} numbers (limit {_MOST_NUMBERS})")
     return start
 
 
@@ -277,17 +277,17 @@ def _chunks(path: Path, file: BinaryIO, start: Head) -> tuple[list[Chunk], str]:
         magic, count, length, one = _HEAD.unpack(mark)
         if magic == _END:
             if count != ticks or one != digests.digest() or file.read(1):
-                raise WorldError(f"{path}: its end mark is not that of its {ticks} ticks: it has been changed")
+                raise WorldError(f"{path}: its end mark does not match its {ticks} ticks: the file was changed")
             return chunks, ""
         raw = 8 * (count * n + m)
         if magic != _MAGIC or not 0 < count <= CHUNK or length > raw + raw // 100 + 1000:
-            raise WorldError(f"{path}: damaged {at}: there is no chunk")
+            raise WorldError(f"{path}: damaged {at}: there is no valid chunk")
         packed = file.read(length)
         if len(packed) < length:
             return chunks, f"it ends {at}, within a chunk: the recording was interrupted"
         ticks += count
         if ticks * start.dt > LONGEST + CHUNK * start.dt:
-            raise WorldError(f"{path}: it is longer than {LONGEST:g} s, the maximum of a session")
+            raise WorldError(f"{path}: it is longer than {LONGEST:g} s, the maximum duration of a session")
         unpacker = zlib.decompressobj()
         try:
             body = unpacker.decompress(packed, raw + 1)

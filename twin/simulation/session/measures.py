@@ -1,4 +1,4 @@
-"""Measures of a session at a console: of each arm under its hand, and of pedals and camera."""
+"""Measures of a session at a console: measures of each arm, and measures of the pedals and the camera."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ class ArmMeasures:
         moving: time in s in movements.
         idle: time in s in which the hands control the instruments and the tip is at rest.
         economy: economy of motion, 0 to 1; NaN without a movement.
-        smoothness: mean spectral arc length of the movements, below 0, 0 is smoothest; NaN without a movement.
-        grasps: number of times that the gripper has closed past the middle of its range in this session.
+        smoothness: mean spectral arc length of the movements, negative; 0 is smoothest; NaN without a movement.
+        grasps: number of times that the gripper closed past the middle of the range that it used in this session.
     """
 
     hand: str
@@ -47,7 +47,7 @@ class ConsoleMeasures:
 
     Attributes:
         duration: time in s of the session.
-        time: time in s from the first moment in which an arm follows its hand to the end; 0 if none ever does.
+        time: time in s from the first moment in which an arm follows its hand to the end; 0 if no arm ever follows.
         clutches: number of presses of the clutch.
         clutched: time in s in which the clutch is pressed.
         camera_moves: number of presses of the camera pedal in which the camera moved.

@@ -11,10 +11,10 @@ RESTS = 5e-3
 """Speed in m/s up to which a tip is at rest; ASSUMED: above the tremor of a tip at a motion scale of 0.5."""
 
 SHORT = 0.1
-"""Shorter movements are tremor, and shorter rests belong to a movement; in s, ASSUMED."""
+"""Duration in s; ASSUMED: shorter movements are tremor, and shorter rests belong to a movement."""
 
 CUT_OFF, AMPLITUDE, PADDING = 10.0, 0.05, 4
-"""Parameters of the spectral arc length: largest frequency in Hz, smallest amplitude, powers of two of padding.
+"""Parameters of the spectral arc length: largest frequency in Hz, smallest amplitude, padding as an exponent of two.
 
 Speeds are computed from positions below the same frequency.
 """
@@ -23,8 +23,8 @@ Speeds are computed from positions below the same frequency.
 def speed(p: Array, dt: float) -> Array:
     """Return the speed (k,) in m/s of a point p (k, 3) in m, sampled every dt in s, by central differences.
 
-    The point first passes a Butterworth filter of order 2 at `CUT_OFF`, forwards and backwards: hands that arrive 30 to
-    60 times per second move a tip in steps, whose speed would be that of the device.
+    The positions are first filtered forwards and backwards by a Butterworth filter of order 2 at `CUT_OFF`. The reason:
+    hand states that arrive 30 to 60 times per second move the tip in steps, which have a much higher speed.
     """
     if len(p) < 2:
         return np.zeros(len(p))
@@ -71,18 +71,19 @@ def economy(p: Array, parts: list[tuple[int, int]]) -> float:
 
 
 def spectral_arc_length(v: Array, dt: float) -> float:
-    """Return the smoothness of one movement with speed v (k,), sampled every dt in s: SPARC, below 0, 0 is smoothest.
+    """Return the smoothness of one movement with speed v (k,), sampled every dt in s: SPARC, negative, 0 is smoothest.
 
     Source: S. Balasubramanian, A. Melendez-Calderon, A. Roby-Brami, E. Burdet, On the analysis of movement smoothness,
-    J. NeuroEng. Rehabil. 12:112, 2015, eqs (1) to (3); it refines the measure of Balasubramanian et al., IEEE Trans.
-    Biomed. Eng. 59(8), 2012. It is the negative length of the amplitude spectrum, divided by its value at 0, between 0
-    and the last frequency up to 10 Hz at which it is at least 0.05; frequencies are divided by that frequency.
+    J. NeuroEng. Rehabil. 12:112, 2015, eqs (1) to (3), which refines the measure of Balasubramanian et al., IEEE Trans.
+    Biomed. Eng. 59(8), 2012. SPARC is the negative arc length of the amplitude spectrum. Amplitudes are divided by the
+    amplitude at 0 Hz. The spectrum ends at the last frequency, up to 10 Hz, with an amplitude of at least 0.05.
+    Frequencies are divided by this last frequency.
 
     Raises:
         ValueError: the speed is zero everywhere.
     """
     if not np.any(v):
-        raise ValueError("a movement without speed has no smoothness")
+        raise ValueError("the speed is zero everywhere: the smoothness is undefined")
     count = 2 ** (int(np.ceil(np.log2(len(v)))) + PADDING)
     f = np.fft.rfftfreq(count, dt)
     amplitude = np.abs(np.fft.rfft(v, count))

@@ -29,18 +29,18 @@ SAMPLE = 5e-3
 
 _KEPT = (".q", ".follows", ".jaw", ".grip", ".pose", ".at", ".holder", ".touches", ".meets")
 _KEPT_OF = ("console.", f"{PEDALS}.", "surgeon.")
-"""Ends and beginnings of the names of the signals that are kept."""
+"""Signals are kept whose names end with an item of `_KEPT`, or begin with an item of `_KEPT_OF`."""
 
 Progress = Callable[[str, float], None]
 
 
 @dataclass(frozen=True)
 class Difference:
-    """First second of a session in which its replay gives other bytes.
+    """First chunk of a session in which its replay gives different bytes.
 
     Attributes:
-        t0, t1: start and end of this second in s.
-        signal: signal with the largest difference at t1; "" if all are equal again at t1.
+        t0, t1: start and end of this chunk in s.
+        signal: signal with the largest difference at t1; "" if all signals are equal again at t1.
         size: this difference, in the unit of the signal.
     """
 
@@ -52,10 +52,10 @@ class Difference:
 
 @dataclass(frozen=True)
 class Ran:
-    """Signals of a session that has run or was replayed.
+    """Signals of a session that was performed or replayed.
 
     Attributes:
-        kept: the signals that measures and exports use, every `SAMPLE`.
+        kept: the signals that measures and exports use, one row every `SAMPLE` seconds.
         ticks: number of all ticks.
         dt: duration of a tick in s.
         difference: see `Difference`; None if the replay gave the same bytes, or the session was not replayed.
@@ -118,7 +118,7 @@ def surgeon(
     dt: float = 1e-3,
     props: Mechanism | None = None,
 ) -> ScriptedSurgeon | RingSurgeon:
-    """Return the simulated surgeon of a task, who leads the first arm of each hand.
+    """Return the simulated surgeon of a task, who controls the first arm of each hand.
 
     Args:
         scene: a scene with a console.
@@ -213,18 +213,18 @@ def head_of(
 def require_scene(
     session: Session, path: Path, scene: Scene, members: Mapping[str, Member], props: Mechanism | None = None
 ) -> None:
-    """Raise unless a session was recorded in this scene, as it is now.
+    """Check that a session was recorded in this scene, and that the scene has not changed since.
 
     Raises:
         WorldError: the session is of another scene, or of a scene that has changed since.
     """
     if session.head.scene != scene.name:
-        raise WorldError(f"{path}: the session is of scene '{session.head.scene}', not of '{scene.name}'")
+        raise WorldError(f"{path}: the session was recorded in scene '{session.head.scene}', not in '{scene.name}'")
     task = None if session.head.task is None else scene.tasks[session.head.task]
     if session.head.identity != console_scene.identity(scene, members, task, props):
         raise WorldError(
-            f"{path}: scene '{scene.name}' has changed since this session (places, limits, frames or the console): it "
-            "can only be replayed in the scene as it was"
+            f"{path}: scene '{scene.name}' has changed since this session (places, limits, frames or the console): "
+            "restore the earlier scene to replay the session"
         )
 
 
@@ -245,7 +245,7 @@ def replay(
         props: mechanism of the props; only needed for a task with transfers.
 
     Raises:
-        WorldError: the World has other signals than those of the session.
+        WorldError: the signals of the World are not those of the session.
     """
     start = session.head
     own, device = file.sizes(start.device), session.device

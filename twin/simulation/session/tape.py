@@ -1,4 +1,4 @@
-"""See all signals of every tick of a World, as its last plant."""
+"""Collect all signals of every tick of a World."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from twin.simulation.world import Block, Signals
 
 
 class Tape(Block):
-    """Keeps the row of all signals at the end of every tick until it is taken; the last plant of a World."""
+    """Stores all signals at the end of every tick until `take` is called; it must be the last plant of a World."""
 
     outputs: Mapping[str, Array] = {}
 
@@ -26,6 +26,6 @@ class Tape(Block):
         return {}
 
     def take(self) -> Array:
-        """Return the rows (k, m) since the last call, and keep them no longer."""
+        """Return the rows (k, m) since the last call, and delete them here."""
         rows, self._rows = self._rows, []
         return np.array(rows, float).reshape(len(rows), self._width)

@@ -1,4 +1,4 @@
-"""Judge which targets of a task the tips have touched, and when."""
+"""Find the targets of a task that the tips touched, with the times."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class Touched:
     Attributes:
         name: name of the target.
         t: time in s at which the touch was complete; None: it was not touched.
-        nearest: smallest distance in m of the tips since the target before; the largest of all its hands.
+        nearest: minimum over time, after the previous touched target, of the larger distance in m of its tips.
     """
 
     name: str
@@ -28,7 +28,7 @@ class Touched:
 
 
 def touched(task: Task, t: Array, tips: Mapping[str, Array]) -> list[Touched]:
-    """Return the result of every target of a task, in order; a target counts only after those that were touched before.
+    """Return the result of every target of a task, in order; a touch counts only after the previous touched target.
 
     Args:
         task: the task.

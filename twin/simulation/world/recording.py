@@ -113,9 +113,9 @@ def read_recording(path: Path) -> Recording:
             sizes = {s.name: s.size for s in head.signals}
             wanted = 8 * head.ticks * sum(sizes.values())
             if len(sizes) < len(head.signals):
-                raise WorldError(f"{path}: a signal is named twice")
+                raise WorldError(f"{path}: two signals have the same name")
             if left != wanted:
-                raise WorldError(f"{path}: {left} bytes of rows; expected {wanted}: it is truncated or too long")
+                raise WorldError(f"{path}: {left} bytes of rows; expected {wanted}: the file is truncated or too long")
             body = file.read()
     except OSError as error:
         raise WorldError(f"{path}: cannot be read: {error.strerror or error}") from error

@@ -40,10 +40,11 @@ class Signals:
             WorldError: a name does not have the form "<owner>.<what>".
         """
         if wrong := [name for name in initial if not re.fullmatch(NAME, name)]:
-            raise WorldError(f"signal '{wrong[0]}' must be called <owner>.<what>, in small letters, digits and _")
+            raise WorldError(f"signal '{wrong[0]}' must be called <owner>.<what>, in lower-case letters, digits and _")
         values = {name: np.atleast_1d(np.asarray(v, float)).ravel() for name, v in initial.items()}
         self.sizes = {name: len(v) for name, v in values.items()}
         self.row = np.concatenate([*values.values(), []])
+        self._squared = self.row.dot
         self._views = {name: self.row[c] for name, c in columns(self.sizes).items()}
         self.now = _Now({name: view[:] for name, view in self._views.items()})
 
@@ -68,8 +69,8 @@ class Signals:
         Raises:
             WorldError: a value is not finite; the message has the signal and the time `t` in s.
         """
-        # The square of a row is finite unless a value is not, or is above 1e150: then look at each.
-        if not math.isfinite(self.row @ self.row) and not np.isfinite(self.row).all():
+        # The sum of squares is finite if all values are finite and below 1e150. Otherwise, test each value.
+        if not math.isfinite(self._squared(self.row)) and not np.isfinite(self.row).all():
             name = next(n for n, view in self._views.items() if not np.isfinite(view).all())
             raise WorldError(f"signal '{name}' is not finite at t = {t:.3f} s: {self[name].tolist()}")
 
@@ -92,7 +93,7 @@ def put(view: Array, name: str, value: ArrayLike) -> None:
     Raises:
         WorldError: the value has another size.
     """
-    # The first two cases only save time: a tick writes some thirty signals.
+    # The first two cases only save time: a tick writes about thirty signals.
     if type(value) is float and view.size == 1:
         view.fill(value)
     elif type(value) is np.ndarray and value.shape == view.shape:
@@ -100,5 +101,5 @@ def put(view: Array, name: str, value: ArrayLike) -> None:
     else:
         value = np.asarray(value, float)
         if value.size != view.size:
-            raise WorldError(f"signal '{name}' holds {view.size} numbers; {value.size} were written")
+            raise WorldError(f"signal '{name}' has {view.size} numbers; {value.size} were written")
         view[...] = value.ravel()

@@ -1,1 +1,1 @@
-"""Access control and rate limits of the viewer's and the headset's server; pages and messages are defined there."""
+"""Access control and rate limits for the servers of viewer and headset, which define their own pages and messages."""

@@ -56,7 +56,7 @@ def visit(gate: Gate, connection: ServerConnection, request: Request) -> Visit |
     if not gate.answers_to(host, connection.local_address[0]):
         return refusal(HTTPStatus.MISDIRECTED_REQUEST, "the Host header does not match this server", head)
     if not gate.same_origin(origin, host):
-        return refusal(HTTPStatus.FORBIDDEN, "another page's origin", head)
+        return refusal(HTTPStatus.FORBIDDEN, "the Origin header is that of another page", head)
     known = not gate.open or gate.known(cookies)
     return Visit(request.path.partition("?")[0], query_of(request.path), head, upgrade, known, headers)
 

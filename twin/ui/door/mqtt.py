@@ -1,7 +1,8 @@
-"""Motion scale by MQTT, as on the console of the paper, where a tablet sets it.
+"""Motion scale by MQTT; in the paper's console, a tablet sets the scale.
 
-`<topic>/set` takes the scale as decimal text, such as 0.25; `<topic>` holds the current scale, and `<topic>/available`
-is `online` while this client is connected, both retained. The paper prints no topic and no format.
+A message to `<topic>/set` sets the scale as decimal text, such as 0.25. This client publishes the current scale to
+`<topic>`, and `online` to `<topic>/available` while it is connected; both are retained. The paper prints no topic and
+no format.
 """
 
 from __future__ import annotations
@@ -23,13 +24,13 @@ if TYPE_CHECKING:
 
 
 _RETRY, _TIMEOUT, _KEEPALIVE = 2.0, 5.0, 10
-"""Time in s between two attempts to connect; for an answer of the broker; between two signs of life."""
+"""Times in s: between two attempts to connect; maximum for an answer of the broker; keep-alive interval of MQTT."""
 
 _AT_ONCE = [(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)]
-"""Small messages are not held back until earlier ones are acknowledged, which can take 40 ms."""
+"""Socket option to send small messages at once; without it, TCP can delay a message by 40 ms."""
 
 _QUIET, _SHOWN, _LONGEST = 1.0, 40, 200
-"""Time in s between two messages about payloads; characters of a payload that they show; characters of a topic."""
+"""Time in s without a wrong payload before the next report; maximum numbers of characters: shown payload, topic."""
 
 
 class ScaleTopic:
@@ -37,7 +38,7 @@ class ScaleTopic:
 
     Attributes:
         connected: whether the broker can be reached.
-        problem: why not, or why the last payload was refused; None if there is no problem.
+        problem: why the broker cannot be reached, or why the last payload was refused; None if there is no problem.
         reports: receives each problem as a message.
     """
 
@@ -54,14 +55,14 @@ class ScaleTopic:
 
         Args:
             host: name or address of the broker.
-            port: its port.
+            port: port of the broker.
             topic: topic of the current scale.
             limits: smallest and largest scale.
             scale: the current scale.
             apply: function that sets the scale.
 
         Raises:
-            TwinError: the topic is not one topic, or the package aiomqtt is not installed.
+            TwinError: the topic is invalid, or the package aiomqtt is not installed.
         """
         if not 0 < len(topic) <= _LONGEST or set(topic) & set("+#\0") or topic != topic.strip("/ "):
             raise TwinError(
@@ -87,20 +88,20 @@ class ScaleTopic:
         self._changed.set()
 
     async def run(self) -> None:
-        """Connect, take scales and publish the current one; connect again if the connection ends."""
+        """Connect, receive scales, and publish the current scale; connect again if the connection ends."""
         lost = False
         while True:
             try:
                 async with self._client() as client:
                     codes = await client.subscribe(f"{self.topic}/set", qos=1)
                     if any(code.is_failure for code in codes):
-                        raise self._mqtt.MqttError(f"it refuses the topic {self.topic}/set ({codes[0]})")
+                        raise self._mqtt.MqttError(f"the broker refuses the topic {self.topic}/set ({codes[0]})")
                     self.connected, self.problem = True, None
                     if lost:
                         self.reports.tell(f"MQTT broker {self.broker} is connected again")
                     await self._serve(client)
-            except* (self._mqtt.MqttError, ValueError) as errors:  # ValueError: what cannot be the name of a host
-                what = "has gone" if self.connected else f"cannot be reached ({errors.exceptions[0]})"
+            except* (self._mqtt.MqttError, ValueError) as errors:  # ValueError: an invalid host name
+                what = "has disconnected" if self.connected else f"cannot be reached ({errors.exceptions[0]})"
                 self.problem = (
                     f"MQTT broker {self.broker} {what}: the motion scale stays {self._scale:g}; trying again every "
                     f"{_RETRY:g} s"
@@ -149,13 +150,13 @@ class ScaleTopic:
             except TwinError as error:
                 self.problem = f"MQTT topic {self.topic}/set: {error}; the motion scale stays {self._scale:g}"
                 self.reports.report("payload", time.monotonic(), self.problem)
-                self._changed.set()  # whoever shows the refused value is told the current one
+                self._changed.set()  # publish the current scale again, to correct displays of the refused one
                 continue
             self.problem = None
             self._apply(scale)
 
     def _read(self, message: Message) -> float:
-        """Return the scale in a message; raise `TwinError` if there is none."""
+        """Return the scale in a message; raise `TwinError` if the message has no valid scale."""
         low, high = self._limits
         if message.retain:
             raise TwinError("a retained message is ignored, because it may be old; publish it without retain")

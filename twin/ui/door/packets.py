@@ -18,7 +18,7 @@ _MOST = 256
 """Maximum number of packets read at a time, so that too many packets do not delay the ticks."""
 
 _QUIET = 5.0
-"""Time in s without a problem of a kind after which it is reported again."""
+"""Time in s without problems of one kind before the next problem of this kind is reported."""
 
 Address = tuple[str, int]
 
@@ -31,9 +31,9 @@ class PacketDoor:
 
     Attributes:
         port: port on which the socket listens.
-        holder: name of another device that controls the hands; packets are refused meanwhile. None: there is none.
-        refused: number of well-formed packets that were refused: of another address or during another device's control,
-            or because the camera pedal was pressed when the hand began.
+        holder: name of another device that controls the hands; packets are refused meanwhile. None: no other device.
+        refused: number of well-formed packets that were refused, because another address or device controls the hand,
+            or because the camera pedal was pressed in the first packet.
         reports: receives a message about each refused or malformed packet.
     """
 
@@ -63,8 +63,8 @@ class PacketDoor:
     def pump(self, t: float, parts: int = 1) -> int:
         """Pass on packets that have arrived before the tick at time t in s; return how many the device accepted.
 
-        If the ticks of a frame are computed in several parts, each call with the number of remaining parts passes on an
-        equal share of the packets, so that the hands do not move in the first part only.
+        The ticks of a frame may be computed in several groups; `parts` is the number of remaining groups. Each call
+        passes on an equal share of the packets, so that the hands move in every group.
         """
         while len(self._waiting) < _MOST:
             try:
@@ -86,12 +86,12 @@ class PacketDoor:
         owner = self.sender(state.hand, t)
         refusal = None
         if self.holder is not None:
-            refusal = "held", f"packets from {sender} are ignored: {self.holder} has the hands until it lets go"
+            refusal = "held", f"packets from {sender} are ignored: {self.holder} controls the hands; release them there"
         elif owner is not None and owner != address:
-            held = f"{owner[0]}:{owner[1]} has the {side} hand until it is silent for {self.device.patience:g} s"
+            held = f"{owner[0]}:{owner[1]} controls the {side} hand until it is silent for {self.device.patience:g} s"
             refusal = "stranger", f"packets from {sender} are ignored: {held}"
         elif owner is None and state.camera:
-            pressed = "the camera pedal is pressed from the start; release it once"
+            pressed = "the camera pedal was pressed in the first packet; release it once"
             refusal = "pedal", f"packets of the {side} hand from {sender} are ignored: {pressed}"
         if refusal is not None:
             self.refused += 1

@@ -7,20 +7,20 @@ from collections.abc import Callable
 
 
 class Reports:
-    """Passes on the first problem of a kind, and the next one only after a time without any.
+    """Reports the first problem of each kind; the next one of a kind only after a time without problems of this kind.
 
     Attributes:
         tell: function that receives the message.
     """
 
     def __init__(self, quiet: float) -> None:
-        """Begin without problems; `quiet` is the time in s without a problem of a kind before it is reported again."""
+        """Set `quiet`, the time in s without problems of one kind before the next one of this kind is reported."""
         self.quiet = quiet
         self.tell: Callable[[str], object] = lambda text: None
         self._last: dict[str, float] = {}
 
     def report(self, kind: str, t: float, text: str) -> None:
-        """Note a problem of a kind at time t in s, and pass it on if it is new."""
+        """Store the time t in s of a problem of a kind, and report the problem if it is new."""
         if t - self._last.get(kind, -math.inf) > self.quiet:
             self.tell(text)
         self._last[kind] = t

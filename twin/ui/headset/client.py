@@ -56,7 +56,7 @@ class Client:
         heard: time in s of its last message.
         documents: queued (kind, text) documents.
         behind: whether it has not yet received the newest frame.
-        stalled: time in s since which its connection accepts no data; None if it does.
+        stalled: time in s since which its connection accepts no data; None if it accepts data.
         told_rate: time in s of the last error about its message rate.
     """
 

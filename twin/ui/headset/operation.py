@@ -1,7 +1,7 @@
 """Live source of a stream: the robots of a scene in a World, teleoperated by the hands of a client or by UDP packets.
 
-The World and its hands are a `LiveConsole`. Here messages and packets become states of the input device `Packets`, of
-one owner at a time, and poses become frames.
+`LiveConsole` steps the World. This module converts messages or packets of one owner at a time to states of the input
+device `Packets`, and link poses to frames.
 """
 
 from __future__ import annotations
@@ -43,9 +43,9 @@ class Operation(LiveConsole):
 
     Attributes:
         device: the input device, which receives the hands of a client, or of UDP packets.
-        owner: identifier of the client whose hands control the robots; `UDP`: packets; None: nobody.
-        packets: hands by UDP; None: see `listen`.
-        tablet: motion scale by MQTT; None: see `connect`.
+        owner: identifier of the client whose hands control the robots; `UDP`: packets; None: no owner.
+        packets: hands by UDP; None before `listen`.
+        tablet: motion scale by MQTT; None before `connect`.
         send: function that sends a document to all clients.
     """
 
@@ -54,7 +54,7 @@ class Operation(LiveConsole):
     replays, alone, version = False, False, wire.VERSION
 
     def __init__(self, scene: Scene, robots: Mapping[str, Robot], session: Path | None = None) -> None:
-        """Create the World with the robots at the places of the scene; `session` is the file of the session, or None.
+        """Create the World with the robots at the places of the scene; `session` is the session file (None: no file).
 
         Raises:
             TwinError: the scene has no console, or the console does not match its robots.
@@ -105,7 +105,7 @@ class Operation(LiveConsole):
         self.packets = PacketHands(self.device, host, port, self._warn)
 
     def connect(self, host: str, port: int, topic: str) -> None:
-        """Take the motion scale from an MQTT broker; call this function in an event loop.
+        """Receive the motion scale from an MQTT broker; call this function in an event loop.
 
         Raises:
             TwinError: the topic is invalid, or the package for MQTT is not installed.
@@ -134,7 +134,7 @@ class Operation(LiveConsole):
         session, rows = self._session, None if self._tape is None else self._tape.take()
         if session is None or rows is None:
             return
-        rows = rows[: self.world.tick - session.ticks]  # not those of a tick that failed
+        rows = rows[: self.world.tick - session.ticks]  # without the row of a failed tick
         try:
             if len(rows):
                 session.add(rows)
@@ -151,7 +151,7 @@ class Operation(LiveConsole):
     # -- time -----------------------------------------------------------------------------------------
 
     def frame(self, tick: float, server_time: float) -> bytes | None:
-        """Advance to a tick of 1 / RATE s, which may be a fraction; return a frame, or None.
+        """Advance to a tick, in units of 1 / RATE s, possibly with a fraction; return a frame, or None.
 
         A frame is sent if a joint has moved, and after `HEARTBEAT` ticks.
         """
@@ -179,7 +179,7 @@ class Operation(LiveConsole):
             self._exchange(self.packets, parts, dt)
 
     def _after_steps(self, behind: bool) -> None:
-        if behind and self.packets is not None:  # what has come by now is used at once, so that no delay builds up
+        if behind and self.packets is not None:  # use all packets at once, so that the delay does not grow
             self._exchange(self.packets, 1, self.world.dt)
         self._write()
 
@@ -195,7 +195,7 @@ class Operation(LiveConsole):
             packets.answer([self._beyond(hand) for hand in HANDS], t, dt)
 
     def _beyond(self, hand: str) -> Array:
-        """Return the way (3,) in m from the tool of a hand to its goal in {H}, if its arm is at a limit; else zeros."""
+        """Return the vector (3,) in m in {H} from the tool of a hand to its goal; zeros if no limit stops the arm."""
         state = self.reading["hands"][hand]
         if state["wall"] is None:
             return np.zeros(3)
@@ -238,7 +238,7 @@ class Operation(LiveConsole):
                 return self.rescale(client, message.value)
         except HeldError as error:
             raise RefusedError("held", str(error)) from None
-        raise RefusedError("refused", "these robots are led by the hands of the console alone: send `hands`")
+        raise RefusedError("refused", "only the hands of the console control these robots: send `hands`")
 
     def _hands(self, client: str, message: wire.Hands) -> None:
         states = [

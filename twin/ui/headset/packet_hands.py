@@ -1,4 +1,4 @@
-"""Hands that UDP packets move, as one device of the running console; forces go back to their programs."""
+"""Hands that are moved by UDP packets, as one device of the running console; forces are sent back."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from twin.simulation.world import Signals
 from twin.ui.door.packets import PacketDoor
 
 UDP = "udp"
-"""Name of the packets among the owners of the hands; clients of the stream are named c1, c2, ..."""
+"""Identifier of the packets as owner of the hands; clients of the stream have the identifiers c1, c2, ..."""
 
 _GONE = 5.0
 """Time in s without a packet after which the packets no longer own the hands."""
 
 
 class PacketHands:
-    """The socket of the packets, and the force on each of their hands.
+    """The socket of the packets, and the force on each hand.
 
     Attributes:
         door: the socket.
@@ -36,16 +36,16 @@ class PacketHands:
         self._walls = [SoftWall() for _ in device.hands]
 
     def gone(self, t: float) -> bool:
-        """Return whether no packet was accepted for a long time."""
+        """Return whether no packet was accepted for `_GONE` before time t in s."""
         return t - self.door.heard > _GONE
 
     def answer(self, ways: Sequence[Array], t: float, dt: float) -> None:
-        """Send the force to each hand; ways (3,) from tools to their goals in {H} in m, zero if not at a limit."""
+        """Send the force to each hand; `ways` (3,) in m in {H} are from tools to goals, zero if not at a limit."""
         for hand, (wall, way) in enumerate(zip(self._walls, ways, strict=True)):
             self.door.answer(hand, wall.force(way, dt), t)
 
     def state(self, t: float, signals: Signals) -> dict[str, Any]:
-        """Return the part of the document `state`: who sends, and how many packets were lost and not used."""
+        """Return the part of the document `state`: port, senders, and numbers of lost and ignored packets."""
         device = self.door.device
         senders = [self.door.sender(hand, t) for hand in range(len(device.hands))]
         return {

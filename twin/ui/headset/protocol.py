@@ -227,7 +227,7 @@ class Grab(_OfRobot):
 
 
 class Drag(_OfRobot):
-    """Drag the grabbed tool to a pose, joint to a value, or link's point to a position; in m and rad, world frame."""
+    """Drag a grabbed tool to a pose, a joint to a value, or a point of a link to a position (m, rad, world frame)."""
 
     type: Literal["drag"]
     pose: tuple[_Coordinate, _Coordinate, _Coordinate, _Part, _Part, _Part, _Part] | None = None

@@ -92,12 +92,12 @@ def unpack_scene(data: bytes) -> SceneFrame:
         at = end
     for k in range(fields):
         if len(data) < at + _BOX.size:
-            raise TwinError(f"frame of a scene: {len(data)} bytes; field {k} begins at {at} and is truncated")
+            raise TwinError(f"frame of a scene: {len(data)} bytes; field {k} begins at byte {at} and is truncated")
         n, *box = _BOX.unpack_from(data, at)
         at += _BOX.size
         end = at + 6 * n + (-6 * n) % 4
         if n > VERTICES or len(data) < end:
-            raise TwinError(f"frame of a scene: {len(data)} bytes; field {k} of {n} vertices ends at {end}")
+            raise TwinError(f"frame of a scene: {len(data)} bytes; field {k} with {n} vertices ends at byte {end}")
         levels = np.frombuffer(data, "<u2", 3 * n, at).reshape(n, 3)
         low, step = np.array(box[:3], np.float32), np.array(box[3:], np.float32)
         bends.append(low + step * levels.astype(np.float32))

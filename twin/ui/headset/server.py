@@ -32,10 +32,10 @@ STATE = 6
 """Number of ticks between two `state` documents."""
 
 GAP = 0.004
-"""Minimum time in s between two frames; frames of hands are sent between the ticks too."""
+"""Minimum time in s between two frames; frames after a message `hands` are also sent between ticks."""
 
 SILENCE, GRACE = 5.0, 3.0
-"""Time in s after which a grab is released if its client sends nothing, and if its client is disconnected."""
+"""Times in s after which a grab is released: without a message of its client, and after a disconnection."""
 
 REMEMBERED = 256
 """Maximum number of disconnected clients whose identity is stored, so that they can reconnect."""
@@ -45,7 +45,7 @@ class StreamServer:
     """Server of the files and the stream of one source.
 
     Attributes:
-        port: port on which it listens; valid after `start`.
+        port: port on which the server listens; valid after `start`.
         stopping: event that ends the server.
     """
 
@@ -125,7 +125,7 @@ class StreamServer:
             client.flush(self._frame, now)
 
     def _advance(self, tick: float, server_time: float) -> None:
-        """Let the source advance to a tick, which may lie between two; keep its frame for the clients."""
+        """Advance the source to a tick, possibly with a fraction; store its frame for the clients."""
         self._framed = server_time
         frame = self.source.frame(tick, server_time)
         if frame is None:
@@ -137,7 +137,7 @@ class StreamServer:
             client.behind = True
 
     def _respond(self, now: float) -> None:
-        """Send what a message of the hands changes at once, not at the next tick."""
+        """Send the effect of a message `hands` at once, instead of at the next tick."""
         if now - self._framed < GAP:
             return
         self._advance(max((now - self._begin) * RATE, self._tick), now)
@@ -249,7 +249,7 @@ class StreamServer:
             return
         if isinstance(message, wire.Hands):
             self._respond(now)
-        # A state for every message of the hands would be 100 a second: the first one is answered, the others wait.
+        # `hands` arrives 100 times per second: only the first one causes a `state` at once.
         self._dirty |= not (isinstance(message, wire.Drag) or (held and isinstance(message, wire.Hands)))
         if message.id is not None:
             self._answer(client, {"type": "ack", "id": message.id})

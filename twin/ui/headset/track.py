@@ -85,7 +85,7 @@ def protocols_of(robot: Robot, given: str | None) -> dict[str, str]:
         return own
     name = robot.protocol(given).name
     if name in own and given != name:
-        raise TwinError(f"{given}: the protocol has the name '{name}' of one of the robot's own: give it another name")
+        raise TwinError(f"{given}: the robot already has a protocol named '{name}': rename the protocol in this file")
     return {**own, name: given}
 
 

@@ -10,7 +10,7 @@ from typing import Any
 
 
 class Worker:
-    """Worker thread with a queue of jobs; a new job replaces a waiting job of the same kind, because input is fast.
+    """Worker thread with a queue of jobs; a new job replaces a waiting job of the same kind, so that delays are short.
 
     All methods are called in the event loop. When a job ends, its function `done` is called in the event loop with the
     job's result.

@@ -106,7 +106,7 @@ def residual_matrix(report: Report) -> Figure | None:
     title = headline("Worst residuals", report)
     figure.text(0.12 / WIDTH, 1 - 0.24 / size, title, fontsize=11, fontweight="bold", va="center")
     dropped = len(table) - len(names)
-    foot = "green: within tolerance, darker the further below; red ✗: beyond tolerance; no colour: no tolerance"
+    foot = "green: within tolerance (darker: further below it); red ✗: beyond tolerance; no colour: no tolerance"
     foot += f"; {dropped} smallest rows not shown" if dropped else ""
     figure.text(left / WIDTH, 0.2 / size, foot, fontsize=8, va="center")
     return figure

@@ -1,4 +1,4 @@
-"""Draw a session at a console: paths and speeds of the tips, and what hands and pedals do over time."""
+"""Draw a session at a console: paths and speeds of the tips, and states of hands and pedals over time."""
 
 from __future__ import annotations
 
@@ -100,7 +100,7 @@ def _bands(ax: Axes, found: ConsoleSession, arms: list[tuple[str, str]]) -> None
     ]
     if f"{PEDALS}.silent" in kept.sizes:
         rows.append(("silent", kept[f"{PEDALS}.silent"][:, 0] > 0.5, INK))
-    rows += [(f"{hand} leads", _leads(found, hand), _color(arms, hand)) for hand in HANDS]
+    rows += [(f"{hand} arm follows", _leads(found, hand), _color(arms, hand)) for hand in HANDS]
     if found.board is not None:
         rows += [(f"{n} touches", _hits(found, n), _color(arms, hand)) for hand, n in arms]
     names = []

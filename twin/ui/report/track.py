@@ -70,7 +70,7 @@ def _errors(ax: Axes, runs: Mapping[str, Run]) -> None:
 
 
 def _efforts(ax: Axes, result: Tracking, run: Run) -> None:
-    """Draw the running mean of the efforts and, in pale colours, the efforts of every tick (noisy by encoder steps)."""
+    """Draw the running mean of the efforts and, in pale colours, the efforts of every tick (with encoder noise)."""
     largest = 0.0
     for i, row in enumerate(result.efforts):
         whole = row.limit or row.peak or 1.0  # without a stated limit, percent of the peak

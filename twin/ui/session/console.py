@@ -1,7 +1,7 @@
-"""A scene under its console, live: a World stepped in real time, one client whose hands lead, and what is said of both.
+"""A scene controlled from its console: a World stepped in real time, the client whose hands control it, and reports.
 
 The hands of a client become states of the input device `GivenHands`. Silence, jumps and limits are reported in the
-state and in the log. Web pages and viewer use this class and differ in how hands arrive and poses are drawn.
+state and in the log. Web page and viewer both use this class; they differ in the source of the hands and the display.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ _WALL = (0.5 * MM, 1 * DEG)
 
 
 class HeldError(TwinError):
-    """Another client has the hands."""
+    """Another client controls the hands."""
 
 
 class LiveConsole:
@@ -113,7 +113,7 @@ class LiveConsole:
     def advance(self, passed: float) -> list[str]:
         """Step the World by the real time in s that has passed; return messages for all clients, which are also logged.
 
-        If the machine is too slow, the World runs slower than real time. If the World fails, it stands from then on.
+        If the machine is too slow, the World runs slower than real time. If the World fails, it stops permanently.
         """
         if not self._stopped and passed > 0:
             self._step(passed)
@@ -140,7 +140,7 @@ class LiveConsole:
         self._rate += share * ((wanted - done) * dt / passed - self._rate)
 
     def _before_steps(self, parts: int, dt: float) -> None:
-        """Prepare steps of the World, which take dt in s; `parts`: number of such groups of steps that are left."""
+        """Prepare a group of steps of the World that takes dt in s; `parts` is the number of groups still to come."""
 
     def _after_steps(self, behind: bool) -> None:
         """Finish a call of `advance`; `behind`: whether the machine was too slow for all steps."""
@@ -148,10 +148,10 @@ class LiveConsole:
     # -- hands ----------------------------------------------------------------------------------------
 
     def give(self, client: str, right: HandState, left: HandState) -> None:
-        """Pass in the hands of a client.
+        """Accept the states of both hands from a client.
 
         Raises:
-            HeldError: another client has the hands.
+            HeldError: another client controls the hands.
         """
         self.own(client)
         self.device.give(right)
@@ -161,7 +161,7 @@ class LiveConsole:
         """Make a client the owner of the hands.
 
         Raises:
-            HeldError: another client has the hands.
+            HeldError: another client controls the hands.
         """
         self.require_free(client)
         if self.owner != client:
@@ -177,7 +177,7 @@ class LiveConsole:
         """Set the motion scale.
 
         Raises:
-            HeldError: another client has the hands.
+            HeldError: another client controls the hands.
         """
         self.require_free(client)
         self.device.rescale(scale)
@@ -189,29 +189,29 @@ class LiveConsole:
             self.device.leave()
 
     def require_free(self, client: str) -> None:
-        """Raise if another client has the hands and is not silent.
+        """Check that no other client controls the hands; a silent client does not count.
 
         Raises:
-            HeldError: another client has the hands.
+            HeldError: another client controls the hands.
         """
         if self.owner not in (None, client) and not self.silent:
-            raise HeldError(f"{self.owner} has the hands of the console; wait until it lets go")
+            raise HeldError(f"{self.owner} controls the hands of the console; wait until it releases them")
 
     # -- state ----------------------------------------------------------------------------------------
 
     def arm(self, hand: str) -> str:
-        """Return the name of the robot that a hand ("right" or "left") leads now."""
+        """Return the name of the robot that a hand ("right" or "left") controls now."""
         arms = getattr(self.table, hand)
         return arms[int(self.world.signals["console.taps"][0]) % len(arms)]
 
     def tool(self, hand: str) -> Array:
-        """Return the present pose (4, 4) in the World of the tool that a hand leads."""
+        """Return the present pose (4, 4) in the World of the tool that a hand controls."""
         name = self.arm(hand)
         q, goal = self.world.signals[f"{name}.q"], self.world.signals[f"{name}.goal"].reshape(4, 4)
         return self._places[name].T_world_base @ self.members[name].kin.forward(q, goal)
 
     def goal(self, hand: str) -> Array:
-        """Return the commanded pose (4, 4) in the World of the tool that a hand leads."""
+        """Return the commanded pose (4, 4) in the World of the tool that a hand controls."""
         name = self.arm(hand)
         return self._places[name].T_world_base @ self.world.signals[f"{name}.goal"].reshape(4, 4)
 
@@ -278,14 +278,14 @@ class LiveConsole:
         """Set the new state; log silence, jumps and limits; return the jumps, which the state does not show."""
         old, self.reading = self.reading, new
         log, said = logging.getLogger(__name__), []
-        if new["silent"] and not old["silent"]:
-            log.warning("nothing was heard of the hands for %g s: nothing moves", self.device.patience)
+        if new["silent"] and not old["silent"] and new["owner"] is not None:  # not after a release
+            log.warning("no state of the hands was received for %g s: nothing moves", self.device.patience)
         if new["pedal"] and not old["pedal"]:
             log.warning("%s", new["pedal"])
         for hand, now in new["hands"].items():
             before = old["hands"][hand]
             if now["jumps"] > before["jumps"]:
-                said.append(f"the {hand} hand jumped: {now['robot']} stands, and follows from there")
+                said.append(f"the {hand} hand jumped: {now['robot']} ignores the jump and follows from the new pose")
                 log.warning("%s", said[-1])
             if now["wall"] and now["wall"] != before["wall"]:
                 log.warning("%s: %s", now["robot"], now["wall"])

@@ -37,7 +37,7 @@ class Moved:
 
     Attributes:
         good: whether the robot has reached the target.
-        reason: why it has not reached the target, with value and limit; "" if it has.
+        reason: why the robot has not reached the target, with value and limit; "" if it has reached the target.
         seconds: solving time in s.
         more: whether the move stopped only because of its time limit; repeat the request to continue.
     """
@@ -257,7 +257,7 @@ class Desk:
         for bound in self.hand.bounds:
             beyond = bound.slack(q) < min(0.0, bound.slack(self.assembly.q)) - 1e-9
             if bound.kind == "motor" and beyond:
-                raise KinematicsError(f"{self._bound(bound)}; this is {-bound.slack(q):.3g} {self._unit(bound)} beyond")
+                raise KinematicsError(f"{self._bound(bound)}, exceeded by {-bound.slack(q):.3g} {self._unit(bound)}")
             if bound.kind == "gap" and beyond:
                 lower, upper = bound.name.split()
                 least, left = bound.least / MM, (bound.slack(q) + bound.least) / MM

@@ -50,7 +50,7 @@ def vertices_of(frame: Frame, name: str, surface: Surface) -> Array:
         TwinError: the vertices are missing or not finite, or a triangle refers to a vertex that does not exist.
     """
     if name not in frame.fields:
-        raise TwinError(f"field '{name}': not in the frame at t = {frame.t:g} s")
+        raise TwinError(f"field '{name}' is missing in the frame at t = {frame.t:g} s")
     v = np.asarray(frame.fields[name], float)
     needed = int(np.max(surface.triangles, initial=-1)) + 1
     if v.ndim != 2 or v.shape[1] != 3 or len(v) < needed:

@@ -1,8 +1,8 @@
-"""Two handles that a page moves by what it has, gizmos and sliders: they become the hands of a `LiveConsole`.
+"""Two handles that a page moves by gizmos and sliders; they are the hands of a `LiveConsole`.
 
-A handle is at a pose in {H}, the axes of the endoscope's picture. What a page asks for is a displacement of the tool,
-an opening of the gripper, or a place of the camera; here this becomes a motion of the handles that the console takes
-for that of a person: in steps that are no jumps, and only once the tool follows.
+The pose of a handle is in {H}, the axes of the endoscope's picture. A page requests a displacement of the tool, an
+opening of the gripper, or a position of the camera. This module converts requests to motions of the handles that the
+console accepts: the steps are too small to count as jumps, and a handle moves only when its tool follows.
 """
 
 from __future__ import annotations
@@ -23,16 +23,16 @@ from twin.simulation.devices.given import HandState
 from twin.ui.session.console import HeldError, LiveConsole
 
 STEP, TURN = 0.02, 0.3
-"""Largest motion of a handle in one call of `say`, in m and rad: a larger one in one tick counts as a jump."""
+"""Largest motion of a handle in one call of `say`, in m and rad; larger motions in one tick could count as a jump."""
 
 SQUEEZE = 4.0
 """Largest rate of a gripper in rad/s."""
 
 ROLL = 5 * DEG
-"""Rotation of a handle about its axis that shows that a person holds it; the start condition asks for 4 deg."""
+"""Rotation of a handle about its axis that shows that a person holds it; the start condition requires 4 deg."""
 
 IDLE = 5.0
-"""Time in s without any use, after which other clients may have the hands."""
+"""Time in s without use after which the hands are released for other clients."""
 
 
 @dataclass
@@ -40,11 +40,11 @@ class Pen:
     """One handle.
 
     Attributes:
-        p, R: (3,) position in m and (3, 3) attitude in {H} to reach.
-        grip: angle of the gripper in rad to reach.
-        at, turned, gripped: the same, as they were last given to the console.
-        used: whether it was moved since the client has the hands.
-        rolled: sequence number of the state that shows that a person holds it.
+        p, R: requested position (3,) in m and attitude (3, 3) in {H}.
+        grip: requested angle of the gripper in rad.
+        at, turned, gripped: position, attitude and angle that were last sent to the console.
+        used: whether the handle was moved since the client took the hands.
+        rolled: sequence number of the state that shows that a person holds the handle.
     """
 
     p: Array
@@ -61,15 +61,15 @@ class Pen:
 
     @property
     def arrived(self) -> bool:
-        """Whether the console was given all that was asked for."""
+        """Whether the complete requested motion was sent to the console."""
         return bool((self.p == self.at).all() and (self.turned == self.R).all() and self.grip == self.gripped)
 
     def rest(self) -> None:
-        """Forget what was asked for and not yet given."""
+        """Cancel the requested motion that was not yet sent."""
         self.p, self.R, self.grip = self.at.copy(), self.turned.copy(), self.gripped
 
     def next(self, seconds: float) -> None:
-        """Go on towards what is asked for, by at most `STEP`, `TURN` and `SQUEEZE`."""
+        """Move towards the requested state by at most `STEP`, `TURN` and, for an elapsed time in s, `SQUEEZE`."""
         way = self.p - self.at
         length = float(np.linalg.norm(way))
         self.at = self.p.copy() if length <= STEP else self.at + way * (STEP / length)
@@ -82,7 +82,7 @@ class Pen:
 
 @dataclass
 class _Aim:
-    """A place that the camera is to reach, and where camera and hands were when the pedal took effect."""
+    """Requested camera coordinates, and the camera coordinates and hand positions when the pedal took effect."""
 
     wanted: Array
     at: Array | None = None
@@ -100,7 +100,7 @@ class Pens:
     """
 
     def __init__(self, console: LiveConsole) -> None:
-        """Put the handles beside each other; nobody uses them yet."""
+        """Place the handles side by side; no client uses them yet."""
         self.console = console
         self.clutch = self.camera = False
         self.client: str | None = None
@@ -110,13 +110,13 @@ class Pens:
         self._aim: _Aim | None = None
         self._drag = Drag()
 
-    # -- what a client does ---------------------------------------------------------------------------
+    # -- requests of clients --------------------------------------------------------------------------
 
     def use(self, client: str) -> None:
         """Take the hands for a client, or keep them.
 
         Raises:
-            HeldError: another client has the hands.
+            HeldError: another client controls the hands.
         """
         if self.client not in (None, client):
             self.console.require_free(client)
@@ -129,7 +129,7 @@ class Pens:
         self._idle = 0.0
 
     def release(self) -> None:
-        """Release the hands and the pedals; motion that was not yet given to the console is forgotten."""
+        """Release the hands and the pedals; cancel motion that was not yet sent to the console."""
         if self.client is not None:
             self.console.release(self.client)
         self.client, self._aim, self.clutch, self.camera = None, None, False, False
@@ -137,10 +137,10 @@ class Pens:
             pen.rest()
 
     def press(self, client: str, *, clutch: bool | None = None, camera: bool | None = None) -> None:
-        """Press or release pedals; None: as it is.
+        """Press or release pedals; None: unchanged.
 
         Raises:
-            HeldError: another client has the hands.
+            HeldError: another client controls the hands.
         """
         self.use(client)
         self._aim = None
@@ -148,29 +148,29 @@ class Pens:
         self.camera = self.camera if camera is None else camera
 
     def lead(self, client: str, hand: str, T_old: Array, T_new: Array) -> None:
-        """Move a hand so that its tool moves as from T_old to T_new, both (4, 4) in the World.
+        """Move a hand so that its tool moves by the displacement from T_old to T_new, both (4, 4) in the World.
 
-        While the camera pedal is pressed, both hands move, so that the scene before the lens moves so in the picture.
+        While the camera pedal is pressed, both hands move, so that the scene moves by this displacement in the picture.
 
         Raises:
-            HeldError: another client has the hands.
+            HeldError: another client controls the hands.
         """
         self.use(client)
         self._aim = None
         self._shift(hand, T_old, T_new)
 
     def squeeze(self, client: str, hand: str, part: float) -> None:
-        """Open a gripper by a part of the range of the jaw, 0 (closed) to 1.
+        """Open a gripper to a fraction of the jaw's range, 0 (closed) to 1.
 
         Raises:
-            HeldError: another client has the hands.
+            HeldError: another client controls the hands.
         """
         self.use(client)
         pen = self.pens[hand]
         pen.used, pen.grip = True, Grip().travel * float(np.clip(part, 0, 1))
 
     def aim(self, client: str, coordinate: int, value: float) -> None:
-        """Bring one coordinate of the camera to a value within its limits, by both hands; the others stay.
+        """Move one coordinate of the camera to a value within its limits, by both hands; the others are unchanged.
 
         Args:
             client: identifier of the client.
@@ -178,27 +178,27 @@ class Pens:
             value: in rad or m.
 
         Raises:
-            HeldError: another client has the hands.
+            HeldError: another client controls the hands.
         """
         self.use(client)
         if self._aim is None:
             self._aim = _Aim(self.console.camera_at.copy())
         self._aim.wanted[coordinate] = np.clip(value, self._drag.lower[coordinate], self._drag.upper[coordinate])
 
-    # -- what the console is given --------------------------------------------------------------------
+    # -- states for the console -----------------------------------------------------------------------
 
     @property
     def aims(self) -> bool:
-        """Whether the camera is on its way to where `aim` wants it."""
+        """Whether the camera is still moving to the coordinates requested by `aim`."""
         return self._aim is not None
 
     @property
     def settled(self) -> bool:
-        """Whether all that was asked for was given to the console."""
+        """Whether all requested motion was sent to the console."""
         return self._aim is None and all(p.arrived for p in self.pens.values())
 
     def say(self, passed: float) -> None:
-        """Give the state of hands and pedals to the console; `passed` is the time in s since the last call.
+        """Send the state of hands and pedals to the console; `passed` is the time in s since the last call.
 
         After `IDLE` without use, and without a pressed pedal, the hands are released.
         """
@@ -218,7 +218,7 @@ class Pens:
             if pedal or follows or not pen.used:
                 pen.next(passed)
             elif leads and reading["heard"] >= max(self._first, pen.rolled):
-                # The tool keeps its attitude when it starts to follow, so that this rotation moves nothing.
+                # The tool keeps its attitude when it starts to follow, so this rotation does not move the tool.
                 roll = spatial.rotation_z(ROLL)
                 pen.rolled, pen.turned, pen.R = self._number, pen.turned @ roll, pen.R @ roll
         camera_pedal = self.camera or self._aim is not None
@@ -233,7 +233,7 @@ class Pens:
             self.release()
 
     def settle(self, hand: str) -> None:
-        """Bring a hand that is beyond what its arm can reach back to the tool, so that nothing is left to go back."""
+        """Move a hand whose arm cannot reach the goal back to the tool, so that the tool follows the next motion."""
         if self.client is None or not self.console.reading["hands"][hand]["follows"]:
             return
         goal, tool = self.console.goal(hand), self.console.tool(hand)
@@ -252,7 +252,8 @@ class Pens:
         pen = self.pens[hand]
         scale = float(np.clip(self.console.reading["scale"], *SCALE))
         pen.used, pen.p = True, pen.p + way / scale
-        pen.R = spatial.matrix_from_quat_wxyz(spatial.quat_from_matrix_wxyz(turn @ pen.R))  # no rounding adds up
+        # Conversion to a quaternion and back keeps the matrix orthonormal.
+        pen.R = spatial.matrix_from_quat_wxyz(spatial.quat_from_matrix_wxyz(turn @ pen.R))
 
     def _towards_aim(self, aim: _Aim, mode: str) -> None:
         right, left = (self.pens[h] for h in HANDS)
@@ -260,7 +261,7 @@ class Pens:
         if aim.at is None:
             if mode != "camera":
                 for pen in (right, left):
-                    pen.rest()  # the hands are still until the pedal has taken effect
+                    pen.rest()  # the hands do not move until the pedal has taken effect
                 return
             aim.at, aim.right, aim.left = now.copy(), right.at.copy(), left.at.copy()
         right.p, left.p = camera.hands(aim.at, aim.wanted, aim.right, aim.left, self._drag)

@@ -1,7 +1,7 @@
-"""The page of a scene that is led from its console: the same live World as that of `twin serve`, with viser's controls.
+"""The page of a scene that is controlled from its console: the same World as in `twin serve`, with viser's controls.
 
-Arrows at both tools, sliders and pedals move two handles (`twin.ui.session.pens`); these are the input of the World
-(`twin.ui.session.console`).
+Arrows at both tools, sliders and pedals move two handles (`twin.ui.session.pens`); the handles are the input of the
+World (`twin.ui.session.console`).
 """
 
 from __future__ import annotations
@@ -33,30 +33,30 @@ from twin.ui.viewer.nodes import RobotNodes
 from twin.ui.viewer.room import FIRST, OUTSIDE, corners, furnish
 
 ARROWS = 90.0
-"""Size of the arrows at a tool in pixels, at every distance."""
+"""Size in pixels of the arrows at a tool, independent of the distance."""
 
 CLOSE = np.array([0.15, -0.26, 0.2])
-"""From the tools to the camera of the view "close", in m."""
+"""Vector (3,) in m from the mean of the tools to the camera in the view "close"."""
 
 AWAY = 0.7
-"""Part of the usual distance for the views from outside: the scene is wide and low."""
+"""Factor on the usual camera distance of the views from outside, because the scene is wide and low."""
 
 FAR, CAVITY = 100.0, 0.4
-"""Distance in m up to which the room is drawn, and the view of the endoscope, which shows the cavity alone."""
+"""Maximum drawn distance in m: in views of the room, and in the endoscope's view, which shows only the cavity."""
 
 STILL = 1e-9
-"""Motion of a joint in rad or m below which nothing has moved: an arm at a limit may jitter by rounding."""
+"""Joint motion in rad or m that counts as rest; an arm at a limit may move by rounding errors."""
 
 RESTS = 0.2
-"""Time in s for which nothing has moved, after which arrows and hands go to where the tools are."""
+"""Time in s without motion after which arrows and hands are moved to the tools."""
 
 TOUCHED = 0.7
-"""Time in s after a change by a person, in which a control is not set to the value that it has in the World."""
+"""Time in s after a user's change in which a control is not set to the value in the World."""
 
 _CAMERA = (("pan [°]", DEG, 0.5), ("tilt [°]", DEG, 0.5), ("depth [mm]", MM, 0.5), ("roll [°]", DEG, 0.5))
 _TONES = {"good": "#1f8a55", "warn": "#c77700", "bad": "#d62f2f", "plain": "inherit"}
-_HELP = """Drag the arrows at an instrument: it follows. The rings turn it. With the pedal **camera**, the arrows drag
-what the endoscope sees; with the pedal **clutch**, they move freely and the instruments stand."""
+_HELP = """Drag the arrows at an instrument to move it, and the rings to rotate it. While the pedal **camera** is
+pressed, the arrows move the endoscope's picture. While the pedal **clutch** is pressed, only the arrows move."""
 
 
 class ConsoleFront(Loop):
@@ -129,7 +129,7 @@ class ConsoleFront(Loop):
     # -- the loop -------------------------------------------------------------------------------------
 
     def frame(self, passed: float, wished: bool) -> None:
-        """Give the hands to the World, step it by the time that has passed, and show it."""
+        """Send the hands to the World, step the World by the elapsed time, and show its state."""
         self.pens.say(passed)
         for text in self.console.advance(passed):
             self.say(text, bad=True)
@@ -191,7 +191,7 @@ class ConsoleFront(Loop):
             self._dragged.add(hand)
 
     def _follow(self) -> None:
-        """Put the arrows where the tools are, unless they are dragged or the tool is still on its way to them."""
+        """Move the arrows to the tools, except arrows that are dragged or that their tool has not reached yet."""
         for hand, arrows in self.arrows.items():
             if hand in self._dragged or hand in self._left_to_settle or self.wished(hand):
                 continue
@@ -203,8 +203,8 @@ class ConsoleFront(Loop):
 
     def _gone(self, client: viser.ClientHandle) -> None:
         self._through.discard(client.client_id)
-        self._dragged.clear()
         if self.pens.client == _name(client):
+            self._dragged.clear()
             self.pens.release()
             self.say(f"{_name(client)} was closed: nothing moves")
 
@@ -222,7 +222,7 @@ class ConsoleFront(Loop):
         return self._middle + AWAY * self._size * OUTSIDE[view], self._middle, up
 
     def look(self, view: str, client: viser.ClientHandle) -> None:
-        """Move the camera of a browser to a view; through the endoscope it goes on with the endoscope."""
+        """Move the camera of a browser to a view; in the endoscope's view, the camera follows the endoscope."""
         inside = view == "endoscope"
         (self._through.add if inside else self._through.discard)(client.client_id)
         eye, at, up = self.camera(view)
@@ -253,8 +253,8 @@ class ConsoleFront(Loop):
         views = gui.add_button_group("look", ("close", "endoscope", *OUTSIDE))
         views.on_click(lambda e: e.client and self.look(views.value, e.client))
         with gui.add_folder("Pedals"):
-            self._clutch = gui.add_checkbox("clutch", False, hint="Down until it is clicked again")
-            self._pedal = gui.add_checkbox("camera", False, hint="Down until it is clicked again")
+            self._clutch = gui.add_checkbox("clutch", False, hint="Pressed until you click again")
+            self._pedal = gui.add_checkbox("camera", False, hint="Pressed until you click again")
             self._on(self._clutch, "clutch", lambda client, v: pens.press(client, clutch=v))
             self._on(self._pedal, "camera pedal", lambda client, v: pens.press(client, camera=v))
         with gui.add_folder("Instruments"):
@@ -274,7 +274,7 @@ class ConsoleFront(Loop):
             ]
             for k, (slider, (_, unit, _)) in enumerate(zip(self._camera, _CAMERA, strict=True)):
                 self._on(slider, f"aim {k}", lambda client, v, k=k, unit=unit: pens.aim(client, k, v * unit))
-        let_go = gui.add_button("Let go", hint="Others may take the hands; after 5 s without use it happens by itself")
+        let_go = gui.add_button("Release the hands", hint="For other clients; also happens after 5 s without use")
         let_go.on_click(lambda _: self.ask("let go", pens.release))
         if self.props is not None:
             clear = gui.add_checkbox("transparent patient", True)
@@ -282,7 +282,7 @@ class ConsoleFront(Loop):
             self._see_through(True)
 
     def _on(self, control: Any, kind: str, do: Callable[[str, Any], object]) -> None:
-        """Make a control of the page a request; what the page itself sets is none."""
+        """Store a request when a user changes a control; ignore changes by the page itself."""
 
         def changed(event: viser.GuiEvent) -> None:
             if event.client is None:
@@ -295,7 +295,7 @@ class ConsoleFront(Loop):
             try:
                 do(client, value)
             except TwinError:
-                self._written.pop(kind, None)  # the control shows again what holds
+                self._written.pop(kind, None)  # the control shows the value in the World again
                 raise
 
         control.on_update(changed)
@@ -313,7 +313,7 @@ class ConsoleFront(Loop):
         return [("good" if done == wanted else "plain", f"Rings on their pegs: {done} of {wanted}")]
 
     def _show(self) -> None:
-        """Show in the controls what holds in the World, and the status."""
+        """Set the controls to the values in the World, and show the status."""
         pens = self.pens
         self._set(self._clutch, "clutch", pens.clutch)
         self._set(self._pedal, "camera pedal", pens.camera)
@@ -336,7 +336,7 @@ class ConsoleFront(Loop):
             self._said = self._status.content = said
 
     def _set(self, control: Any, kind: str, value: Any, apart: float = 0.0) -> None:
-        """Show a value that is new in the World; otherwise a person's change, not yet a request, would be undone."""
+        """Set a control if the value in the World has changed; otherwise a new input by a user would be undone."""
         if (
             value == self._written.get(kind)
             or self.wished(kind)
@@ -357,15 +357,15 @@ def _name(client: viser.ClientHandle) -> str:
 
 
 def status(reading: Mapping[str, Any]) -> tuple[str, str]:
-    """Return (tone, text): what a person has to know now about the state of a `LiveConsole`."""
+    """Return (tone, text) with the most important information on the state of a `LiveConsole`."""
     led = [h["robot"] for h in reading["hands"].values() if h["follows"]]
     walls = [f"{h['robot']}: {h['wall']}" for h in reading["hands"].values() if h["wall"]]
     if reading["stopped"]:
         return "bad", f"The simulation has stopped: {reading['stopped']}"
     if reading["owner"] is None:
-        return "plain", "Nobody leads: nothing moves."
+        return "plain", "No client controls the hands: nothing moves."
     if reading["silent"]:
-        return "warn", f"Nothing is heard of {reading['owner']}: nothing moves."
+        return "warn", f"No data from {reading['owner']}: nothing moves."
     if walls:
         return "warn", "; ".join(walls)
     if reading["camera"]:
@@ -373,15 +373,15 @@ def status(reading: Mapping[str, Any]) -> tuple[str, str]:
     if reading["rate"] < 0.8:
         return "warn", f"The simulation runs at {reading['rate']}x real time."
     if reading["mode"] == "nothing":
-        return "good", "Clutch: the arrows move freely, the instruments stand."
+        return "good", "Clutch: only the arrows move; the instruments are at rest."
     if reading["mode"] == "camera":
-        return "good", "Camera: both hands drag the picture."
-    return "good", f"{reading['owner']} leads {' and '.join(led)}." if led else f"{reading['owner']} has the hands."
+        return "good", "Camera: both hands move the picture."
+    return "good", f"{reading['owner']} controls {' and '.join(led)}." if led else f"{reading['owner']} owns the hands."
 
 
 def hand_text(reading: Mapping[str, Any], hand: str) -> tuple[str, str]:
-    """Return (tone, text) on one hand: its robot, and whether this follows, stands or is at a limit."""
+    """Return (tone, text) on one hand: its robot, and whether the robot follows, is at rest or is at a limit."""
     now = reading["hands"][hand]
-    doing = now["wall"] or ("follows" if now["follows"] else "stands")
+    doing = now["wall"] or ("follows" if now["follows"] else "is at rest")
     tone = "warn" if now["wall"] else "good" if now["follows"] else "plain"
     return tone, f"{hand.capitalize()} hand: {now['robot']} {doing}"

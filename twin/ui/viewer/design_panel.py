@@ -174,7 +174,7 @@ class DesignPanel:
         self._handles.append(folder)
         with folder:
             keep = gui.add_button("Keep this design as B")
-            self._beside = gui.add_checkbox("show B beside", False, disabled=self._other is None)
+            self._beside = gui.add_checkbox("also show B", False, disabled=self._other is None)
             self._table = gui.add_html("")
 
         def kept(_: object) -> None:
@@ -223,7 +223,7 @@ class DesignPanel:
         moved = self._other.move_tool(desk.asked if desk.asked is not None else desk.assembly.T_base_tool)
         self._other_nodes.write(self._other.assembly.link_poses)
         b = read(self._other)
-        rows: list[tuple[str, ...]] = [("", "A (in hand)", "B (orange)")]
+        rows: list[tuple[str, ...]] = [("", "A (active)", "B (orange)")]
         rows.append(("condition", *(f"{r.condition:.2f}" if r.condition else "-" for r in (reading, b))))
         rows.append(("differs by", *(differs(r) for r in (reading, b))))
         for i, limit in enumerate(reading.limits):
@@ -245,8 +245,8 @@ class DesignPanel:
             )
             edge = gui.add_number("half edge [mm]", round(250 * self.front.nodes[a.name].size) or 100, min=1, step=10)
             count = gui.add_dropdown("poses", ("100 000", "1 000 000"), initial_value="1 000 000")
-            begin = gui.add_button("Look for it")
-            stop = gui.add_button("Stop and hide")
+            begin = gui.add_button("Compute workspace")
+            stop = gui.add_button("Hide workspace")
             self._progress = gui.add_progress_bar(0.0)
             self._found = gui.add_markdown("")
 

@@ -276,4 +276,4 @@ def _picture(png: bytes) -> None:
     """Raise `NonsenseError` if a picture is not PNG or is too large."""
     width, height = int.from_bytes(png[16:20], "big"), int.from_bytes(png[20:24], "big")
     if png[:8] != b"\x89PNG\r\n\x1a\n" or not 0 < width * height <= _PIXELS:
-        raise NonsenseError("a picture that was not requested")
+        raise NonsenseError("a picture that is not PNG, or is too large")

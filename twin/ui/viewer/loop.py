@@ -21,7 +21,7 @@ FRAME = 1 / 60
 """Duration in s of a display frame."""
 
 AGAIN = 3.0
-"""Time in s before the same notice is shown again: a drag that is refused is refused in every frame."""
+"""Time in s before the same notice is shown again, because a refused drag causes a notice in every frame."""
 
 
 class Loop(ABC):
@@ -58,7 +58,7 @@ class Loop(ABC):
             self._wishes[kind] = wish
 
     def repeat(self, kind: str, more: Callable[[], bool]) -> None:
-        """Store a request that is repeated in the next frame if it returns True and no other of its kind came."""
+        """Store a request that is repeated in the next frame if it returns True and no new one of its kind arrived."""
 
         def wish() -> None:
             if more():
@@ -94,7 +94,7 @@ class Loop(ABC):
             except TwinError as error:
                 self.say(str(error), bad=True)
             except Exception as error:  # an error in a request must not end the loop
-                logging.getLogger(__name__).exception("a wish failed")
+                logging.getLogger(__name__).exception("a request failed")
                 self.say(f"internal error, {type(error).__name__}: {error}. Please report it.", bad=True)
         self.frame(passed, bool(wishes))
 
@@ -108,7 +108,7 @@ class Loop(ABC):
         stop(self.server)
 
     def say(self, text: str, bad: bool = False) -> None:
-        """Show a notice in every browser; the same one not again within `AGAIN`."""
+        """Show a notice in every browser; the same notice is not repeated within `AGAIN`."""
         if self._told[0] != text or self.now - self._told[1] > AGAIN:
             self._told = text, self.now
             tell(self.server, self.title, text, bad)

@@ -212,7 +212,7 @@ class Panels:
                 a.desk.keep(name)
                 postures.options = a.desk.postures
                 postures.value = name
-                front.say(f"kept as '{name}'")
+                front.say(f"stored as '{name}'")
 
         go.on_click(posture)
         self.record = RecordPanel(front, a, self._move_tab, self._sliders, lambda: postures.value)

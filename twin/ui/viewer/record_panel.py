@@ -97,7 +97,7 @@ class RecordPanel:
             path.write_bytes(content)
             self.session = Session.load(path, self.actor.desk.mechanism)
         self._replay.disabled = False
-        self.front.say(f"{len(self.session.moments)} moments, {self.session.duration:.1f} s: press Replay")
+        self.front.say(f"{len(self.session.moments)} states, {self.session.duration:.1f} s: press Replay")
 
     def _save(self) -> None:
         if self.session is None or not self.session.moments:

@@ -16,7 +16,7 @@ OUTSIDE = {
     "front": np.array([1.5, 0.0, 0.1]),
     "top": np.array([0.0, -0.01, 1.5]),
 }
-"""Views from outside: from the middle of the scene to the camera, in parts of the scene's size."""
+"""Views from outside: vector (3,) from the middle of the scene to the camera, in units of the scene's size."""
 
 
 def corners(box: Array) -> Array:

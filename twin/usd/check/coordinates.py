@@ -189,13 +189,12 @@ def _check_drive(joint: RawJoint, q: float) -> Iterator[Finding]:
         )
     if drive is None:
         return
+    unit, shown = _unit(joint)
     target = drive.GetTargetPositionAttr().Get() * joint.unit
-    low, high = joint.limits or (-np.inf, np.inf)
-    low, high = (v * joint.unit for v in (low, high))
+    low, high = (v * joint.unit for v in joint.limits or (-np.inf, np.inf))
     if joint.is_angle and abs(target) > 1e-3 and abs(target / DEG - q) < 0.05 and abs(target - q) > 0.5:
         yield _radians(joint, f"drive target {target:.5g} equals its pose in radians ({q:.5g} deg)", target)
-    elif low <= high and not low - LIMIT_TOL <= target <= high + LIMIT_TOL:
-        unit, shown = _unit(joint)
+    elif low <= high and max(low - target, target - high) * shown > LIMIT_TOL:
         yield _DRIVE_TARGET(
             joint.path,
             f"joint {joint.path}: its drive target is outside {low * shown:.5g} .. {high * shown:.5g} {unit}",

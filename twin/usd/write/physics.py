@@ -17,6 +17,7 @@ from twin.core import spatial
 from twin.core.errors import StageError
 from twin.core.spatial import Array
 from twin.core.units import DEG
+from twin.model.following import Following, following
 from twin.model.mechanism import FREE_AXES, Coupling, Drive, Inertia, Joint, Mechanism
 from twin.model.transmission import Actuator, joint_gains
 from twin.usd import gf
@@ -50,6 +51,10 @@ TENDON, TENDON_STEP = 0.25, 1e-3
 
 An explicit spring diverges at 4. At 0.67 the jaws of the da Vinci PSM swing and drive the arm about (measured).
 """
+
+
+MIMIC_AXIS = "rotZ"
+"""Instance of the mimic joint: PhysX allows axes of turns only, of slides too (with "transZ" a slide is free)."""
 
 
 def drive_kind(joint: Joint) -> str:
@@ -118,8 +123,12 @@ def write_physics(
             raise StageError(f"{mechanism.name}: q_full lacks joint '{joint.name}'")
         joint = _as_driven(mechanism, joint)
         _write_joint(stage, mechanism, joint, joint.name in loops, q_full.get(joint.name), efforts.get(joint.name, 0.0))
+    mimics = _mimics(mechanism)
     for coupling in mechanism.couplings:
-        _write_tendon(stage, mechanism, coupling, link_poses)
+        if coupling.name in mimics:
+            _write_mimic(stage, mechanism, mimics[coupling.name])
+        else:
+            _write_tendon(stage, mechanism, coupling, link_poses)
     for joint in joints.tree:
         if joint.type == "spherical":
             _start_at_zero(stage, mechanism, joint, link_poses)
@@ -282,8 +291,30 @@ def _start_at_zero(stage: Usd.Stage, mechanism: Mechanism, joint: Joint, link_po
         _attribute(prim, "twin:cone", Sdf.ValueTypeNames.Double, float(joint.cone))
 
 
+def _mimics(mechanism: Mechanism) -> dict[str, Following]:
+    """Return what follows by the couplings that PhysX and Newton hold as mimic joints, by name of the coupling.
+
+    PhysX requires limits of hinges, and both accept joints of the articulation only. An offset would be in degrees for
+    PhysX and in rad for Newton.
+    """
+    tree = (j for j in spanning(mechanism).tree if j.type == "prismatic" or (j.type == "revolute" and j.limits))
+    return {c: f for c, f in following(mechanism, {j.name for j in tree}).items() if f.offset == 0}
+
+
+def _write_mimic(stage: Usd.Stage, mechanism: Mechanism, follows: Following) -> None:
+    """Write a joint that follows another one: joint + gearing * leader = 0. PhysX solves this exactly, at any step."""
+    joints = f"/{mechanism.name}/joints"
+    prim = stage.GetPrimAtPath(f"{joints}/{follows.joint}")
+    prim.AddAppliedSchema(f"PhysxMimicJointAPI:{MIMIC_AXIS}")
+    place = f"physxMimicJoint:{MIMIC_AXIS}"
+    prim.CreateRelationship(f"{place}:referenceJoint", False).SetTargets([f"{joints}/{follows.leader}"])
+    axis = prim.CreateAttribute(f"{place}:referenceJointAxis", Sdf.ValueTypeNames.Token, False, Sdf.VariabilityUniform)
+    axis.Set(MIMIC_AXIS)
+    _attribute(prim, f"{place}:gearing", Sdf.ValueTypeNames.Float, -follows.multiplier)
+
+
 def _write_tendon(stage: Usd.Stage, mechanism: Mechanism, coupling: Coupling, link_poses: Mapping[str, Array]) -> None:
-    """Write a coupling as a PhysX tendon over its joints, with the joint nearest to the base first.
+    """Write a coupling that no mimic joint holds as a PhysX tendon over its joints, that nearest to the base first.
 
     UsdPhysics cannot express couplings; without the tendon, a passive joint of a belt drive moves freely in PhysX. The
     tendon has the stiffness of the drives: PhysX integrates tendons explicitly, and a tendon with damping or much
@@ -308,12 +339,12 @@ def _write_tendon(stage: Usd.Stage, mechanism: Mechanism, coupling: Coupling, li
 def _carried(mechanism: Mechanism, joint: Joint, link_poses: Mapping[str, Array]) -> float:
     """Return the inertia in kg or kg m2 of all bodies beyond a joint with one coordinate.
 
-    It is infinite if a loop is closed there, because then the joint carries more than the tree shows.
+    It is infinite if a loop is closed over the joint, because then it carries more than the tree shows.
     """
     beyond, joints = {joint.child}, spanning(mechanism)
     for other in joints.tree:
         beyond |= {other.child} if other.parent in beyond else set()
-    if any(beyond & {c.parent, c.child} for c in joints.cut):
+    if any(len(beyond & {c.parent, c.child}) == 1 for c in joints.cut):
         return np.inf
     T = link_poses[joint.parent] @ joint.T_parent_joint
     out = 0.0

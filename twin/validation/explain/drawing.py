@@ -1,7 +1,8 @@
-"""Find the faulty part for joints whose parts do not meet in the CAD, and test whether it explains the wrong rows.
+"""Find the faulty part if the parts of a joint do not meet in the CAD, and test whether it explains the wrong rows.
 
-Each suspected part is corrected in the CAD, and the rows are compared with the resulting mechanism. Evidence in the CAD
-(lengths, identical parts, closing loops) has priority over the rows.
+The rows are the results of the equations that are compared with the mechanism. Each suspected part is corrected in the
+CAD, and the rows are compared with the resulting mechanism. Evidence in the CAD (lengths, identical parts, closing
+loops) has priority over the agreement of the rows.
 """
 
 from __future__ import annotations

@@ -298,7 +298,7 @@ def _means(judge: Judge, symbol: str) -> str:
 
 
 def _term(c: Candidate) -> str:
-    """Return the summand of a row that contains an edit, with its sign; "" if there is none."""
+    """Return the summand, with its sign, in which an edit changes a row; "" if there is none."""
     import ast
 
     source, e = c.step.source, c.edits[0]

@@ -164,7 +164,7 @@ def _dot(a: Any, b: Any) -> Array:
 def _cross(a: Any, b: Any) -> Matrix:
     u, v = np.broadcast_arrays(*_columns(a, b))
     if u.shape[1] != 3:
-        raise ValueError(f"a cross product of vectors of {u.shape[1]} entries")
+        raise ValueError(f"a cross product requires 3 entries, not {u.shape[1]}")
     return Matrix(np.cross(u, v)[:, :, None])
 
 

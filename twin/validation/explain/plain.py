@@ -81,9 +81,9 @@ def copied(scope: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def held(source: Source, outputs: tuple[str, ...]) -> set[str]:
-    """Return the outputs whose variable has the output's name: assigned once, and returned at the output's position.
+    """Return the outputs that are returned from a variable of the same name, assigned only once.
 
-    Other variables may have the name of an output by coincidence.
+    A variable with the name of one output but returned as another does not count.
     """
     returned = getattr(source.statements[-1].node, "value", None)
     if isinstance(returned, ast.Dict):

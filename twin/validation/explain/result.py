@@ -58,7 +58,7 @@ class Change:
 
 @dataclass(frozen=True)
 class Reading:
-    """Edits after which, together, the rows agree.
+    """Edits that together make the rows agree.
 
     Attributes:
         changes: one or two edits.

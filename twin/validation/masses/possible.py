@@ -101,7 +101,7 @@ def second(tensor: Array) -> Array:
 
 
 def _pseudo(tensor: Array, first: Array, mass: float) -> Array:
-    """Return the dimensionless pseudo-inertia (4, 4): lengths in radii of gyration, masses relative to the mass."""
+    """Return the pseudo-inertia (4, 4), dimensionless: lengths in radii of gyration, masses relative to `mass`."""
     P = Inertia(mass, first / mass, _about_centre(tensor, first, mass)).pseudo()
     length = np.sqrt(max(abs(float(np.trace(P[:3, :3]))), 1e-300) / mass)
     scale = np.array([1 / length, 1 / length, 1 / length, 1.0])

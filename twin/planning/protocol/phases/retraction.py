@@ -40,7 +40,7 @@ class RetractionTable(PhaseTable):
 
 @dataclass(frozen=True)
 class Retraction(Phase):
-    """Move back along the shaft until the tip is `depth` in m beyond the RCM, or beyond the named `trocar`."""
+    """Move back along the shaft until the tip is `depth` (m) beyond the RCM, or beyond the named `trocar`."""
 
     depth: float = 0.0
     trocar: str = ""
@@ -55,7 +55,7 @@ class Retraction(Phase):
             raise at.refuse("no RCM is registered yet")
         if self.depth > at.depth + _DEEPER:
             text = f"it should end at depth {self.depth / MM:.3f} mm, but begins at {at.depth / MM:.3f} mm"
-            raise at.refuse(f"{text}: that is an insertion")
+            raise at.refuse(f"{text}; use an insertion to move deeper")
         kept = spatial.point_to_line(at.rcm, at.tip, at.shaft) <= at.tolerance
         tip = at.tip + (self.depth - at.depth) * at.shaft
         return End(at.angles, tip, at.rcm, None, "enforced" if kept else "monitored", self.depth)

@@ -1,4 +1,4 @@
-/** The page: everything that is loaded, drawn and asked, and what happens each picture. */
+/** The page: loading, requests, and the drawing loop. */
 
 import { Box3, Vector3 } from 'three';
 import { Connection } from './connection';
@@ -30,7 +30,7 @@ export class App {
   readonly model = new Model();
   readonly world: World;
   readonly line: Connection;
-  /** The robots of the scene; one before the scene is known. */
+  /** Robots of the scene; one placeholder until the scene is loaded. */
   readonly members: Member[] = [];
   readonly fields = new Fields();
   readonly surroundings: Surroundings;
@@ -39,9 +39,9 @@ export class App {
   readonly xr: Xr;
   readonly hands: Hands;
   readonly xrPanel = new XrPanel();
-  /** Of a scene whose robots are led by two hands. */
+  /** Console of a scene whose robots are controlled by two hands; null without a console. */
   console: Console | null = null;
-  /** ms from the start of navigation to the first picture with all robots in it; NaN before. */
+  /** Time in ms from the start of navigation to the first picture with all robots; NaN before. */
   firstPicture = NaN;
 
   private readonly dom: DomPanel;
@@ -52,13 +52,13 @@ export class App {
   private seekUntil = 0;
   private stale = true;
   private loaded = false;
-  /** What came before the scene was known. */
+  /** Messages received before the scene was loaded. */
   private readonly early: Message[] = [];
   private bends: readonly Field[] = [];
   /** Whether the surroundings are hidden. */
   hidden = false;
   private refreshed = 0;
-  /** When a frame last showed something that had moved. */
+  /** Time in ms of the last frame with a motion. */
   private moved = -Infinity;
   private waiting = 0;
 
@@ -80,7 +80,7 @@ export class App {
     this.wire();
   }
 
-  /** The robot that the controls speak of. */
+  /** The active robot, to which the controls refer. */
   get member(): Member {
     return this.members[this.model.chosen] as Member;
   }
@@ -93,7 +93,7 @@ export class App {
     return this.member.overlays;
   }
 
-  /** Load robots and stream side by side. */
+  /** Load the robots and open the stream in parallel. */
   start(): void {
     this.line.open();
     loadEarly();
@@ -102,7 +102,7 @@ export class App {
     this.load().catch((error: Error) => this.fail(error));
   }
 
-  // -- what the controls ask for ------------------------------------------------------------------------
+  // -- requests of the controls -------------------------------------------------------------------------
 
   ask(type: string, fields: object): void {
     void this.line.ask(type, this.model.robot.fields(type, fields)).then((answer) => {
@@ -117,13 +117,13 @@ export class App {
     this.refresh();
   }
 
-  /** Time in the protocol: as it is streamed, or as it has just been asked for. */
+  /** Time in s in the protocol: from the stream, or just after a seek the requested time. */
   clipTime(): number {
     if (performance.now() < this.seekUntil) return this.seeking;
     return this.model.time;
   }
 
-  /** Go to the beginning of a phase before or after this one. */
+  /** Go to the start of the next or the previous phase. */
   phase(by: 1 | -1): void {
     const t = this.clipTime();
     const starts = this.model.state.phases.map(([, a]) => a);
@@ -133,26 +133,26 @@ export class App {
 
   show(key: keyof Shows): void {
     const on = !this.overlays.shows[key];
-    // A workspace is asked for of one robot; all else is shown of all or of none.
+    // A workspace is shown for one robot; all other displays are switched for all robots together.
     for (const member of key === 'workspace' ? [this.member] : this.members) member.overlays.shows[key] = on;
     if (key === 'workspace') this.ask('workspace', { on });
     this.showAround();
   }
 
-  /** Show the surroundings as the switches say. */
+  /** Show or hide the surroundings according to the switches. */
   showAround(): void {
     this.surroundings.show(!this.hidden, this.overlays.shows.labels);
     this.refresh();
   }
 
-  /** Let the controls speak of another robot. */
+  /** Make another robot the active robot. */
   choose(index: number): void {
     if (index === this.model.chosen || !this.members[index]) return;
     this.model.chosen = index;
     this.build();
   }
 
-  /** Take what was hit; the controls then speak of that robot. */
+  /** Grab the hit link or handle; its robot becomes the active robot. */
   take(hit: Hit): boolean {
     this.choose(this.members.indexOf(hit.member));
     return this.grab.start(hit);
@@ -169,34 +169,34 @@ export class App {
   }
 
   how(): string {
-    if (!this.xr.presenting) return 'Drag with the left button; Shift turns the tool, the wheel moves it to and fro.';
+    if (!this.xr.presenting) return 'Drag with the left button. Shift rotates the tool, the wheel moves it along the view.';
     return this.hands.count
-      ? 'Pinch or pull the trigger on it.'
-      : 'No hand or controller is seen: look at it for a moment to take it, keep still to let go.';
+      ? 'Point at a link, then pinch or pull the trigger.'
+      : 'No hand or controller is tracked: look at a link for a moment to grab it, and keep still to release it.';
   }
 
-  /** What to do next, in the headset. */
+  /** Instruction for the next step in the headset; empty if there is none. */
   private hint(): string {
     if (!this.xr.presenting) return '';
     const act = this.hands.count ? 'pinch or pull the trigger' : 'look there for a moment';
-    if (this.place.placing) return `Point at the floor and ${act}: the robot will stand there.`;
-    if (this.place.leading) return 'Pinch to move the whole robot; with both hands it is turned and scaled.';
+    if (this.place.placing) return `Point at the floor and ${act}: the robot will be placed there.`;
+    if (this.place.leading) return 'Pinch to move the whole robot; pinch with both hands to turn and scale it.';
     return '';
   }
 
   cloudText(): string {
     if (!this.overlays.shows.workspace) return '';
     const n = this.overlays.cloudCount.toLocaleString('en');
-    return `Workspace in the present orientation: ${n} points${this.overlays.cloudDone ? '' : ' so far'}; blue is well conditioned, red is near a singularity.`;
+    return `Workspace in the present orientation: ${n} points${this.overlays.cloudDone ? '' : ' so far'}; blue: well conditioned, red: near a singularity.`;
   }
 
   lineText(): string {
     const { roundTrip, frames, reconnects } = this.line;
-    const trip = Number.isFinite(roundTrip) ? `${roundTrip.toFixed(0)} ms there and back` : '';
+    const trip = Number.isFinite(roundTrip) ? `${roundTrip.toFixed(0)} ms round trip` : '';
     return `client ${this.model.client ?? '–'}, ${trip}\n${frames} frames, ${reconnects} reconnects`;
   }
 
-  /** Draw again after some ms, if nothing else lets it be drawn before. */
+  /** Draw again after `wait` ms, unless a picture is drawn before. */
   later(wait: number): void {
     if (this.waiting) return;
     this.waiting = window.setTimeout(() => {
@@ -205,7 +205,7 @@ export class App {
     }, wait);
   }
 
-  /** Something that the controls show has changed. */
+  /** Request an update of the controls and the picture. */
   refresh(): void {
     this.stale = true;
     this.world.dirty = true;
@@ -255,7 +255,7 @@ export class App {
     this.loaded = true;
   }
 
-  /** Let the camera see all robots. */
+  /** Set the camera so that all robots are visible. */
   private frameAll(box: Box3): void {
     this.world.cover(...this.dom.covers());
     const size = box.getSize(new Vector3());
@@ -283,7 +283,7 @@ export class App {
     this.line.onLine = (line) => {
       this.model.line = line;
       if (line !== 'open') this.console?.pens.drop();
-      if (line !== 'open' && this.grab.held) this.grab.drop('The connection was lost: the robot was let go.');
+      if (line !== 'open' && this.grab.held) this.grab.drop('The connection was lost: the robot was released.');
       this.refresh();
     };
   }
@@ -312,7 +312,7 @@ export class App {
     }
   }
 
-  // -- each picture -------------------------------------------------------------------------------------
+  // -- the drawing loop ---------------------------------------------------------------------------------
 
   private picture(now: number, frame?: XRFrame): void {
     const { world } = this;
@@ -337,7 +337,7 @@ export class App {
     this.xrPanel.update(now);
     if (!this.xr.presenting && !world.dirty) return;
     if (this.console && this.loaded && !this.xr.presenting) {
-      if (!this.console.views.render(this.moved)) return; // what has changed is drawn next time
+      if (!this.console.views.render(this.moved)) return; // the previous picture is still being drawn: try again in the next cycle
     } else {
       if (this.console && this.loaded) this.console.screen.draw(now);
       world.renderer.render(world.scene, world.camera);
@@ -366,7 +366,7 @@ export class App {
     this.stale = true;
   }
 
-  /** Bring deformables to the newest frame. */
+  /** Update the deformables from the newest frame. */
   private bend(): boolean {
     return this.fields.update(this.bends);
   }
@@ -377,8 +377,8 @@ async function describe(): Promise<SceneInfo> {
   if (!response.ok)
     throw new Error(
       response.status === 403
-        ? 'Not admitted: open the address with the token that the terminal of twin serve shows.'
-        : `The server does not describe what it shows (${response.status}).`,
+        ? 'Access denied: open the address with the token that twin serve prints on its terminal.'
+        : `The server did not send the description of the scene (HTTP ${response.status}).`,
     );
   return (await response.json()) as SceneInfo;
 }

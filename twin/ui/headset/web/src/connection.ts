@@ -1,4 +1,4 @@
-/** The WebSocket to the server: newest frame wins, requests are answered by number, a lost line is taken up again. */
+/** The WebSocket to the server: keeps only the newest frame, matches answers to requests, and reconnects. */
 
 import type { Message } from './protocol';
 
@@ -6,9 +6,9 @@ export type Line = 'connecting' | 'open' | 'reconnecting' | 'refused';
 
 const FIRST_WAIT = 250; // ms
 const LONGEST_WAIT = 5000;
-const SILENCE = 8000; // ms without any message, after which the line counts as lost
+const SILENCE = 8000; // ms without any message after which the connection counts as lost
 const PING = 2000;
-const BACKLOG = 4096; // bytes unsent, above which a drag waits for its successor
+const BACKLOG = 4096; // unsent bytes above which a drag is omitted in favour of the next one
 
 export interface Answer {
   ok: boolean;
@@ -18,7 +18,7 @@ export interface Answer {
 
 export class Connection {
   line: Line = 'connecting';
-  /** Round trip in ms, NaN before the first answer. */
+  /** Round-trip time in ms; NaN before the first answer. */
   roundTrip = NaN;
   frames = 0;
   reconnects = 0;
@@ -32,7 +32,7 @@ export class Connection {
   private number = 0;
   private waiting = new Map<number, (answer: Answer) => void>();
   private opened = false;
-  /** Lets this page come back as the same client, which may hold the robot. */
+  /** Secret with which this page reconnects as the same client and keeps its grabs. */
   private resume = '';
 
   constructor(private readonly url: string) {
@@ -61,14 +61,14 @@ export class Connection {
     };
   }
 
-  /** Take the newest frame that has not been taken yet. */
+  /** Return the newest frame, once; null if there is no new frame. */
   take(): ArrayBuffer | null {
     const frame = this.newest;
     this.newest = null;
     return frame;
   }
 
-  /** Send a request; the promise holds its result, and is never rejected. */
+  /** Send a request; the promise resolves to its result and is never rejected. */
   ask(type: string, fields: object = {}): Promise<Answer> {
     if (this.socket?.readyState !== WebSocket.OPEN)
       return Promise.resolve({ ok: false, code: 'offline', message: 'The line to the server is down.' });
@@ -77,14 +77,14 @@ export class Connection {
     return new Promise((resolve) => this.waiting.set(id, resolve));
   }
 
-  /** Send what the next message will replace; false if the line is full and it was left out. */
+  /** Send a message that the next one replaces; return false if it was omitted because too much is unsent. */
   tell(type: string, fields: object): boolean {
     if (this.socket?.readyState !== WebSocket.OPEN || this.socket.bufferedAmount > BACKLOG) return false;
     this.socket.send(JSON.stringify({ type, ...fields }));
     return true;
   }
 
-  /** Break the line, as a bad network would; it is taken up again. For tests. */
+  /** Close the connection, as a bad network would; the page reconnects. For tests. */
   drop(): void {
     this.socket?.close();
   }
@@ -118,18 +118,18 @@ export class Connection {
     this.reconnects++;
     this.say('reconnecting');
     if (!this.opened) void this.admitted();
-    const wait = this.wait * (0.8 + 0.4 * Math.random()); // so that many clients do not return at once
+    const wait = this.wait * (0.8 + 0.4 * Math.random()); // so that many clients do not reconnect at the same time
     setTimeout(() => this.open(), wait);
     this.wait = Math.min(2 * this.wait, LONGEST_WAIT);
   }
 
-  /** A socket does not say why it was refused: ask for a file that needs the same admission. */
+  /** A WebSocket does not report why it was refused: request a file with the same access rules. */
   private async admitted(): Promise<void> {
     try {
       const status = (await fetch('scene.json', { cache: 'no-store' })).status;
       if ((status === 401 || status === 403) && this.line !== 'open') this.say('refused');
     } catch {
-      // the server is away: the line already says so
+      // the server is not reachable, which `line` already states
     }
   }
 

@@ -1,4 +1,4 @@
-/** The console of a scene: what leads the two hands, what is seen, and what is said of it. */
+/** The console of a scene: input devices of the two hands, views, and status. */
 
 import { Vector3 } from 'three';
 import type { App } from './app';
@@ -13,10 +13,10 @@ import { type CameraInfo, type ConsoleInfo, type SceneInfo, type Side, UDP } fro
 import { Screen } from './screen';
 import { Views } from './views';
 
-/** m from the lens to what is worked at: there a tool goes with the mouse at the scale that a session begins with. */
+/** Distance in m from the lens at which a tool moves exactly with the mouse, at the initial motion scale. */
 const REACH = 0.08;
 const FIRST_SCALE = 0.5;
-/** The camera is dragged with a fifth of the hands' way, from its remote centre. */
+/** Factor on the hand motion for the camera: the scene moves by a fifth of the hand motion. */
 const CAMERA_GAIN = 2.5;
 
 export class Console {
@@ -26,10 +26,10 @@ export class Console {
   readonly pad: Pad;
   readonly screen: Screen;
   readonly hands: ConsoleHands;
-  /** Which hand the mouse leads, or led last. */
+  /** Hand that the mouse moves or last moved. */
   chosen: Side = 'right';
   readonly help =
-    'Drag in the endoscope’s picture: the instrument beside the mouse follows. Right button: camera. Wheel: depth. Shift: turn.';
+    'Drag in the endoscope’s picture: the nearest instrument follows. Right button: camera. Wheel: depth. Shift: rotate.';
 
   constructor(
     private readonly app: App,
@@ -53,31 +53,31 @@ export class Console {
     model.atConsole = () => this.status();
   }
 
-  /** m of a hand for one pixel of the endoscope's picture. */
+  /** Hand motion in m for one pixel of the endoscope's picture. */
   get perPixel(): number {
     return REACH / FIRST_SCALE / this.views.pixels('scope');
   }
 
-  /** Move one hand or, while the camera is led, both; x right, y up, z out of the picture, in m. */
+  /** Move one hand, or both while the camera pedal is pressed; x right, y up, z out of the picture, in m. */
   move(side: Side, x: number, y: number, z: number): void {
     this.lead(side);
     if (this.pens.camera) for (const s of SIDES) this.pens[s].move(CAMERA_GAIN * x, CAMERA_GAIN * y, CAMERA_GAIN * z);
     else this.pens[side].move(x, y, z);
   }
 
-  /** Turn one hand about axes of the picture or, while the camera is led, roll it with both hands, in rad. */
+  /** Rotate one hand about the picture's axes, in rad; while the camera pedal is pressed, roll the camera. */
   turn(side: Side, x: number, y: number, z: number): void {
     this.lead(side);
     if (this.pens.camera) this.roll(z || -y);
     else this.pens[side].turn(x, y, z);
   }
 
-  /** Zoom in by a factor while the camera is led: what is worked at comes that much nearer to the lens. */
+  /** While the camera pedal is pressed, divide the distance from the lens to the working point by a factor. */
   zoom(factor: number): void {
     this.move(this.chosen, 0, 0, (REACH / FIRST_SCALE) * (1 - 1 / factor));
   }
 
-  /** The hand whose instrument is seen nearest to a point of the page. */
+  /** Return the hand whose instrument appears nearest to a point of the page. */
   nearest(x: number, y: number): Side {
     const away = (side: Side) => {
       const tip = this.tip(side);
@@ -88,12 +88,12 @@ export class Console {
     return away('right') <= away('left') ? 'right' : 'left';
   }
 
-  /** Whether the endoscope's picture is at a point of the page, on a screen. */
+  /** Whether a point of the page is in the endoscope's picture; false in a headset. */
   works(x: number, y: number): boolean {
     return !this.app.xr.presenting && this.views.at(x, y) === 'scope';
   }
 
-  /** Press or release a pedal by a button of the page. */
+  /** Toggle a pedal with the button of the page. */
   toggle(pedal: Pedal): void {
     this.pens.press(pedal, 'button', !this.pens.presses(pedal, 'button'));
   }
@@ -117,14 +117,14 @@ export class Console {
     return this.app.model.console?.scale ?? FIRST_SCALE;
   }
 
-  /** Each picture. */
+  /** Update the input devices; called for each picture. */
   update(now: number): void {
     this.keys.update(now);
     this.pad.update(now);
     this.pens.say(now);
   }
 
-  /** Tip of a hand's instrument in the scene. */
+  /** Return the tip of a hand's instrument in the scene; null before it is loaded. */
   tip(side: Side): Vector3 | null {
     const name = this.app.model.console?.hands[side].robot ?? this.info.hands[side][0];
     const member = this.app.members.find((m) => m.model.info?.name === name);
@@ -133,17 +133,17 @@ export class Console {
     return node ? new Vector3().fromArray(tool.T_link_tool as number[]).applyMatrix4(node.matrixWorld) : null;
   }
 
-  /** Which limits are met now; empty if none. */
-  walls(): string {
+  /** Return how many of both hands and the camera are at a limit. */
+  walls(): number {
     const state = this.app.model.console;
-    return state ? [...SIDES.map((s) => state.hands[s].wall), state.camera].filter(Boolean).join('; ') : '';
+    return state ? [...SIDES.map((s) => state.hands[s].wall), state.camera].filter(Boolean).length : 0;
   }
 
-  /** A line for each hand. */
+  /** Return the status line of a hand. */
   handText(side: Side): string {
     const hand = this.app.model.console?.hands[side];
     if (!hand) return '';
-    const doing = hand.wall ? `${hand.wall}` : hand.follows ? 'follows' : 'holds still';
+    const doing = hand.wall ? `${hand.wall}` : hand.follows ? 'follows' : 'is at rest';
     return `${side === 'right' ? 'Right' : 'Left'} hand: ${hand.robot} ${doing}`;
   }
 
@@ -152,7 +152,7 @@ export class Console {
     this.pens.use();
   }
 
-  /** Turn the line between the hands, about their middle. */
+  /** Rotate the line between the hands about its midpoint. */
   private roll(angle: number): void {
     const { right, left } = this.pens;
     const middle = right.p.clone().add(left.p).divideScalar(2);
@@ -170,11 +170,11 @@ export class Console {
     if (state.stopped) return { tone: 'bad', text: `The simulation has stopped: ${state.stopped}` };
     const packets = state.owner === UDP;
     const other = !packets && state.owner !== null && state.owner !== this.app.model.client && !state.silent;
-    if (other) return { tone: 'warn', text: `Client ${state.owner} has the hands: you can watch.` };
+    if (other) return { tone: 'warn', text: `Client ${state.owner} controls the hands: you can only watch.` };
     if (!this.pens.active && !packets) return this.broker();
     const lost = packets ? [] : SIDES.filter((s) => this.pens.lost.has(s));
     if (lost.length)
-      return { tone: 'warn', text: `The ${lost.join(' and the ')} hand is not tracked: nothing moves until it is.` };
+      return { tone: 'warn', text: `The ${lost.join(' and the ')} hand is not tracked: nothing moves until it is tracked.` };
     if (state.silent) return { tone: 'warn', text: `${this.missing(packets)}: nothing moves.` };
     if (state.pedal) return { tone: 'warn', text: sentence(state.pedal) };
     for (const side of SIDES) {
@@ -183,24 +183,24 @@ export class Console {
     }
     if (state.camera) return { tone: 'warn', text: `Camera: ${state.camera}` };
     if (state.rate < 0.8) return { tone: 'warn', text: `The simulation runs at ${state.rate}× real time.` };
-    if (state.mode === 'nothing') return { tone: 'good', text: 'Clutch: the hands move freely, the instruments stand.' };
-    if (state.mode === 'camera') return { tone: 'good', text: 'Camera: both hands drag the picture.' };
+    if (state.mode === 'nothing') return { tone: 'good', text: 'Clutch: only the hands move; the instruments are at rest.' };
+    if (state.mode === 'camera') return { tone: 'good', text: 'Camera: both hands move the picture.' };
     const led = SIDES.filter((s) => state.hands[s].follows).map((s) => state.hands[s].robot);
-    const who = packets ? 'UDP packets lead' : 'You lead';
-    if (packets && !led.length) return { tone: 'good', text: 'UDP packets have the hands: roll a handle or open a gripper.' };
+    const who = packets ? 'UDP packets control' : 'You control';
+    if (packets && !led.length) return { tone: 'good', text: 'UDP packets control the hands: roll a handle or open a gripper to start.' };
     return led.length ? { tone: 'good', text: `${who} ${led.join(' and ')}.` } : null;
   }
 
-  /** That the broker of the motion scale is gone. */
+  /** Return a warning if the MQTT broker is not connected; else null. */
   private broker(): Status | null {
     const mqtt = this.app.model.console?.mqtt;
     return mqtt && !mqtt.connected && mqtt.problem ? { tone: 'warn', text: mqtt.problem } : null;
   }
 
-  /** What the server does not hear. */
+  /** Return a text on the data that the server does not receive. */
   private missing(packets: boolean): string {
     const from = this.app.model.console?.packets?.from;
-    if (!packets || !from) return 'The server does not hear the hands';
+    if (!packets || !from) return 'The server receives no state of the hands';
     const silent = SIDES.filter((s) => from[s] === null);
     return `No packets of the ${silent.join(' and the ') || 'right'} hand`;
   }

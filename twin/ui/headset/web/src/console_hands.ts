@@ -1,4 +1,4 @@
-/** Tracked hands lead the console: what they do in the room, seen from the screen that stands there. */
+/** Hands and controllers of a headset control the console; their motions are relative to the screen in the room. */
 
 import { Quaternion, Vector3 } from 'three';
 import type { App } from './app';
@@ -7,27 +7,27 @@ import { SIDES } from './pens';
 import type { Side } from './protocol';
 import { track, type Tracked } from './tracked';
 
-const TAKE = 0.2; // opening of the gripper below which a hand takes its instrument
-const FASTEST = 3; // m/s of a hand
-const QUICKEST = 20; // rad/s
-const LEAP = [0.03, 0.5] as const; // m and rad between two pictures that are never too much
-const PULSE = [0.7, 120] as const; // strength and ms
+const TAKE = 0.2; // opening of the gripper (0 to 1) below which a hand starts to control its instrument
+const FASTEST = 3; // m/s: maximum plausible speed of a hand
+const QUICKEST = 20; // rad/s: maximum plausible angular speed of a hand
+const LEAP = [0.03, 0.5] as const; // m and rad: motion between two pictures that is always accepted
+const PULSE = [0.7, 120] as const; // strength (0 to 1) and duration in ms of a vibration
 
-/** What is shown in the headset. */
+/** Help text in the headset. */
 export const TRACKED: readonly (readonly [what: string, how: string])[] = [
   ['Begin', 'pull the trigger, or pinch'],
   ['Instruments', 'move and turn the hands'],
   ['Jaws', 'trigger, or thumb and index finger'],
   ['Clutch', 'grip button, or one fist'],
   ['Camera', 'A, X or the stick pushed in, or two fists'],
-  ['Panel', 'a hand that points at it leads nothing'],
+  ['Panel', 'a hand that points at it moves no instrument'],
 ];
 
 export class ConsoleHands {
-  /** Hands that lead: those that have pulled the trigger or pinched. */
+  /** Hands in control: a hand starts to control by a pull of the trigger or a pinch. */
   readonly leading = new Set<Side>();
   private readonly last: Record<Side, Tracked | null> = { right: null, left: null };
-  private readonly felt: Record<Side, string> = { right: '', left: '' };
+  private readonly felt: Record<Side, boolean> = { right: false, left: false };
   private then = 0;
 
   constructor(
@@ -35,7 +35,7 @@ export class ConsoleHands {
     private readonly console: Console,
   ) {}
 
-  /** Each picture of a session. */
+  /** Read hands and controllers; called for each picture of a session. */
   update(frame: XRFrame, space: XRReferenceSpace, now: number): void {
     const seconds = Math.min(0.2, (now - this.then) / 1000);
     this.then = now;
@@ -60,7 +60,7 @@ export class ConsoleHands {
     }
   }
 
-  /** Nobody leads any more. */
+  /** End the control by all hands, and release their pedals. */
   forget(): void {
     this.leading.clear();
     this.console.pens.lost.clear();
@@ -68,7 +68,7 @@ export class ConsoleHands {
       if (this.console.pens.presses(pedal, 'headset')) this.console.pens.press(pedal, 'headset', false);
   }
 
-  /** Only hands that lead have pedals. One fist is the clutch, two are the camera. */
+  /** Set the pedals from the hands in control: one fist is the clutch, two fists are the camera. */
   private pedals(seen: Record<Side, Tracked | null>): void {
     const hands = SIDES.flatMap((side) => (this.leading.has(side) ? [seen[side]] : []));
     const fists = hands.filter((hand) => hand?.fist).length;
@@ -83,18 +83,18 @@ export class ConsoleHands {
     const begins = !this.leading.has(side);
     if (!begins) this.console.pens.use();
     if (this.app.hands.usesPanel(side)) return;
-    if (begins && (hand.open > TAKE || last.open <= TAKE)) return; // the gripper must be seen to shut
+    if (begins && (hand.open > TAKE || last.open <= TAKE)) return; // a hand starts when its gripper closes
     const pen = this.console.pens[side];
     this.leading.add(side);
     this.console.pens.use();
     this.console.chosen = side;
     if (!hand.fist) pen.squeeze(hand.open);
-    if (begins) return; // shutting the gripper moves no instrument
+    if (begins) return; // closing the gripper must not move the instrument
     const way = hand.p.clone().sub(last.p);
     const turn = hand.q.clone().multiply(last.q.clone().invert()).normalize();
     if (turn.w < 0) turn.set(-turn.x, -turn.y, -turn.z, -turn.w);
     const angle = 2 * Math.acos(Math.min(1, turn.w));
-    // A hand cannot be that fast: it was mistaken for something else, before or now.
+    // A hand cannot be that fast: ignore the motion as an error of the tracking.
     if (way.length() > Math.max(LEAP[0], FASTEST * seconds) || angle > Math.max(LEAP[1], QUICKEST * seconds)) return;
     const toScreen = this.console.screen.turned(new Quaternion()).invert();
     way.applyQuaternion(toScreen);
@@ -106,12 +106,12 @@ export class ConsoleHands {
     }
   }
 
-  /** Each limit that is new is felt once, in the hand that it stops. */
+  /** Vibrate the controller once for each new limit of its arm or of the camera. */
   private feel(side: Side, pad: Gamepad | undefined): void {
     const state = this.app.model.console;
-    const limit = (this.leading.has(side) && (state?.hands[side].wall || state?.camera)) || '';
+    const limit = this.leading.has(side) && Boolean(state?.hands[side].wall || state?.camera);
     const pulsing = pad as { hapticActuators?: readonly { pulse?: (value: number, ms: number) => unknown }[] } | undefined;
-    if (limit && limit !== this.felt[side]) void pulsing?.hapticActuators?.[0]?.pulse?.(...PULSE);
+    if (limit && !this.felt[side]) void pulsing?.hapticActuators?.[0]?.pulse?.(...PULSE);
     this.felt[side] = limit;
   }
 }

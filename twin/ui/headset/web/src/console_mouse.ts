@@ -1,12 +1,12 @@
-/** The mouse in the endoscope's picture: left button an instrument, right button the camera, wheel the depth. */
+/** Mouse in the endoscope's picture: left button: instrument, right button: camera, wheel: depth. */
 
 import type { App } from './app';
 import type { Console } from './console';
 import type { Side } from './protocol';
 
-const TURN = 0.008; // rad for a pixel
-const NOTCH = 0.006; // m of the hand for a notch of the wheel
-const ROLL = 0.12; // rad for a notch
+const TURN = 0.008; // rad per pixel
+const NOTCH = 0.006; // hand motion in m per notch of the wheel
+const ROLL = 0.12; // rad per notch
 
 export class ConsoleMouse {
   private pointer: number | null = null;
@@ -26,14 +26,14 @@ export class ConsoleMouse {
     canvas.addEventListener('contextmenu', (e) => e.preventDefault());
   }
 
-  /** Whether the endoscope's picture is under a mouse; fingers are not its concern. */
+  /** Whether an event is of a mouse in the endoscope's picture; touch is handled in `console_touch`. */
   private works(e: MouseEvent): boolean {
     return (e as PointerEvent).pointerType !== 'touch' && this.console.works(e.clientX, e.clientY);
   }
 
   private down(e: PointerEvent): void {
     if (!this.works(e)) return;
-    e.stopImmediatePropagation(); // the room does not turn
+    e.stopImmediatePropagation(); // prevents rotation of the room's view
     if (this.pointer !== null) return;
     const canvas = this.app.world.renderer.domElement;
     canvas.focus();

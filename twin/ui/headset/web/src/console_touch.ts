@@ -1,10 +1,10 @@
-/** Fingers on the endoscope's picture: one drags the nearest instrument, two drag, zoom and roll the camera. */
+/** Touch in the endoscope's picture: one finger drags the nearest instrument, two move, zoom and roll the camera. */
 
 import type { App } from './app';
 import type { Console } from './console';
 import type { Side } from './protocol';
 
-const SLOP = 8; // pixels that a finger may stray before it drags: a second one may be on its way
+const SLOP = 8; // pixels that a finger may move before it drags, so that a second finger can follow
 
 interface Point {
   x: number;
@@ -12,7 +12,7 @@ interface Point {
 }
 
 export class ConsoleTouch {
-  /** Fingers on the picture, in the order in which they came. */
+  /** Fingers on the picture, in the order of their first contact. */
   private readonly fingers = new Map<number, Point>();
   private side: Side = 'right';
   private doing: 'nothing' | 'waiting' | 'instrument' | 'camera' = 'nothing';
@@ -32,7 +32,7 @@ export class ConsoleTouch {
 
   private down(e: PointerEvent): void {
     if (e.pointerType !== 'touch' || !this.console.works(e.clientX, e.clientY)) return;
-    e.stopImmediatePropagation(); // the room does not turn
+    e.stopImmediatePropagation(); // prevents rotation of the room's view
     const { console } = this;
     this.app.world.renderer.domElement.setPointerCapture(e.pointerId);
     this.fingers.set(e.pointerId, { x: e.clientX, y: e.clientY });
@@ -64,16 +64,16 @@ export class ConsoleTouch {
     const [dx, dy] = [at.x - last.x, at.y - last.y];
     if (this.doing === 'instrument') console.move(this.side, console.perPixel * dx, -console.perPixel * dy, 0);
     if (this.doing !== 'camera' || !other || ![first, second].includes(e.pointerId)) return;
-    // Each finger moves for itself: the middle goes half of its way.
+    // Each event moves one finger, so the midpoint moves by half of its motion.
     console.move(this.side, (console.perPixel * dx) / 2, (-console.perPixel * dy) / 2, 0);
     const [was, is] = [apart(other, last), apart(other, at)];
     if (was.length < 1 || is.length < 1) return;
     console.zoom(is.length / was.length);
-    const turn = was.angle - is.angle; // y of the page is down
+    const turn = was.angle - is.angle; // the page's y axis points down
     console.turn(this.side, 0, 0, Math.atan2(Math.sin(turn), Math.cos(turn)));
   }
 
-  /** A finger is lifted. One that is left of two leads nothing: it has not been put there for an instrument. */
+  /** Handle a lifted finger. The remaining one of two fingers moves nothing, because it was not meant for an instrument. */
   private up(e: PointerEvent): void {
     if (!this.fingers.delete(e.pointerId)) return;
     e.stopImmediatePropagation();

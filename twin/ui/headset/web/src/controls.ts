@@ -1,4 +1,4 @@
-/** What can be set and read, said once: the desktop page and the panel in the headset both draw this list. */
+/** Data of all controls and displays, which the desktop page and the panel in the headset both draw. */
 
 export type Tone = 'plain' | 'good' | 'warn' | 'bad' | 'faint';
 
@@ -21,7 +21,7 @@ export interface Button {
   press: () => void;
   on?: () => boolean;
   off?: () => boolean;
-  /** Why it cannot be pressed, or what it does. */
+  /** Why the button is disabled, or what it does. */
   hint?: string;
 }
 
@@ -61,15 +61,15 @@ export interface Tab {
   controls: Control[];
 }
 
-/** All controls; made anew when a robot is loaded. */
+/** All controls; created again when a robot is loaded. */
 export interface Sheet {
   tabs: Tab[];
-  /** Always in sight: play, time and speed. */
+  /** Controls that are always visible: play, time and speed. */
   transport: Control[];
   status: Text;
 }
 
-/** Something that draws the sheet. */
+/** Interface of a view that draws the sheet. */
 export interface Drawer {
   show(sheet: Sheet): void;
   refresh(): void;

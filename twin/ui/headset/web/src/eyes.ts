@@ -1,4 +1,4 @@
-/** Two lenses of an endoscope: a camera and a picture for each eye, and both pictures as one for red and cyan glasses. */
+/** Stereo endoscope: a camera and a picture for each eye, and a combined picture for red-cyan glasses. */
 
 import {
   HalfFloatType,
@@ -21,13 +21,13 @@ export class Eyes {
   private readonly sheet: Mesh<PlaneGeometry, ShaderMaterial>;
   private readonly flat = new OrthographicCamera(-1, 1, 1, -1, 0, 1);
 
-  /** m between the lenses, and m to where their lines of sight meet; without the two eyes see the same. */
+  /** Distance in m between the lenses, and from the lenses to the intersection of their lines of sight; 0: no stereo. */
   constructor(private readonly stereo: readonly [baseline: number, converge: number] = [0, 1]) {
     for (const eye of EYES) this[eye].matrixAutoUpdate = this[eye].matrixWorldAutoUpdate = false;
     const material = new ShaderMaterial({
       uniforms: { left: { value: null }, right: { value: null } },
       vertexShader: 'varying vec2 at; void main() { at = uv; gl_Position = vec4(position.xy, 0.0, 1.0); }',
-      // Brightness alone: what is red in the cavity would be black to the eye behind the cyan glass.
+      // Only brightness is used: red surfaces of the cavity would be black through the cyan glass.
       fragmentShader: `
         varying vec2 at;
         uniform sampler2D left;
@@ -47,7 +47,7 @@ export class Eyes {
     this.sheet.frustumCulled = false;
   }
 
-  /** Put both cameras beside a camera between them. Their pictures agree at the distance where the lines of sight meet. */
+  /** Place both cameras at the sides of a given camera; their pictures agree at the distance of convergence. */
   follow(middle: PerspectiveCamera): void {
     const [baseline, converge] = this.stereo;
     for (const eye of EYES) {
@@ -62,14 +62,14 @@ export class Eyes {
     }
   }
 
-  /** The picture of an eye, of this many pixels; made when first asked for. */
+  /** Return the render target of an eye with this size in pixels; it is created at the first call. */
   picture(eye: Eye, width: number, height: number): WebGLRenderTarget {
     const picture = (this.pictures[eye] ??= new WebGLRenderTarget(width, height, { samples: 4, type: HalfFloatType }));
     picture.setSize(width, height);
     return picture;
   }
 
-  /** Draw the pictures of both eyes over each other where the renderer draws now: red is for the left eye. */
+  /** Draw the pictures of both eyes over each other on the current render target; red is the left eye. */
   overlay(renderer: WebGLRenderer): void {
     const { uniforms } = this.sheet.material;
     for (const eye of EYES) (uniforms[eye] as { value: unknown }).value = this.pictures[eye]?.texture ?? null;

@@ -1,18 +1,18 @@
-/** Deformables: surfaces whose vertices come with every frame. */
+/** Deformables: surfaces whose vertices are in every frame. */
 
 import { BufferAttribute, BufferGeometry, Color, DoubleSide, Group, Mesh, MeshStandardMaterial } from 'three';
 import { type Field, sameBytes } from './frame';
 import type { FieldInfo } from './protocol';
 
 export class Fields {
-  /** Below the world (z up). */
+  /** Group below the world node (z up). */
   readonly group = new Group();
   private readonly meshes: Mesh[] = [];
-  /** Coordinates that the triangles ask for. */
+  /** Number of coordinates that the triangles of each field require. */
   private readonly needed: number[] = [];
   private readonly shown: (Uint8Array | undefined)[] = [];
 
-  /** Make a mesh for each, still without vertices. */
+  /** Create a mesh for each field, without vertices. */
   meet(infos: readonly FieldInfo[]): void {
     for (const info of infos) {
       const geometry = new BufferGeometry();
@@ -30,21 +30,21 @@ export class Fields {
       const mesh = new Mesh(geometry, material);
       mesh.name = info.name;
       mesh.castShadow = mesh.receiveShadow = info.opacity >= 1;
-      mesh.frustumCulled = false; // its place is known from frame to frame only
+      mesh.frustumCulled = false; // its bounding box changes with every frame
       mesh.visible = false;
       this.meshes.push(mesh);
       this.group.add(mesh);
     }
   }
 
-  /** Bend as a frame says; true if anything is to be drawn anew. */
+  /** Set the vertices from a frame; return whether a new picture is needed. */
   update(fields: readonly Field[]): boolean {
     let news = false;
     this.meshes.forEach((mesh, i) => {
       const field = fields[i];
       if (!field || sameBytes(field.body, this.shown[i])) return;
       this.shown[i] = field.body;
-      // None: not known at this time.
+      // No vertices: unknown at this time.
       mesh.visible = field.levels.length > 0 && field.levels.length >= (this.needed[i] ?? 0);
       if (mesh.visible) bend(mesh.geometry, field);
       news = true;
@@ -52,7 +52,7 @@ export class Fields {
     return news;
   }
 
-  /** Where a field's vertices are drawn, in world. For tests. */
+  /** Return the drawn vertices of a field in the world frame. For tests. */
   vertices(name: string): number[] {
     const mesh = this.meshes.find((m) => m.name === name && m.visible);
     return mesh ? [...mesh.geometry.getAttribute('position').array] : [];
@@ -63,7 +63,7 @@ function bend(geometry: BufferGeometry, { low, step, levels }: Field): void {
   let position = geometry.getAttribute('position') as BufferAttribute | undefined;
   if (position?.array.length !== levels.length) {
     position = new BufferAttribute(new Float32Array(levels.length), 3);
-    geometry.dispose(); // the size on the graphics card cannot change
+    geometry.dispose(); // the size of a GPU buffer cannot change
     geometry.deleteAttribute('normal');
     geometry.setAttribute('position', position);
   }

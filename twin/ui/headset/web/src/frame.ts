@@ -1,4 +1,4 @@
-/** One binary frame of the stream: the poses of all links of all robots, and the vertices of deformables, at one moment. */
+/** A binary frame of the stream: poses of all links of all robots, and vertices of deformables, at one time. */
 
 export const MAGIC = 0x314e5754;
 const SCENE_MAGIC = 0x324e5754;
@@ -19,13 +19,13 @@ export interface Frame {
   poses: Float32Array;
   /** Active joints, m or rad. */
   q: Float32Array;
-  /** The tool by the equations, or null. */
+  /** Tool pose computed by the equations; null without a ghost. */
   ghost: Float32Array | null;
-  /** All that is seen of it, as it came. */
+  /** Bytes of the displayed content, as received. */
   body: Uint8Array;
 }
 
-/** Vertices as they are sent: low + step * level, in world, in m. */
+/** Quantised vertices: low + step * level, in m in the world frame. */
 export interface Field {
   low: Float32Array;
   step: Float32Array;
@@ -35,13 +35,13 @@ export interface Field {
 
 export interface SceneFrame {
   seq: number;
-  /** Of the clock of all; of a robot alone that of its protocol. */
+  /** Time in s: of the scene's clock, or of the protocol of a single robot. */
   time: number;
   robots: Frame[];
   fields: Field[];
 }
 
-/** Whether two frames look the same: poses, joints, ghost, flags and time in the protocol. */
+/** Whether two frames have equal content: poses, joints, ghost, flags and time in the protocol. */
 export function sameFrame(a: Frame, b: Frame | null): boolean {
   return b !== null && a.flags === b.flags && a.clipTime === b.clipTime && sameBytes(a.body, b.body);
 }
@@ -50,10 +50,10 @@ export function sameBytes(a: Uint8Array, b: Uint8Array | undefined): boolean {
   return b !== undefined && a.length === b.length && a.every((value, i) => value === b[i]);
 }
 
-/** Return the frame of a scene, or of a robot alone. Throws an Error that names the fault. */
+/** Return the frame of a scene or of a single robot. Throws an Error that describes the defect. */
 export function parseScene(buffer: ArrayBuffer): SceneFrame {
   const view = new DataView(buffer);
-  if (buffer.byteLength < HEAD) throw new Error(`a frame of ${buffer.byteLength} bytes has no whole head`);
+  if (buffer.byteLength < HEAD) throw new Error(`a frame of ${buffer.byteLength} bytes has no complete header`);
   if (view.getUint32(0, true) !== SCENE_MAGIC) {
     const robot = parseFrame(buffer);
     return { seq: robot.seq, time: robot.clipTime, robots: [robot], fields: [] };
@@ -66,10 +66,10 @@ export function parseScene(buffer: ArrayBuffer): SceneFrame {
     at = end;
   }
   for (let i = view.getUint16(26, true); i > 0; i--) {
-    if (buffer.byteLength < at + BOX) throw new Error(`a frame of ${buffer.byteLength} bytes has no whole field at ${at}`);
+    if (buffer.byteLength < at + BOX) throw new Error(`a frame of ${buffer.byteLength} bytes has no complete field at byte ${at}`);
     const count = view.getUint32(at, true);
     const end = at + BOX + 4 * Math.ceil((6 * count) / 4);
-    if (buffer.byteLength < end) throw new Error(`a frame of ${buffer.byteLength} bytes, a field ends at ${end}`);
+    if (buffer.byteLength < end) throw new Error(`a frame of ${buffer.byteLength} bytes is truncated: a field ends at byte ${end}`);
     scene.fields.push({
       low: new Float32Array(buffer, at + 4, 3),
       step: new Float32Array(buffer, at + 16, 3),
@@ -82,7 +82,7 @@ export function parseScene(buffer: ArrayBuffer): SceneFrame {
   return scene;
 }
 
-/** Return the frame of one robot in a part of a message. Throws an Error that names the fault. */
+/** Return the frame of one robot in a part of a message. Throws an Error that describes the defect. */
 export function parseFrame(buffer: ArrayBuffer, at = 0, end = buffer.byteLength): Frame {
   const wanted = sizeOf(buffer, at);
   if (end - at !== wanted || end > buffer.byteLength)
@@ -104,11 +104,11 @@ export function parseFrame(buffer: ArrayBuffer, at = 0, end = buffer.byteLength)
   };
 }
 
-/** Bytes of the robot's frame that begins here, by its head. */
+/** Return the length in bytes, from the header, of the robot's frame at `at`. */
 function sizeOf(buffer: ArrayBuffer, at: number): number {
-  if (buffer.byteLength - at < HEAD) throw new Error(`a frame of ${buffer.byteLength - at} bytes has no whole head`);
+  if (buffer.byteLength - at < HEAD) throw new Error(`a frame of ${buffer.byteLength - at} bytes has no complete header`);
   const view = new DataView(buffer, at);
-  if (view.getUint32(0, true) !== MAGIC) throw new Error('a frame without the mark TWN1');
+  if (view.getUint32(0, true) !== MAGIC) throw new Error('a frame does not begin with TWN1');
   const ghost = (view.getUint32(28, true) & GHOST) !== 0;
   return HEAD + 4 * (7 * view.getUint16(24, true) + view.getUint16(26, true) + (ghost ? 7 : 0));
 }

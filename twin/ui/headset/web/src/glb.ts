@@ -1,4 +1,4 @@
-/** Geometry that is fetched once, as early as can be: the server tells in the page what will be asked for. */
+/** Geometry files, each loaded once and as early as possible: the server lists them in the page's head. */
 
 import { type GLTF, GLTFLoader } from 'three/addons/loaders/GLTFLoader.js';
 
@@ -13,10 +13,10 @@ export function loadGlb(url: string): Promise<GLTF> {
   return found;
 }
 
-/** Begin with what the page's head names, before the scene is known. */
+/** Start loading the files listed in the page's head, before the scene is loaded. */
 export function loadEarly(): void {
   for (const link of document.querySelectorAll('link[rel=preload]')) {
     const url = link.getAttribute('href') ?? '';
-    if (url.endsWith('.glb')) loadGlb(url).catch(() => undefined); // told to who asks for it
+    if (url.endsWith('.glb')) loadGlb(url).catch(() => undefined); // the error is reported to the caller that needs the file
   }
 }

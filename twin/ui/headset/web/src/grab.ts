@@ -1,4 +1,4 @@
-/** Holding the robot: what the hand has taken, where it leads it, and how the server's answer is shown. */
+/** Grab and drag a robot, and show the server's response. */
 
 import { BufferGeometry, Line, LineDashedMaterial, Matrix4, Mesh, Quaternion, SphereGeometry, Vector3 } from 'three';
 import type { Connection } from './connection';
@@ -16,12 +16,12 @@ export type Mode = 'auto' | 'joint' | 'link';
 interface Held {
   member: Member;
   target: 'tool' | 'joint' | 'link';
-  /** Link that is coloured. */
+  /** Name of the coloured link. */
   link: string;
   joint?: JointInfo;
-  /** Where it was taken, in the robot's base. */
+  /** Grabbed point in the robot's base frame. */
   from: Vector3;
-  /** In the frame of the held link. */
+  /** Grabbed point in the frame of the held link. */
   local: Vector3;
   tool: { p: Vector3; q: Quaternion };
   value: number;
@@ -31,11 +31,11 @@ interface Held {
   granted: boolean;
 }
 
-const INTERVAL = 1000 / 70; // ms between two drags at least
+const INTERVAL = 1000 / 70; // minimum time in ms between two drags
 
 export class Grab {
   mode: Mode = 'auto';
-  /** Whether the tool turns with a hand or controller. */
+  /** Whether the tool rotates with a hand or controller. */
   turning = false;
   held: Held | null = null;
   onChange: () => void = () => undefined;
@@ -63,7 +63,7 @@ export class Grab {
     this.ghostHand.visible = this.thread.visible = false;
   }
 
-  /** Colour the link that would be taken at a hit. */
+  /** Colour the link that a grab at this hit would hold. */
   hover(hit: Hit | null): void {
     if (this.held) return;
     const link = hit ? (hit.link ?? hit.member.model.info?.tool.link ?? '') : '';
@@ -72,7 +72,7 @@ export class Grab {
     if (hit?.member.robot?.mark(link, link ? 'hover' : 'none')) this.world.touch();
   }
 
-  /** Take the tool (null) or a link of a robot at a point of the scene. False if that cannot be taken. */
+  /** Grab the tool (link null) or a link at the hit point; return false if this is not possible. */
   start({ member, link, point }: Hit, mode: Mode = this.mode): boolean {
     const info = member.model.info;
     if (!info || !member.robot || this.held) return false;
@@ -80,13 +80,13 @@ export class Grab {
     const tool = link === null || (mode === 'auto' && name === info.tool.link);
     const joint = !tool && mode === 'joint' ? drivenBy(info.joints, name) : undefined;
     if (!tool && mode === 'joint' && !joint) {
-      member.model.say(`No driven joint carries ${name}.`);
+      member.model.say(`No active joint moves ${name}.`);
       return false;
     }
     return this.take(member, tool ? 'tool' : joint ? 'joint' : 'link', name, point, joint);
   }
 
-  /** Take a joint by its slider. */
+  /** Grab a joint by its slider. */
   startJoint(member: Member, joint: JointInfo): boolean {
     return this.take(member, 'joint', joint.link, new Vector3(), joint);
   }
@@ -137,7 +137,7 @@ export class Grab {
     return true;
   }
 
-  /** Lead what is held: where the taken point is now (scene), and how far the hand has turned since (scene). */
+  /** Drag the held part: new position of the grabbed point, and rotation of the hand since the grab, in the scene. */
   move(point: Vector3, turn: Quaternion): void {
     const held = this.held;
     if (!held) return;
@@ -155,7 +155,7 @@ export class Grab {
     this.flush();
   }
 
-  /** Lead a joint that was taken by its slider. */
+  /** Set the target of a joint that is held by its slider. */
   moveJoint(value: number): void {
     this.wanted = null;
     this.pending = { value };
@@ -169,7 +169,7 @@ export class Grab {
     this.drop('');
   }
 
-  /** The line was lost or the grab was given to another. */
+  /** End the grab, because the connection was lost or the server ended it. */
   drop(why: string): void {
     const member = this.held?.member;
     this.held = null;
@@ -182,7 +182,7 @@ export class Grab {
     this.onChange();
   }
 
-  /** Bring handles, colours and the ghost of the hand to the newest state; send what is waiting. */
+  /** Update handles, colours and the ghost of the hand from the newest state; send the waiting drag. */
   update(): void {
     this.flush();
     for (const member of this.members) this.draw(member);
@@ -235,20 +235,20 @@ export class Grab {
     this.pending = null;
   }
 
-  /** Value to which a joint must go to bring the taken point as near as it can to p. */
+  /** Return the joint value that brings the grabbed point nearest to p. */
   private jointValueAt(held: Held, p: Vector3): number {
     const { o, d } = held.axis;
     if (!held.joint || !isAngle(held.joint)) return held.value + p.clone().sub(held.from).dot(d);
     const a = held.from.clone().sub(o).projectOnPlane(d);
     const b = p.clone().sub(o).projectOnPlane(d);
     let angle = Math.atan2(a.clone().cross(b).dot(d), a.dot(b));
-    angle += 2 * Math.PI * Math.round((held.last - angle) / (2 * Math.PI)); // more than half a turn is led along
+    angle += 2 * Math.PI * Math.round((held.last - angle) / (2 * Math.PI)); // continue over more than half a turn
     held.last = angle;
     return held.value + angle;
   }
 }
 
-/** The driven joint that moves a link: its own, or the nearest one on the way to the base. */
+/** Return the active joint that moves a link: its own, or the nearest one towards the base. */
 function drivenBy(joints: readonly JointInfo[], link: string): JointInfo | undefined {
   const seen = new Set<string>();
   let front = [link];
@@ -262,7 +262,7 @@ function drivenBy(joints: readonly JointInfo[], link: string): JointInfo | undef
   return undefined;
 }
 
-/** A point of a joint's axis and its direction, in the robot's base. */
+/** Return a point and the direction of a joint's axis in the robot's base frame. */
 function axisOf(member: Member, joint: JointInfo | undefined): Held['axis'] {
   const o = new Vector3();
   const d = new Vector3(0, 0, 1);

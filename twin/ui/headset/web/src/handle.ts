@@ -1,4 +1,4 @@
-/** A blue ball at a robot's tool, that is easier to hit than the tool. */
+/** A blue ball at a robot's tool, which is easier to point at than the tool. */
 
 import { Group, Matrix4, Mesh, SphereGeometry, TorusGeometry } from 'three';
 import { BLUE, flat } from './ink';
@@ -11,7 +11,7 @@ export class Handle {
   constructor() {
     this.group.add(this.ball, this.ring);
     for (const part of [this.ball, this.ring]) {
-      part.material.depthTest = false; // the hand finds it behind the tool as well
+      part.material.depthTest = false; // visible also behind the tool
       part.renderOrder = 4;
     }
     this.group.visible = false;

@@ -1,4 +1,4 @@
-/** Hands and controllers in XR, and a long look where there is neither. */
+/** Hands and controllers in XR; without them, gaze with a dwell time. */
 
 import {
   BufferGeometry,
@@ -20,16 +20,16 @@ import type { App } from './app';
 import { accentuate, BLUE, flat } from './ink';
 import { pickNear, pickRay, rayOf } from './pick';
 
-const SLOTS = 4; // input sources that are listened to
-const DWELL = 1400; // ms of looking at one thing that count as a press
-const STILL = 0.02; // part of the panel that a look may wander meanwhile
+const SLOTS = 4; // maximum number of input sources
+const DWELL = 1400; // ms of gaze at one target that count as a press
+const STILL = 0.02; // fraction of the panel by which the gaze may move meanwhile
 
 type Doing = 'nothing' | 'panel' | 'grab' | 'lead' | 'free';
 
 class Hand {
   source: XRInputSource | null = null;
   doing: Doing = 'nothing';
-  /** Pose of the hand and the taken point in it, when it took something. */
+  /** Pose of the hand, and grabbed point in the hand's frame, at the start of the grab. */
   first = new Matrix4();
   local = new Vector3();
   near = false;
@@ -54,7 +54,7 @@ class Hand {
     this.dot.visible = false;
   }
 
-  /** Middle between the tips of thumb and index finger, null for a controller. */
+  /** Midpoint between the tips of thumb and index finger; null for a controller. */
   pinch(): Vector3 | null {
     const joints = this.hand.joints as Partial<XRHandSpace['joints']> | undefined;
     const [a, b] = [joints?.['index-finger-tip'], joints?.['thumb-tip']];
@@ -62,7 +62,7 @@ class Hand {
     return a.getWorldPosition(new Vector3()).add(b.getWorldPosition(new Vector3())).multiplyScalar(0.5);
   }
 
-  /** The pose that what is held follows: of the hand when it touches, of the ray when it points. */
+  /** Pose that the held part follows: of the hand if it touches the part, of the ray if it points at it. */
   pose(): Matrix4 {
     if (!this.near) return this.ray.matrixWorld;
     const p = this.pinch();
@@ -101,18 +101,18 @@ export class Hands {
     scene.add(this.cursor);
   }
 
-  /** How many input sources there are. */
+  /** Number of input sources. */
   get count(): number {
     return this.hands.filter((h) => h.source).length;
   }
 
-  /** What points, the right hand first. */
+  /** Pointing input sources, right hand first. */
   get pointing(): XRInputSource[] {
     const all = this.hands.flatMap((h) => (h.source?.targetRayMode === 'tracked-pointer' ? [h.source] : []));
     return all.sort((a, b) => Number(b.handedness === 'right') - Number(a.handedness === 'right'));
   }
 
-  /** Whether a hand points at the panel, or has pressed something there. */
+  /** Whether a hand points at the panel, or presses a control on it. */
   usesPanel(side: XRHandedness): boolean {
     return this.hands.some((h) => h.source?.handedness === side && (h.doing === 'panel' || h.pointsAtPanel));
   }
@@ -124,7 +124,7 @@ export class Hands {
     this.look(now);
   }
 
-  /** The session has ended: nothing is held any more. */
+  /** Release everything at the end of a session. */
   forget(): void {
     for (const hand of [...this.hands, this.gazeHand]) {
       this.stop(hand);
@@ -166,7 +166,7 @@ export class Hands {
       app.xrPanel.press(panel.uv);
       return;
     }
-    if (app.console) return; // there hands lead instruments, not links
+    if (app.console) return; // at a console, hands control instruments, not links
     if (app.place.placing && app.place.reticle.visible) {
       app.place.putAt(new Vector3().setFromMatrixPosition(app.place.reticle.matrix), app.xr.viewer());
       return;
@@ -224,7 +224,7 @@ export class Hands {
     this.app.grab.move(point, this.app.grab.turning ? now.multiply(then.invert()) : new Quaternion());
   }
 
-  /** Two hands that hold nothing else, or the whole robot, turn and scale it. */
+  /** Two hands that hold no link turn and scale the whole robot. */
   private pair(): void {
     const { place } = this.app;
     const [a, b] = this.hands.filter((h) => h.doing === 'free' || h.doing === 'lead');
@@ -268,7 +268,7 @@ export class Hands {
 
   // -- neither hands nor controllers --------------------------------------------------------------------
 
-  /** Where nothing can be pressed, looking at one thing for a while presses it; looking on lets go. */
+  /** Without buttons, gaze at one target for `DWELL` is a press; gaze at a held link for `DWELL` releases it. */
   private look(now: number): void {
     const { app } = this;
     const alone = this.count === 0;

@@ -1,4 +1,4 @@
-/** The top of the page: the robot's name, the way into the headset, and how the mouse works. */
+/** Header of the page: name, buttons to enter AR or VR, and help for the mouse. */
 
 import type { App } from './app';
 
@@ -24,7 +24,7 @@ export class Header {
     this.about.className = 'about';
     this.help.className = 'help';
     this.help.textContent =
-      'Drag a blue ball: the tool follows. Drag any link: the mechanism follows. Drag beside the robot: look around. Wheel: nearer.';
+      'Drag a blue ball: the tool follows. Drag any link: the mechanism follows. Drag the background: rotate the view. Wheel: zoom.';
     const title = document.createElement('div');
     title.className = 'title';
     title.append(this.dot, this.name);
@@ -42,13 +42,13 @@ export class Header {
     this.name.textContent = model.scene?.title || model.scene?.name || 'twin';
     this.dot.dataset['line'] = model.line;
     this.dot.title = model.line;
-    this.enter.textContent = xr.ar ? 'Enter AR' : xr.vr ? 'Enter VR' : 'No headset here';
+    this.enter.textContent = xr.ar ? 'Enter AR' : xr.vr ? 'Enter VR' : 'No headset found';
     this.enter.disabled = !(xr.ar || xr.vr) || xr.presenting;
     this.other.textContent = 'Enter VR';
     this.other.hidden = !(xr.ar && xr.vr);
     this.about.textContent = xr.text;
     if (this.app.console) this.help.textContent = this.app.console.help;
     document.documentElement.toggleAttribute('data-console', this.app.console !== null);
-    this.help.hidden = model.status().tone !== 'plain'; // there a longer sentence needs the place
+    this.help.hidden = model.status().tone !== 'plain'; // a warning needs the space
   }
 }

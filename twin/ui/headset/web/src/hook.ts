@@ -1,4 +1,4 @@
-/** `window.twin`: what tests and the curious may look at. Nothing of the page depends on it. */
+/** `window.twin`: state of the page for tests and debugging; no part of the page uses it. */
 
 import type { Object3D } from 'three';
 import type { App } from './app';
@@ -7,19 +7,19 @@ import type { SelfTest } from './selftest';
 
 export interface Hook {
   app: App;
-  /** With `?selftest`. */
+  /** The self-test; only with `?selftest`. */
   test?: SelfTest;
-  /** World matrix (16 numbers, column after column) of each link's node; of several robots by "<robot>/<link>". */
+  /** World matrix (16 numbers, by columns) of each link's node; with several robots, keys are "<robot>/<link>". */
   links: () => Record<string, number[]>;
-  /** Matrix of the world (z up) in the scene. */
+  /** Matrix of the world node (z up) in the scene (y up). */
   root: () => number[];
-  /** Vertices of deformables, in world, as they are drawn. */
+  /** Drawn vertices of deformables in the world frame. */
   field: (name: string) => number[];
-  /** Poses of the newest frame by link, likewise; each in its robot's base. */
+  /** Poses of the newest frame by link, with the same keys, in the base frame of the robot. */
   poses: () => Record<string, number[]>;
-  /** View and projection of the camera that drew last (the left eye in XR). */
+  /** View and projection matrix of the camera of the last picture (left eye in XR). */
   camera: () => { view: number[]; projection: number[]; width: number; height: number };
-  /** Paint every link in a flat colour of its own, and hide all else; answers with the colours. */
+  /** Paint each link in a different flat colour, hide all other objects, and return the colours. */
   paint: (on: boolean) => Record<string, string>;
 }
 
@@ -73,7 +73,7 @@ export function hook(app: App): void {
         others.push(...world.robotWorld.children.filter((o) => !places.includes(o)));
         for (const m of app.members) others.push(...m.place.children.filter((o) => o !== m.robot?.root));
         for (const thing of others.flatMap((o) => [o, ...o.children]))
-          // a device sets its rays visible itself
+          // XR devices make their rays visible again
           if (thing.visible) {
             thing.visible = false;
             hidden.push(thing);

@@ -1,19 +1,19 @@
-/** Colours and materials of what is drawn beside the robots. */
+/** Colours and materials of all drawn objects except the robots. */
 
 import { Color, MeshBasicMaterial } from 'three';
 
 export const BLUE = 0x2268c9;
-/** The same for displays that add light: a dark blue would hardly be seen. */
+/** Blue for additive displays, on which dark blue is hardly visible. */
 const LIGHT_BLUE = 0x62adff;
 export const ORANGE = 0xe07b00;
 export const RED = 0xd81b2a;
 export const VIOLET = 0x8a3fd1;
 
 const accented: { color: Color }[] = [];
-/** The colour of what can be taken and pressed, as the display needs it now. */
+/** Present colour of objects that can be grabbed or pressed; it depends on the display. */
 export let accent = BLUE;
 
-/** Let a material have the colour of what can be taken and pressed, as the display needs it. */
+/** Give a material the colour of objects that can be grabbed or pressed, and keep it up to date. */
 export function accentuate<M extends { color: Color }>(material: M): M {
   material.color.setHex(accent);
   accented.push(material);
@@ -25,7 +25,7 @@ export function setAccent(additive: boolean): void {
   for (const material of accented) material.color.setHex(accent);
 }
 
-/** A material that shows one colour and takes no light. */
+/** Return a material with one colour, independent of light. */
 export function flat(color: number, opacity = 1): MeshBasicMaterial {
   return new MeshBasicMaterial({
     color,

@@ -1,11 +1,11 @@
-/** The keyboard: a block of keys for each hand, where they are on any layout; pedals, scale and views. */
+/** Keyboard: keys for each hand, by their position on any layout; keys for pedals, scale and views. */
 
 import type { Console } from './console';
 import type { Pedal } from './pens';
 import type { Side } from './protocol';
 
-const SPEED = 0.06; // m/s of the hand
-const TURN = 1.2; // rad/s
+const SPEED = 0.06; // m/s: speed of the hand
+const TURN = 1.2; // rad/s: angular speed of the hand
 
 type Way = readonly [side: Side, x: number, y: number, z: number];
 
@@ -28,14 +28,14 @@ const PEDALS: Readonly<Record<string, Pedal>> = { Space: 'clutch', KeyC: 'camera
 
 const JAWS: Readonly<Record<string, Side>> = { KeyF: 'left', KeyH: 'right' };
 
-/** What is shown beside the picture. */
+/** Help text next to the picture. */
 export const KEYS: readonly (readonly [what: string, keys: string])[] = [
   ['Left instrument', 'W A S D, depth Q E'],
   ['Right instrument', 'I J K L, depth U O'],
-  ['Jaws, open and shut', 'left F, right H'],
-  ['Turn', 'Shift with these'],
-  ['Camera', 'hold C with these'],
-  ['Clutch (instruments stand)', 'hold Space'],
+  ['Open or close the jaws', 'left F, right H'],
+  ['Rotate', 'Shift with the keys of an instrument'],
+  ['Camera', 'hold C with the keys of an instrument'],
+  ['Clutch (instruments at rest)', 'hold Space'],
   ['Motion scale', '– and +'],
   ['Swap the pictures', 'V'],
 ];
@@ -51,7 +51,7 @@ export class Keys {
     window.addEventListener('blur', () => this.down.clear());
   }
 
-  /** Each picture: hands go on while keys are down. */
+  /** Move the hands while keys are pressed; called for each picture. */
   update(now: number): void {
     const seconds = Math.min(0.1, (now - this.last) / 1000);
     this.last = now;
@@ -66,7 +66,7 @@ export class Keys {
   }
 
   private press(e: KeyboardEvent): void {
-    const typing = e.target instanceof HTMLSelectElement; // sliders take no letters
+    const typing = e.target instanceof HTMLSelectElement; // sliders do not use letters
     if (typing || e.ctrlKey || e.metaKey || e.altKey) return;
     this.shift = e.shiftKey;
     const { console } = this;

@@ -1,4 +1,4 @@
-/** Words in the scene: a small card that always faces the viewer. */
+/** Text in the scene, on a small card that always faces the viewer. */
 
 import { CanvasTexture, Sprite, SpriteMaterial, SRGBColorSpace } from 'three';
 import type { Look } from './world';
@@ -22,7 +22,7 @@ export class Label {
     this.sprite.visible = false;
   }
 
-  /** Show lines of text in a colour; `height` of one line in m. */
+  /** Show lines of text in a colour; `height` is the height of one line in m. */
   say(text: string, color: string, look: Look, height: number): void {
     const key = `${text}|${color}|${look}|${height}`;
     if (key === this.shown) return;
@@ -37,7 +37,7 @@ export class Label {
     if (this.canvas.width !== width || this.canvas.height !== tall) {
       this.canvas.width = width;
       this.canvas.height = tall;
-      this.texture.dispose(); // its size on the card cannot change
+      this.texture.dispose(); // the size of a texture cannot change
     }
     pen.font = font;
     pen.clearRect(0, 0, width, tall);

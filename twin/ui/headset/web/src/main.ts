@@ -1,4 +1,4 @@
-/** Where the page begins. */
+/** Entry point of the page. */
 
 import { App } from './app';
 import { hook } from './hook';

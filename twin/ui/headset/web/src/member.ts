@@ -1,4 +1,4 @@
-/** A robot of the scene: what is known of it, how it is drawn, and where it stands. */
+/** A robot of the scene: its model, its drawing, and its place. */
 
 import { Box3, Group, Vector3 } from 'three';
 import { Handle } from './handle';
@@ -9,7 +9,7 @@ import type { World } from './world';
 
 export class Member {
   robot: Robot | null = null;
-  /** Its base in the world: all that is said of it is below. */
+  /** Node of the robot's base in the world; parent of all its displays. */
   readonly place = new Group();
   readonly overlays: Overlays;
   readonly handle = new Handle();
@@ -23,17 +23,17 @@ export class Member {
     world.robotWorld.add(this.place);
   }
 
-  /** Edge of its box, in m. */
+  /** Size of the robot's bounding box in m. */
   get size(): number {
     return this.overlays.size;
   }
 
-  /** Let it be drawn in its place; what it shows already is brought to its size. */
+  /** Add the loaded robot at its place, and adapt its displays to its size. */
   adopt(robot: Robot): void {
     const { model } = this;
     this.robot = robot;
     this.place.add(robot.root);
-    robot.root.rotation.set(0, 0, 0); // its turn from z-up to y-up is that of `robotWorld`, once
+    robot.root.rotation.set(0, 0, 0); // `robotWorld` already rotates from z up to y up
     if (model.info) {
       const { p, q } = poseOf(model.info.T_world_base);
       this.place.position.copy(p);
@@ -46,7 +46,7 @@ export class Member {
     this.overlays.setSize(box.getSize(new Vector3()).length() / 1.5);
   }
 
-  /** Stand as the newest frame says. */
+  /** Set the link poses from the newest frame. */
   follow(): void {
     const { model, robot } = this;
     if (!robot || !model.frame || !model.info) return;
@@ -54,7 +54,7 @@ export class Member {
     this.overlays.update(model, robot);
   }
 
-  /** Its box in the world (z up), the floor below it included. */
+  /** Bounding box in the world frame (z up), including the floor below the robot. */
   box(): Box3 {
     const box = this.robot?.box() ?? new Box3();
     const scenery = this.model.info?.scenery;

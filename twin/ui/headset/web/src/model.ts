@@ -1,4 +1,4 @@
-/** What the page knows: the scene's description, the newest state and frame, and what has been said last. */
+/** Data of the page: description of the scene, newest state and frame, and last message. */
 
 import type { Line } from './connection';
 import { type Frame, HELD, REFUSED, type SceneFrame } from './frame';
@@ -17,19 +17,19 @@ export interface Status {
   text: string;
 }
 
-const SAID_FOR = 6000; // ms that an answer stays on the screen
+const SAID_FOR = 6000; // ms for which a message is shown
 
-/** What is said of one robot only: with several its name stands in the message. */
+/** Messages for one robot; in a scene of several robots, they contain its name. */
 const OF_ROBOT = new Set(['protocol', 'posture', 'grab', 'drag', 'release', 'variant', 'workspace']);
 
-/** What the page knows of one robot. */
+/** Data of one robot. */
 export class RobotModel {
   info: RobotInfo | null = null;
   state: State = { ...FIRST_STATE };
   frame: Frame | null = null;
-  /** Whether this page holds it. */
+  /** Whether this page holds the robot. */
   holding = false;
-  /** When it was last asked for what it cannot reach. */
+  /** Time in ms of the last refused request for this robot. */
   refusedAt = -Infinity;
 
   constructor(readonly page: Model) {}
@@ -38,7 +38,7 @@ export class RobotModel {
   take(frame: Frame): void {
     const before = this.frame?.flags ?? 0;
     this.frame = frame;
-    // What was refused is told as long as a hand asks for it, and for some seconds after.
+    // A refusal is shown while a grab requests the target, and for some seconds afterwards.
     if (frame.flags & REFUSED && (frame.flags & HELD || !(before & REFUSED))) this.refusedAt = performance.now();
   }
 
@@ -46,31 +46,31 @@ export class RobotModel {
     return this.frame !== null && (this.frame.flags & REFUSED) !== 0;
   }
 
-  /** Whether somebody else holds the robot. */
+  /** Whether another client holds the robot. */
   get heldByOther(): boolean {
     const held = this.frame !== null && (this.frame.flags & HELD) !== 0;
     return held && !this.holding && this.state.holder !== null && this.state.holder !== this.page.client;
   }
 
-  /** What a sentence calls it. */
+  /** Name of the robot in messages. */
   get called(): string {
     return this.page.several ? (this.info?.name ?? '') : 'the robot';
   }
 
-  /** Name of the protocol that is played, or will be first; empty if there is none. */
+  /** Name of the present or next protocol; empty if there is none. */
   protocol(): string {
     const first = this.info?.protocols.find((p) => p.is_default) ?? this.info?.protocols[0];
     return this.state.protocol ?? this.state.planning ?? first?.name ?? '';
   }
 
-  /** Value of an active joint in rad or m, NaN before the first frame. */
+  /** Value of an active joint in rad or m; NaN before the first frame. */
   joint(name: string): number {
     const active = this.info?.joints.filter((j) => j.active) ?? [];
     const index = active.findIndex((j) => j.name === name);
     return index < 0 || !this.frame ? NaN : (this.frame.q[index] ?? NaN);
   }
 
-  /** A message of this robot as the server must have it. */
+  /** Return the fields of a message for this robot, with its name if the server requires it. */
   fields(type: string, fields: object): object {
     return this.page.several && OF_ROBOT.has(type) ? { robot: this.info?.name, ...fields } : fields;
   }
@@ -82,21 +82,21 @@ export class RobotModel {
 
 export class Model {
   scene: SceneInfo | null = null;
-  /** One for each robot of the scene; before the scene is known, one. */
+  /** One for each robot of the scene; one placeholder until the scene is loaded. */
   readonly robots: RobotModel[] = [new RobotModel(this)];
-  /** Which of them the controls speak of. */
+  /** Index of the active robot, to which the controls refer. */
   chosen = 0;
   line: Line = 'connecting';
-  /** This page's name at the server. */
+  /** Identifier of this page at the server. */
   client: string | number | null = null;
-  /** Why there is no robot to see. */
+  /** Reason why no robot is shown; empty if there is none. */
   failure = '';
   onChange: () => void = () => undefined;
-  /** Of a scene with a console, what its hands lead. */
+  /** State of the scene's console; null without a console. */
   console: ConsoleState | null = null;
-  /** What the console has to say, or nothing. */
+  /** Status of the console; null if there is nothing to report. */
   atConsole: () => Status | null = () => null;
-  /** What to do next, or nothing. */
+  /** Instruction for the next step; empty if there is none. */
   hint: () => string = () => '';
 
   private news: Extract<Message, { type: 'state' }> | null = null;
@@ -105,7 +105,7 @@ export class Model {
   private said = '';
   private saidAt = -Infinity;
 
-  /** The robot that the controls speak of. */
+  /** The active robot. */
   get robot(): RobotModel {
     return this.robots[this.chosen] as RobotModel;
   }
@@ -134,17 +134,17 @@ export class Model {
     return this.robot.joint(name);
   }
 
-  /** Whether a message must say which robot it means. */
+  /** Whether a message must contain the name of its robot. */
   get several(): boolean {
     return this.robots.length > 1;
   }
 
-  /** Time of the newest frame: of the clock of all. */
+  /** Time in s of the newest frame on the common clock. */
   get time(): number {
     return this.newest?.time ?? this.state.time;
   }
 
-  /** The description has come. */
+  /** Store the description of the scene. */
   meet(scene: SceneInfo): void {
     this.scene = scene;
     while (this.robots.length < scene.robots.length) this.robots.push(new RobotModel(this));
@@ -155,12 +155,12 @@ export class Model {
     this.onChange();
   }
 
-  /** The robot of a name; without one the only one, as a stream of one robot has it. */
+  /** Index of the robot with this name; without a name, 0, as in a stream of one robot. */
   named(name: string | undefined): number {
     return name === undefined ? 0 : this.robots.findIndex((r) => r.info?.name === name);
   }
 
-  /** Take over a message of the server. */
+  /** Apply a message of the server. */
   hear(message: Message): void {
     if (message.type === 'hello') {
       this.client = message.client;
@@ -172,20 +172,20 @@ export class Model {
       this.console = console ?? null;
       for (const robot of this.robots) {
         const own = robots?.find((r) => r.name === robot.info?.name);
-        // The time of all is the clock's; a robot that is done before the others rests.
+        // All robots have the clock's time; a robot whose protocol has ended is at rest.
         robot.state = { ...robot.state, ...own, ...shared };
       }
     } else if (message.type === 'error') this.say(message.message);
-    // The line is measured every two seconds: that is no reason to draw the robot.
+    // The round-trip time is measured every two seconds; this needs no new picture.
     if (message.type !== 'pong') this.onChange();
   }
 
   private check(): void {
     if (this.scene && this.hash && this.hash !== this.scene.model_hash)
-      this.failure = 'The server now shows something else. Load this page again.';
+      this.failure = 'The server now shows other content. Reload this page.';
   }
 
-  /** Show a sentence for some seconds. */
+  /** Show a message for some seconds. */
   say(text: string): void {
     this.said = text;
     this.saidAt = performance.now();
@@ -201,19 +201,19 @@ export class Model {
     });
   }
 
-  /** The one sentence that matters most now. */
+  /** Return the most important status message. */
   status(): Status {
     const s = this.state;
     if (this.failure) return { tone: 'bad', text: this.failure };
     if (this.line === 'refused')
       return {
         tone: 'bad',
-        text: 'Not admitted: open the address with the token that the terminal of twin serve shows.',
+        text: 'Access denied: open the address with the token that twin serve prints on its terminal.',
       };
     if (this.line === 'reconnecting') return { tone: 'warn', text: 'Connection lost: reconnecting …' };
     if (this.line === 'connecting') return { tone: 'plain', text: 'Connecting …' };
     if (this.refused && s.reason && performance.now() - this.robot.refusedAt < SAID_FOR)
-      return { tone: 'bad', text: `Not reached: ${s.reason}` };
+      return { tone: 'bad', text: `Target not reached: ${s.reason}` };
     if (performance.now() - this.saidAt < SAID_FOR) return { tone: 'warn', text: this.said };
     const console = this.atConsole();
     if (console) return console;
@@ -234,7 +234,7 @@ export class Model {
   }
 }
 
-/** Return a length with a unit that suits it. */
+/** Return a length in m as text with a suitable unit. */
 export function length(metres: number): string {
   const size = Math.abs(metres);
   if (!Number.isFinite(metres)) return '–';
@@ -243,7 +243,7 @@ export function length(metres: number): string {
   return size < 1 ? `${(1e3 * metres).toFixed(2)} mm` : `${metres.toFixed(3)} m`;
 }
 
-/** Return a joint value in degrees or millimetres. */
+/** Return a joint value in rad or m as text in degrees or millimetres. */
 export function jointValue(value: number, angle: boolean): string {
   if (!Number.isFinite(value)) return '–';
   const shown = ((angle ? 180 / Math.PI : 1e3) * value).toFixed(2).replace(/^-(?=0\.00$)/, '');
@@ -254,7 +254,7 @@ export function isAngle(joint: { unit: string; type: string }): boolean {
   return joint.unit === 'rad' || joint.unit === 'deg' || joint.type === 'revolute';
 }
 
-/** Return the seven numbers of a pose as an array that JSON can hold. */
+/** Return the seven numbers of a pose as an array for JSON. */
 export function seven(
   p: { x: number; y: number; z: number },
   q: { x: number; y: number; z: number; w: number },

@@ -1,4 +1,4 @@
-/** Mouse and touch on the desktop: take the robot, lead it parallel to the screen, turn it with Shift. */
+/** Mouse and touch on the desktop: grab the robot, drag it parallel to the screen, rotate it with Shift. */
 
 import { Plane, Quaternion, Raycaster, Vector2, Vector3 } from 'three';
 import type { App } from './app';
@@ -25,7 +25,7 @@ export class Mouse {
     canvas.addEventListener('pointerleave', () => this.app.grab.hover(null));
   }
 
-  /** Once a picture: what is under a mouse that has moved. */
+  /** Highlight the part under a mouse that has moved; called for each picture. */
   update(): void {
     const { app } = this;
     if (!this.moved || app.xr.presenting || this.pointer !== null || app.console) return;

@@ -1,4 +1,4 @@
-/** What is drawn about the robot: tool path, RCM and shaft, workspace, the tool by the equations, table and patient. */
+/** Displays around a robot: tool path, RCM and shaft, workspace, ghost of the equations, table and patient. */
 
 import {
   BufferGeometry,
@@ -28,10 +28,10 @@ import type { Numbers, Scenery, State } from './protocol';
 import { matrixOf, poseOf, type Robot } from './robot';
 import { discard, type World } from './world';
 
-/** Factors by which the ghost's distance may be enlarged. */
+/** Magnifications of the distance between ghost and tool. */
 const ENLARGEMENTS = [1, 10, 100, 1000, 10000, 100000];
 const MISSED = 2e-3; // m
-const SEEN = 0.03; // of the robot's size: a distance that is well seen
+const SEEN = 0.03; // fraction of the robot's size: a clearly visible distance
 
 export interface Shows {
   path: boolean;
@@ -45,9 +45,9 @@ export interface Shows {
 export class Overlays {
   readonly group = new Group();
   readonly shows: Shows = { path: true, rcm: true, workspace: false, ghost: true, scenery: false, labels: true };
-  /** How the ghost is drawn, as text; empty when there is none. */
+  /** Text on the ghost; empty without a ghost. */
   ghostText = '';
-  /** Points of the workspace that have come in. */
+  /** Number of received workspace points. */
   cloudCount = 0;
   cloudDone = false;
 
@@ -56,7 +56,7 @@ export class Overlays {
   private readonly rcmBall: Mesh;
   private readonly shaft: Mesh;
   private readonly rcmLabel = new Label();
-  /** Of the trocars behind the first: as many as there ever were at once. */
+  /** Displays of all trocars after the first; they are created when needed and kept. */
   private readonly further: { ball: Mesh; label: Label }[] = [];
   private readonly ghostLabel = new Label();
   private ghost: Group | null = null;
@@ -66,7 +66,7 @@ export class Overlays {
   private cloud: Points | null = null;
   private cloudParts: { points: Float32Array; values: Float32Array | null }[] = [];
 
-  /** Edge of the robot's box, in m. */
+  /** Size of the robot's bounding box in m. */
   size = 1;
   /** Height of a line of text, in m. */
   line = 0.024;
@@ -82,7 +82,7 @@ export class Overlays {
     parent.add(this.group);
   }
 
-  /** Draw the way of the tool's tip: x y z after x y z. */
+  /** Draw the path of the tool's tip: x y z of each point in m. */
   setPath(points: Numbers): void {
     this.points = points;
     if (this.path) discard(this.path);
@@ -91,7 +91,7 @@ export class Overlays {
     this.world.touch();
   }
 
-  /** Let everything be as large as suits the robot, and words as large as suits all that is seen. */
+  /** Adapt the displays to the size of the robot, and the text to the size of the scene. */
   setSize(size: number, line = 0.024 * size): void {
     this.size = size;
     this.line = line;
@@ -103,14 +103,14 @@ export class Overlays {
     this.around = scenery;
   }
 
-  /** What is assumed of the patient that is shown, or why there is none. */
+  /** Return the assumptions on the shown patient, or the reason why there is no patient. */
   sceneryText(model: RobotModel): string {
     const name = model.protocol();
     if (!this.shows.scenery || !this.around || !name) return '';
     return this.around.patients[name]?.assumed ?? this.around.no_patient[name] ?? '';
   }
 
-  /** Let patient and table be those of the protocol; a phantom in their place is not shown. */
+  /** Show patient and table of the protocol, and hide the links that they replace. */
   private standScenery(model: RobotModel, robot: Robot): void {
     const name = model.protocol();
     const patient = this.shows.scenery ? this.around?.patients[name] : undefined;
@@ -132,7 +132,7 @@ export class Overlays {
     );
   }
 
-  /** Take a part of the reachable set: base64 of float32 x y z, and of a value for each. */
+  /** Add workspace points: base64 of float32 x y z, and of a float32 value for each point. */
   addCloud(points: string, values: string | undefined, done: boolean): void {
     const part = floats(points);
     if (part.length) this.cloudParts.push({ points: part, values: values ? floats(values) : null });
@@ -150,7 +150,7 @@ export class Overlays {
     this.world.touch();
   }
 
-  /** Bring everything to the newest state. */
+  /** Update all displays from the newest state. */
   update(model: RobotModel, robot: Robot): void {
     const s = this.shows;
     if (this.path) {
@@ -167,7 +167,7 @@ export class Overlays {
   private drawRcm(model: RobotModel, tool: Matrix4 | null): void {
     const at = model.state.rcm;
     const on = this.shows.rcm && at !== null && tool !== null;
-    // A shaft that misses the RCM visibly does not lead from the tool to it.
+    // A shaft that visibly misses the RCM is not drawn from the tool to the RCM.
     this.rcmBall.visible = on;
     this.shaft.visible = on && (model.state.rcm_error_m ?? 0) < MISSED;
     this.rcmLabel.sprite.visible = on && this.shows.labels;
@@ -187,7 +187,7 @@ export class Overlays {
     stretch(this.shaft, tip, beyond, 0.0018 * size);
     const several = trocars.length > 1;
     const port = model.info?.ports.find((p) => !several || p.trocar === trocars[0].name);
-    // Of several robots at one patient only the one that the controls speak of says more than its name.
+    // With several robots at one patient, only the label of the active robot has more than its name.
     const full = model === model.page.robot;
     this.rcmLabel.sprite.renderOrder = full ? 10 : 9;
     this.sayOf(
@@ -233,7 +233,7 @@ export class Overlays {
     if (!on) {
       if (this.ghost) this.ghost.visible = false;
       this.ghostLabel.sprite.visible = false;
-      this.ghostText = model.state.variant ? 'These equations give no tool pose here.' : '';
+      this.ghostText = model.state.variant ? 'These equations have no tool pose at this state.' : '';
       return;
     }
     if (!this.ghost) {
@@ -260,15 +260,15 @@ export class Overlays {
     T.decompose(this.ghost.position, this.ghost.quaternion, this.ghost.scale);
     const far = by.p.distanceTo(position);
     const degrees = ((180 / Math.PI) * angle).toFixed(angle > 1e-3 ? 3 : 5);
-    this.ghost.visible = far > 2e-8 || angle > 2e-7; // float32: below that there is nothing to see
-    const times = factor > 1 ? `, drawn ×${factor.toLocaleString('en')}` : ', drawn to scale';
+    this.ghost.visible = far > 2e-8 || angle > 2e-7; // smaller differences are rounding errors of float32
+    const times = factor > 1 ? `, magnified ×${factor.toLocaleString('en')}` : ', to scale';
     this.ghostText = this.ghost.visible
       ? `Equations ↔ mechanism: ${length(far)}, ${degrees}°${times}`
-      : 'Equations and mechanism agree to what the stream can hold (float32).';
+      : 'Equations and mechanism agree within the resolution of the stream (float32).';
     this.ghostLabel.sprite.visible = this.ghost.visible && this.shows.labels;
     this.ghostLabel.sprite.position.copy(shown).addScaledVector(new Vector3(0, 0, 1), 0.09 * this.size);
     this.ghostLabel.say(
-      `by the equations: ${length(far)} off\n${factor > 1 ? `drawn ×${factor.toLocaleString('en')}` : 'drawn to scale'}`,
+      `equations: ${length(far)} from the tool\n${factor > 1 ? `magnified ×${factor.toLocaleString('en')}` : 'to scale'}`,
       '#6a25ad',
       this.world.look,
       this.line,
@@ -285,7 +285,7 @@ export class Overlays {
     for (const part of this.cloudParts) {
       positions.set(part.points, 3 * at);
       for (let i = 0; i < part.points.length / 3; i++) {
-        // Condition number: 1 is best; blue is well, red is badly conditioned.
+        // Condition number: 1 is best; blue is well conditioned, red is badly conditioned.
         const value = part.values?.[i] ?? 1;
         c.setHSL(0.6 * (1 - Math.min(1, Math.log10(Math.max(1, value)) / 2.5)), 0.75, 0.5);
         c.toArray(colors, 3 * (at + i));
@@ -309,7 +309,7 @@ export class Overlays {
   }
 }
 
-/** The tool in the robot's world, from the newest link poses; null before there is one. */
+/** Return the tool pose in the robot's base frame from the newest link poses; null before the first frame. */
 export function toolPose(model: RobotModel, robot: Robot): Matrix4 | null {
   const info = model.info;
   const node = info ? robot.links.get(info.tool.link)?.node : undefined;
@@ -318,12 +318,12 @@ export function toolPose(model: RobotModel, robot: Robot): Matrix4 | null {
   return T.multiply(matrixOf(info.tool.T_link_tool));
 }
 
-/** The power of ten that makes a distance (as a part of the robot's size) well seen, and not more. */
+/** Return the smallest power of ten that makes a distance (fraction of the robot's size) clearly visible. */
 export function enlargement(part: number): number {
   return ENLARGEMENTS.find((f) => part * f >= SEEN / 3) ?? (ENLARGEMENTS.at(-1) as number);
 }
 
-/** Let a cylinder of height 1 along y reach from a to b. */
+/** Stretch a cylinder of height 1 along y from a to b. */
 export function stretch(mesh: Object3D, a: Vector3, b: Vector3, radius: number): void {
   const along = b.clone().sub(a);
   const long = Math.max(along.length(), 1e-9);
@@ -346,12 +346,12 @@ function tube(points: Numbers, radius: number): InstancedMesh {
   return mesh;
 }
 
-/** The parts of a patient, in the robot's world: z up. */
+/** Return the parts of a patient in the robot's base frame (z up). */
 export function partsOf(scene: Group): Object3D[] {
   const root = scene.children.length === 1 && scene.children[0] ? scene.children[0] : scene;
   const parts = [...root.children].filter((o) => !o.name.startsWith('frame_'));
   for (const part of parts) {
-    const own: unknown = part.userData['link']; // the loader renames what is called like the root
+    const own: unknown = part.userData['link']; // the loader renames parts with the root's name
     if (typeof own === 'string') part.name = own;
     part.traverse((o) => {
       if (!(o instanceof Mesh)) return;

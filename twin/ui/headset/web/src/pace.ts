@@ -1,11 +1,11 @@
-/** How long the graphics processor takes for a picture, and what to do where that is long: wait for it, and draw fewer pixels. */
+/** Measure the drawing time of pictures; on slow graphics processors, wait for each picture and draw fewer pixels. */
 
 import type { WebGLRenderer } from 'three';
 
-const SHARES = [1, 0.7, 0.5, 0.35] as const; // of the pixels of a line
-const SLOW = 40; // ms for a picture above which the next has fewer pixels
-const FAST = 12; // ms below which, for some pictures, it has more again
-const PROOF = 30; // pictures
+const SHARES = [1, 0.7, 0.5, 0.35] as const; // fraction of the pixels along each axis
+const SLOW = 40; // ms per picture above which the next picture has fewer pixels
+const FAST = 12; // ms per picture below which, after `PROOF` pictures, the next one has more pixels
+const PROOF = 30; // number of pictures
 const FULL = Math.min(window.devicePixelRatio, 2);
 
 export class Pace {
@@ -17,12 +17,12 @@ export class Pace {
 
   constructor(private readonly renderer: WebGLRenderer) {}
 
-  /** Whether pictures of things that move have fewer pixels. */
+  /** Whether pictures of moving objects have fewer pixels. */
   get slow(): boolean {
     return this.level > 0;
   }
 
-  /** Whether the last picture is still being drawn: another one now would only make a queue. */
+  /** Whether the last picture is still being drawn; a new picture would only be queued. */
   busy(now: number): boolean {
     const gl = this.gl;
     if (!this.fence) return false;
@@ -33,7 +33,7 @@ export class Pace {
     return false;
   }
 
-  /** Before a picture: choose its pixels; all of them where nothing moves. */
+  /** Choose the number of pixels before a picture; all pixels if nothing moves. */
   begin(now: number, moving: boolean): void {
     this.begun = now;
     const share = moving ? (SHARES[this.level] as number) : 1;
@@ -42,7 +42,7 @@ export class Pace {
     this.renderer.setPixelRatio(FULL * share);
   }
 
-  /** After a picture. */
+  /** Measure the time after a picture. */
   end(): void {
     const gl = this.gl;
     this.fence = gl.fenceSync(gl.SYNC_GPU_COMMANDS_COMPLETE, 0);
@@ -50,7 +50,7 @@ export class Pace {
   }
 
   private judge(took: number): void {
-    if (this.share !== SHARES[this.level]) return; // a sharp picture of a scene at rest
+    if (this.share !== SHARES[this.level]) return; // pictures of a scene at rest do not count
     this.fast = took < FAST ? this.fast + 1 : 0;
     if (took > SLOW && this.level < SHARES.length - 1) this.level++;
     else if (this.fast > PROOF && this.level > 0) {

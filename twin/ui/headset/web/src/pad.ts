@@ -1,13 +1,13 @@
-/** A gamepad: a stick for each hand, pressed in it turns; triggers are the grippers, bumpers the pedals; it rumbles. */
+/** Gamepad: sticks move the hands, pressed sticks rotate them, triggers are grippers, bumpers are pedals; vibration. */
 
 import type { Console } from './console';
 import { SIDES } from './pens';
 
-const DEAD = 0.15; // part of a stick's way that is nothing
-const SPEED = 0.08; // m/s of the hand with the stick pushed over
-const TURN = 1.5; // rad/s
+const DEAD = 0.15; // dead zone of a stick, as a fraction of its range
+const SPEED = 0.08; // m/s: speed of the hand at the end of the stick's range
+const TURN = 1.5; // rad/s: angular speed at the end of the stick's range
 
-/** Numbers in the standard layout of browsers. */
+/** Indices of buttons and axes in the browsers' standard layout. */
 const STICK = { left: 0, right: 2 } as const;
 const TRIGGER = { left: 6, right: 7 } as const;
 const PRESSED = { left: 10, right: 11 } as const;
@@ -16,21 +16,21 @@ const NEARER = { left: 13, right: 0 } as const;
 const CLUTCH = 4;
 const CAMERA = 5;
 
-/** What is shown beside the picture. */
+/** Help text next to the picture. */
 export const PAD: readonly (readonly [what: string, how: string])[] = [
   ['Instruments', 'left and right stick'],
-  ['Turn', 'push the stick in'],
-  ['Depth', 'cross up, down; Y, A'],
+  ['Rotate', 'press the stick'],
+  ['Depth', 'left: direction pad up, down; right: Y, A'],
   ['Jaws', 'triggers: pull to open'],
   ['Clutch, camera', 'left, right bumper'],
 ];
 
 export class Pad {
-  /** Its name, empty without one. */
+  /** Name of the gamepad; empty without a gamepad. */
   name = '';
   private last = 0;
   private pulled = { right: 0, left: 0 };
-  private walls = '';
+  private walls = 0;
 
   constructor(private readonly console: Console) {}
 
@@ -61,10 +61,10 @@ export class Pad {
     this.rumble(pad);
   }
 
-  /** Each wall that is new is felt once. */
+  /** Vibrate once for each new limit. */
   private rumble(pad: Gamepad): void {
     const walls = this.console.walls();
-    if (walls && walls !== this.walls)
+    if (walls > this.walls)
       void pad.vibrationActuator?.playEffect('dual-rumble', { duration: 150, strongMagnitude: 0.8, weakMagnitude: 0.4 });
     this.walls = walls;
   }

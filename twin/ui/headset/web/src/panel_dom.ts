@@ -1,4 +1,4 @@
-/** The controls beside the picture, as elements of the page. */
+/** The controls next to the picture, as elements of the page. */
 
 import type { Button, Choice, Control, Drawer, Sheet, Slider, Tab } from './controls';
 
@@ -14,7 +14,7 @@ export class DomPanel implements Drawer {
   readonly foot = make('section', 'foot');
   private updates: (() => void)[] = [];
   private open = 'simulation';
-  /** Whether the tabs alone are shown: on a small screen, until one is pressed, where a picture is worked in. */
+  /** Whether only the tab headings are shown: initially on a small screen at a console. */
   private folded = false;
   private readonly small = window.matchMedia('(max-width: 760px), (max-height: 480px)');
   private readonly bodies = new Map<string, HTMLElement>();
@@ -59,7 +59,7 @@ export class DomPanel implements Drawer {
     for (const update of this.updates) update();
   }
 
-  /** Pixels at the right and at the bottom of the window that are covered. */
+  /** Widths in pixels that the controls cover at the right and at the bottom of the window. */
   covers(): [right: number, bottom: number] {
     const [w, h] = [window.innerWidth, window.innerHeight];
     const side = this.side.getBoundingClientRect();
@@ -169,7 +169,7 @@ export class DomPanel implements Drawer {
     };
     bar.onpointerdown = begin;
     bar.oninput = () => {
-      const short = !held; // by a key: taken, led and let go at once
+      const short = !held; // changed by a key: grab, set and release at once
       begin();
       c.set(bar.valueAsNumber);
       if (short) end();
@@ -191,7 +191,7 @@ export class DomPanel implements Drawer {
     return box;
   }
 
-  /** The phases above the bar, as wide as they are long. */
+  /** Phases above the time slider, with widths proportional to their durations. */
   private segments(c: Slider): HTMLElement {
     const strip = make('div', 'phases');
     this.on(
@@ -225,7 +225,7 @@ export class DomPanel implements Drawer {
     return strip;
   }
 
-  /** Do something when what it depends on has changed. */
+  /** Call a function when the value that it depends on has changed. */
   private on(key: () => string, act: () => void): void {
     let last: string | null = null;
     this.updates.push(() => {

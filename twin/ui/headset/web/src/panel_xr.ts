@@ -1,4 +1,4 @@
-/** The controls in the headset: a card that floats in the room, pressed by a ray, a pinch or a look. */
+/** The controls in the headset: a panel in the room that is pressed by a ray, a pinch or gaze. */
 
 import {
   CanvasTexture,
@@ -20,7 +20,7 @@ const WIDTH = 1024; // pixels
 const HEIGHT = 1000;
 const WIDE = 0.48; // m
 const PAD = 24;
-const REDRAW = 90; // ms between two pictures at least
+const REDRAW = 90; // minimum time in ms between two pictures
 
 interface Zone {
   id: string;
@@ -76,7 +76,7 @@ export class XrPanel implements Drawer {
     this.stale = true;
   }
 
-  /** Stand to the left of what a viewer looks at, within reach, facing the viewer. */
+  /** Place the panel left of the view direction, within reach, facing the viewer. */
   placeBefore(viewer: Vector3, forward: Vector3, aside = 0.36): void {
     const ahead = forward.clone().setY(0);
     if (ahead.lengthSq() < 1e-6) ahead.set(0, 0, -1);
@@ -90,13 +90,13 @@ export class XrPanel implements Drawer {
     this.group.lookAt(viewer);
   }
 
-  /** Let the panel come along if it has been out of sight. */
+  /** Move the panel into view if it has been out of view. */
   outOfSight(viewer: Vector3, forward: Vector3): boolean {
     const to = this.group.position.clone().sub(viewer);
     return to.length() > 2.2 || to.normalize().dot(forward) < 0.2;
   }
 
-  /** Which control is at a point (0..1 from the lower left); colours it. */
+  /** Return the identifier of the control at a point (0..1 from the lower left), and highlight it. */
   hover(uv: Vector2 | null): string {
     const id = uv ? (this.zoneAt(uv)?.id ?? '') : '';
     if (id !== this.hot) {
@@ -129,19 +129,19 @@ export class XrPanel implements Drawer {
     this.stale = true;
   }
 
-  /** Point (0..1) in the middle of a control; null if it is not in sight. For tests. */
+  /** Return the middle (0..1) of a control; null if it is not visible. For tests. */
   whereIs(id: string): Vector2 | null {
     const z = this.zones.find((zone) => zone.id === id);
     return z ? new Vector2((z.x + z.w / 2) / WIDTH, 1 - (z.y + z.h / 2) / HEIGHT) : null;
   }
 
-  /** Point of the scene at (0..1). */
+  /** Return the point of the scene at a point (0..1) of the panel. */
   pointAt(uv: Vector2): Vector3 {
     const p = new Vector3((uv.x - 0.5) * WIDE, ((uv.y - 0.5) * WIDE * HEIGHT) / WIDTH, 0);
     return this.mesh.localToWorld(p);
   }
 
-  /** Draw anew if something has changed, not too often. */
+  /** Draw again after a change, at most once per `REDRAW`. */
   update(now: number): boolean {
     if (!this.group.visible || !this.stale || now - this.drawn < REDRAW || !this.sheet) return false;
     this.drawn = now;
@@ -231,7 +231,7 @@ export class XrPanel implements Drawer {
     this.zones.unshift(up, down);
   }
 
-  /** Draw one control; return where the next begins. Only what lies whole within top and bottom can be pressed. */
+  /** Draw a control and return the y of the next one; only controls completely between top and bottom are active. */
   private control(c: Control, x: number, y: number, w: number, top: number, bottom: number): number {
     const pen = this.pen;
     const zone = (z: Zone): Zone => {
@@ -266,7 +266,7 @@ export class XrPanel implements Drawer {
     return y + Math.ceil(items.length / per) * 68 + 8;
   }
 
-  /** A choice is stepped through: a list that drops down is hard to press in the air. */
+  /** Draw a choice with buttons for the next and previous option; drop-down lists are hard to use with a ray. */
   private choice(c: Choice, x: number, y: number, w: number, zone: (z: Zone) => Zone): number {
     const options = c.options();
     const i = Math.max(

@@ -38,7 +38,7 @@ const NORMAL: Colors = {
   bad: '#b3101e',
 };
 
-/** Nothing here is nearly black: on an additive display that would be a hole. */
+/** No colour is nearly black, because black is transparent on an additive display. */
 const BRIGHT: Colors = {
   paper: '#eaf3ff',
   edge: '#ffffff',
@@ -93,7 +93,7 @@ export class Pen {
     this.c.fillRect(24, y, this.canvas.width - 48, 2);
   }
 
-  /** Write text in lines; return where the next thing begins. */
+  /** Write text in lines; return the y of the next item. */
   text(text: string, x: number, y: number, w: number, tone: Tone, size: number, most: number, bold = false): number {
     const { c, colors } = this;
     c.font = `${bold ? 600 : 400} ${size}px system-ui, sans-serif`;

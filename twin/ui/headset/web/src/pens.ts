@@ -1,4 +1,4 @@
-/** Two hands in the picture: x right, y up, z out of it. What leads them moves them; here they become messages. */
+/** Two hands in the frame of the picture (x right, y up, z out of it): input devices move them, and they are sent. */
 
 import { Quaternion, Vector3 } from 'three';
 import type { Connection } from './connection';
@@ -6,28 +6,28 @@ import type { ConsoleState, Side } from './protocol';
 
 export const SIDES: readonly Side[] = ['right', 'left'];
 
-/** Way in m and turn in rad within one message: the server takes 30 mm or 0.5 rad in one tick for a jump. */
+/** Maximum motion in m and rad per message; the server counts 30 mm or 0.5 rad in one tick as a jump. */
 const STEP = 0.02;
 const TURN = 0.3;
-const OPEN = (40 * Math.PI) / 180; // rad of the gripper
-const SQUEEZE = 4; // rad/s
+const OPEN = (40 * Math.PI) / 180; // rad: angle of an open gripper
+const SQUEEZE = 4; // rad/s: maximum rate of a gripper
 const EVERY = 10; // ms between two messages
-const ALIVE = 50; // ms between two messages of hands that rest
-const IDLE = 5000; // ms without any use, after which others may have the hands
+const ALIVE = 50; // ms between two messages of hands at rest
+const IDLE = 5000; // ms without use after which the hands are released for other clients
 const ROLL = (5 * Math.PI) / 180;
 
 /** A handle with a gripper. */
 export class Pen {
-  /** Where it is to go. */
+  /** Requested position. */
   readonly p = new Vector3();
   readonly q = new Quaternion();
   grip = 0;
-  /** What was said of it last. */
+  /** Position that was last sent. */
   readonly at = new Vector3();
   readonly turned = new Quaternion();
   gripped = 0;
   used = -Infinity;
-  /** Number of the message that shows somebody to be there. */
+  /** Number of the message that shows that a person holds the handle. */
   shaken = -1;
 
   constructor(x: number) {
@@ -40,35 +40,35 @@ export class Pen {
     this.used = performance.now();
   }
 
-  /** Turn about an axis of the picture. */
+  /** Rotate by a rotation vector in rad in the frame of the picture. */
   turn(x: number, y: number, z: number): void {
     const angle = Math.hypot(x, y, z);
     if (angle > 0) this.q.premultiply(new Quaternion().setFromAxisAngle(new Vector3(x, y, z).divideScalar(angle), angle));
     this.used = performance.now();
   }
 
-  /** Open or close the gripper; 1 is open. */
+  /** Set the gripper: 0 is closed, 1 is open. */
   squeeze(open: number): void {
     this.grip = OPEN * Math.min(1, Math.max(0, open));
     this.used = performance.now();
   }
 
   /**
-   * Show that somebody is there: roll the handle by more than the server asks for. Only a hand that does not lead may:
-   * the tool keeps its attitude.
+   * Show that a person holds the handle: roll it by more than the server requires. Only for a hand whose tool does not
+   * follow yet: the tool then keeps its attitude.
    */
   shake(number: number): void {
     this.shaken = number;
     this.q.multiply(new Quaternion().setFromAxisAngle(new Vector3(0, 0, 1), ROLL));
   }
 
-  /** Stay where it was said to be. */
+  /** Cancel the motion that was not yet sent. */
   rest(): void {
     this.p.copy(this.at);
     this.q.copy(this.turned);
   }
 
-  /** The next thing to say. */
+  /** Return the next state to send, after an elapsed time in s. */
   next(seconds: number): { pose: number[]; grip: number } {
     const way = this.p.clone().sub(this.at);
     this.at.add(way.clampLength(0, STEP));
@@ -84,17 +84,17 @@ export type Pedal = 'clutch' | 'camera';
 export class Pens {
   readonly right = new Pen(0.08);
   readonly left = new Pen(-0.08);
-  /** Whether this page says where the hands are. */
+  /** Whether this page sends the state of the hands. */
   active = false;
-  /** Hands that led and are not tracked now: nothing is said until they are, so that the server lets nothing move. */
+  /** Hands in control that are not tracked now; nothing is sent until they are, so that the server stops all motion. */
   readonly lost = new Set<Side>();
-  /** What holds each pedal down: keys, a gamepad, a button of the page, … */
+  /** Devices that press each pedal: keys, a gamepad, a button of the page, … */
   private readonly pressed: Readonly<Record<Pedal, Set<string>>> = { clutch: new Set(), camera: new Set() };
   private number = 0;
   private said = -Infinity;
   private used = -Infinity;
   private refused = -Infinity;
-  /** Number of the first message, and when, since the hands were taken. */
+  /** Number of the first message of this use of the hands, and its time in ms. */
   private first = 0;
   private begun = 0;
 
@@ -109,7 +109,7 @@ export class Pens {
     document.addEventListener('visibilitychange', () => document.hidden && away());
   }
 
-  /** Somebody uses the hands. */
+  /** Start or continue the use of the hands by this page. */
   use(): void {
     this.used = performance.now();
     if (!this.active) {
@@ -128,7 +128,7 @@ export class Pens {
     return this.pressed.camera.size > 0;
   }
 
-  /** Press or release a pedal; it stays down while any device holds it. */
+  /** Press or release a pedal; it remains pressed while any device presses it. */
   press(pedal: Pedal, device: string, on: boolean): void {
     const held = this.pressed[pedal];
     if (on) held.add(device);
@@ -136,12 +136,12 @@ export class Pens {
     this.use();
   }
 
-  /** Whether this device holds a pedal. */
+  /** Whether this device presses a pedal. */
   presses(pedal: Pedal, device: string): boolean {
     return this.pressed[pedal].has(device);
   }
 
-  /** Let go: what was asked for and not yet said is forgotten, and the server is told. */
+  /** Release the hands: cancel motion that was not yet sent, and notify the server. */
   drop(): void {
     this.pressed.clutch.clear();
     this.pressed.camera.clear();
@@ -152,12 +152,12 @@ export class Pens {
     this.line.tell('release', {});
   }
 
-  /** Another page has the hands: ask again later. */
+  /** Whether another client controlled the hands within the last second; try again later. */
   get waits(): boolean {
     return performance.now() - this.refused < 1000;
   }
 
-  /** Say where the hands are, if it is time. */
+  /** Send the state of the hands, at most once per `every` ms. */
   say(now: number, every = EVERY): void {
     if (!this.active || now - this.said < every) return;
     const state = this.state();
@@ -173,7 +173,7 @@ export class Pens {
     if (state && !state.silent && state.mode === 'instruments' && state.owner === this.client())
       for (const side of SIDES) {
         const pen = this[side];
-        // What the server says must answer what this page has said since, or it may follow already.
+        // Wait until the server's state is newer than the last messages; the tool may follow already.
         const answered = state.heard >= Math.max(this.first, pen.shaken);
         if (answered && !state.hands[side].follows && pen.used >= this.begun) pen.shake(this.number);
       }

@@ -1,25 +1,25 @@
-/** What a ray or a finger tip meets: the handle at a tool, a link, nothing. */
+/** Find the handle or link that a ray hits or a fingertip touches. */
 
 import { Matrix4, Raycaster, Vector3 } from 'three';
 import type { Member } from './member';
 
 export interface Hit {
-  /** Of which robot. */
+  /** Robot of the hit part. */
   member: Member;
-  /** The link, or null for the handle at the tool. */
+  /** Name of the link; null for the handle at the tool. */
   link: string | null;
   point: Vector3;
   distance: number;
 }
 
-const REACH = 0.035; // m in the room: a finger tip this near to a link takes it
+const REACH = 0.035; // m in the room: distance at which a fingertip touches a link
 
-/** First hit of a ray of the scene. A handle is met even where links hide it: it belongs to the hand. */
+/** Return the first hit of a ray in the scene; a handle is hit even behind links. */
 export function pickRay(caster: Raycaster, members: readonly Member[]): Hit | null {
   return nearest(members, (m) => ballHit(caster, m)) ?? nearest(members, (m) => linkHit(caster, m));
 }
 
-/** What a finger tip at a point of the scene touches. */
+/** Return the part that a fingertip at a point of the scene touches. */
 export function pickNear(tip: Vector3, members: readonly Member[]): Hit | null {
   return nearest(members, (m) => ballNear(tip, m)) ?? nearest(members, (m) => linkNear(tip, m));
 }

@@ -1,4 +1,4 @@
-/** Where the robot stands in the room, and how large it is drawn. */
+/** Place and displayed size of the robot in the room. */
 
 import { Group, Matrix4, Mesh, Quaternion, RingGeometry, Vector3 } from 'three';
 import { accentuate, BLUE, flat } from './ink';
@@ -8,15 +8,15 @@ export const SMALLEST = 0.1;
 export const LARGEST = 10;
 
 export class Place {
-  /** Whether the next select puts the robot where the reticle is. */
+  /** Whether the next select event places the robot at the reticle. */
   placing = false;
   /** Whether a pinch moves the whole robot. */
   leading = false;
-  /** A ring on the floor where the robot would be put. */
+  /** Reticle: a ring on the floor at the possible place of the robot. */
   readonly reticle = new Group();
   onChange: () => void = () => undefined;
 
-  /** Height of the floor below it, in the scene. */
+  /** Height in m of the floor below the robot, in the scene. */
   private ground = 0;
   private two: { mid: Vector3; apart: number; angle: number; scale: number; yaw: number; position: Vector3 } | null =
     null;
@@ -61,7 +61,7 @@ export class Place {
     this.changed();
   }
 
-  /** As it was on the desk: on the floor, to scale. In XR in front of the viewer is better: see `before`. */
+  /** Reset the place on a screen: on the floor, to scale. In XR, use `before`. */
   reset(): void {
     this.node.scale.setScalar(1);
     this.node.rotation.set(0, 0, 0);
@@ -72,7 +72,7 @@ export class Place {
     this.changed();
   }
 
-  /** Put the robot on the floor at a point, showing the viewer the side that is seen on the desk. */
+  /** Place the robot on the floor at a point, with its front towards the viewer. */
   putAt(point: Vector3, viewer: Vector3): void {
     this.ground = point.y;
     this.node.position.copy(point);
@@ -82,7 +82,7 @@ export class Place {
     this.changed();
   }
 
-  /** Put the robot in front of a viewer: on the floor, or at table height if it is small. */
+  /** Place the robot in front of the viewer: on the floor, or at table height if it is small. */
   before(viewer: Vector3, forward: Vector3, floor: number): void {
     const ahead = forward.clone().setY(0);
     if (ahead.lengthSq() < 1e-6) ahead.set(0, 0, -1);
@@ -92,7 +92,7 @@ export class Place {
       .copy(viewer)
       .addScaledVector(ahead.normalize(), Math.max(0.6, 0.75 + 0.7 * s))
       .setY(floor);
-    // Something small is seen best where a table would hold it; whatever is large stands on the floor.
+    // Small robots are at table height, large robots on the floor.
     if (s < 1) this.node.position.y = floor + Math.max(0, Math.min(0.75, viewer.y - floor - 0.35 - 0.6 * s));
     this.face(viewer);
     this.changed();
@@ -103,14 +103,14 @@ export class Place {
     this.changed();
   }
 
-  /** Show where a hit test sees the floor; null where it sees none. */
+  /** Show the reticle at the pose of a hit test; null without a hit. */
   aim(matrix: Matrix4 | null): void {
     this.reticle.visible = this.placing && matrix !== null;
     if (matrix) this.reticle.matrix.copy(matrix);
     this.reticle.matrixWorldNeedsUpdate = true;
   }
 
-  /** Two hands take the robot: from now on it follows their middle, distance and direction. */
+  /** Start a motion by two hands: the robot follows their midpoint, distance and direction. */
   beginTwo(a: Vector3, b: Vector3): void {
     this.two = {
       mid: a.clone().add(b).multiplyScalar(0.5),
@@ -142,7 +142,7 @@ export class Place {
     this.two = null;
   }
 
-  /** One hand moves the robot by as much as it moves itself. */
+  /** Move the robot by the displacement of one hand. */
   shift(by: Vector3): void {
     this.node.position.add(by);
     this.changed();

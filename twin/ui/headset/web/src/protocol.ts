@@ -1,6 +1,6 @@
 /**
- * What the server says and hears. Lengths in m, angles in rad, poses as x y z qx qy qz qw, z up. What is said of a robot
- * is in its base; what is said of the scene is in world.
+ * Messages from and to the server. Lengths in m, angles in rad, poses as x y z qx qy qz qw, z up. Data of a robot are in
+ * its base frame, data of the scene in the world frame.
  */
 
 export type Numbers = readonly number[];
@@ -14,11 +14,11 @@ export interface JointInfo {
   active: boolean;
   link: string;
   parent: string;
-  /** A point of the axis and its direction, in the frame of the parent link. */
+  /** A point and the direction of the axis, in the frame of the parent link. */
   axis: { origin: Numbers; direction: Numbers };
 }
 
-/** Who lies at the RCM of each protocol, /patient/<protocol>.glb, or why nobody does. */
+/** Patient of each protocol (file /patient/<protocol>.glb), or the reason for its absence. */
 export interface Scenery {
   floor: number;
   patients: Record<string, { replaces: string[]; assumed: string }>;
@@ -47,17 +47,17 @@ export interface RobotInfo {
   has_workspace: boolean;
   scenery: Scenery | null;
   assumed: string[];
-  /** Where it stands in world. */
+  /** Pose of the base in the world frame. */
   T_world_base: Numbers;
-  /** Folder of its files, empty or with a slash at its end. */
+  /** Folder of the robot's files; empty, or with a slash at its end. */
   files: string;
-  /** Through which it works in the scene. */
+  /** Ports of the robot's instruments in the scene. */
   ports: { trocar: string; name: string; at: Numbers }[];
 }
 
 export interface FieldInfo {
   name: string;
-  /** Base64 of u32, three for each triangle. */
+  /** Base64 of u32 vertex indices, three for each triangle. */
   triangles: string;
   color: Numbers;
   opacity: number;
@@ -70,18 +70,18 @@ export interface CameraInfo {
   T_link_camera: Numbers;
   /** Angle of view in rad. */
   view: number;
-  /** Of two lenses: m between them, and m to where their lines of sight meet. */
+  /** Stereo: distance in m between the lenses, and to the intersection of their lines of sight. */
   stereo?: [baseline: number, converge: number];
 }
 
-/** Hands that lead robots, and the camera that both drag. */
+/** Console: robots of both hands, and the camera that both hands move. */
 export interface ConsoleInfo {
-  /** Robots of each hand, in the order of taps. */
+  /** Robots of each hand, in the order in which taps select them. */
   hands: Record<Side, string[]>;
   camera: string;
   /** Smallest and largest motion scale. */
   scale: Numbers;
-  /** Seconds without a message after which nothing moves. */
+  /** Time in s without a message after which nothing moves. */
   patience: number;
 }
 
@@ -90,11 +90,11 @@ export type Side = 'right' | 'left';
 /** Hands by UDP. */
 export interface PacketsState {
   port: number;
-  /** Address that leads each hand. */
+  /** Address of the sender that controls each hand. */
   from: Record<Side, string | null>;
-  /** Packets that never came in time. */
+  /** Number of packets of each hand that did not arrive in time. */
   lost: Record<Side, number>;
-  /** Packets that came and were not used. */
+  /** Number of received packets that were not used. */
   ignored: number;
 }
 
@@ -106,30 +106,30 @@ export interface MqttState {
   problem: string | null;
 }
 
-/** Owner of the hands that packets lead. */
+/** Identifier of the owner while UDP packets control the hands. */
 export const UDP = 'udp';
 
 export interface ConsoleState {
-  /** A client of the stream, or UDP. */
+  /** Identifier of the controlling client, or `UDP`. */
   owner: string | null;
-  /** Number of the message that is answered by this state. */
+  /** Number of the last message that this state includes. */
   heard: number;
   silent: boolean;
   mode: 'instruments' | 'nothing' | 'camera';
   scale: number;
   hands: Record<Side, { robot: string; follows: boolean; wall: string | null; jumps: number }>;
-  /** Which limit the camera is at. */
+  /** Text on the camera's limit; null if it is at no limit. */
   camera: string | null;
-  /** Of the World against the clock. */
+  /** Speed of the World relative to real time. */
   rate: number;
   stopped: string | null;
-  /** Which pedal has been pressed for so long that it may be stuck. */
+  /** Text on a pedal that may be stuck, because it was pressed for a long time. */
   pedal: string | null;
   packets: PacketsState | null;
   mqtt: MqttState | null;
 }
 
-/** One robot or several, and the props. */
+/** A scene: one or more robots, and the props. */
 export interface SceneInfo {
   schema: string;
   version: number;
@@ -159,9 +159,9 @@ export interface State {
   reason: string | null;
   gap_m: number | null;
   residual_m: number | null;
-  /** Instead of residual_m, if what differs most is an angle. */
+  /** Largest difference if it is an angle; it then replaces residual_m. */
   residual_rad: number | null;
-  /** Why equations and mechanism cannot be compared here. */
+  /** Reason why equations and mechanism cannot be compared at this state. */
   scope: string | null;
   rcm: Numbers | null;
   rcm_error_m: number | null;
@@ -171,7 +171,7 @@ export interface State {
   variant: string | null;
   planning: string | null;
   workspace: boolean;
-  /** Only where the server was started with --record. */
+  /** Only if the server was started with --record. */
   recording?: boolean;
   postures: string[];
 }

@@ -1,4 +1,4 @@
-/** The robot's meshes. Link poses of the stream are applied to the nodes as they are: no kinematics here. */
+/** The robot's meshes. Link poses of the stream are applied without changes; the page has no kinematics. */
 
 import {
   Box3,
@@ -20,7 +20,7 @@ import type { Frame } from './frame';
 import { loadGlb } from './glb';
 import type { RobotInfo } from './protocol';
 
-const SAMPLES = 400; // vertices of a link that a hand is compared with
+const SAMPLES = 400; // vertices of a link for distances to a hand
 const RED = 0xd81b2a;
 
 interface Skin {
@@ -34,7 +34,7 @@ export interface Link {
   name: string;
   node: Object3D;
   skins: Skin[];
-  /** Vertices in the link's frame, some hundred of them. */
+  /** Some hundred vertices in the link's frame, for distances. */
   points: Vector3[];
 }
 
@@ -42,7 +42,7 @@ export type Mark = 'none' | 'hover' | 'held' | 'refused';
 
 export class Robot {
   readonly links = new Map<string, Link>();
-  /** The one node that turns z-up to y-up. */
+  /** Node that rotates from z up to y up. */
   readonly root: Object3D;
   private outline: LineSegments | null = null;
   private marked: [string, Mark] = ['', 'none'];
@@ -52,7 +52,7 @@ export class Robot {
     this.root = scene.children.length === 1 && scene.children[0] ? scene.children[0] : scene;
   }
 
-  /** Load the GLB and find its links. Links that it does not hold are named in an Error. */
+  /** Load the GLB and find its links. Throws an Error with the names of missing links. */
   static async load(about: RobotInfo): Promise<Robot> {
     const gltf = await loadGlb(`${about.files}robot.glb`);
     const robot = new Robot(gltf.scene);
@@ -63,12 +63,12 @@ export class Robot {
       if (typeof own === 'string' && !nodes.has(own)) nodes.set(own, o);
     });
     const missing = about.links.filter((name) => !nodes.has(name));
-    if (missing.length) throw new Error(`The robot's picture lacks ${missing.join(', ')}.`);
+    if (missing.length) throw new Error(`The robot's GLB file lacks the links ${missing.join(', ')}.`);
     for (const name of about.links) robot.links.set(name, dress(name, nodes.get(name) as Object3D));
     return robot;
   }
 
-  /** Put all links where a frame says. */
+  /** Set the poses of all links from a frame. */
   apply(frame: Frame, names: readonly string[]): void {
     const v = frame.poses;
     names.forEach((name, i) => {
@@ -80,12 +80,12 @@ export class Robot {
     this.root.updateMatrixWorld(true);
   }
 
-  /** Show all links but these. */
+  /** Show all links except these. */
   hide(names: readonly string[]): void {
     for (const link of this.links.values()) link.node.visible = !names.includes(link.name);
   }
 
-  /** The box of all links in the root's frame (z up). */
+  /** Return the bounding box of all links in the root's frame (z up). */
   box(): Box3 {
     this.root.updateMatrixWorld(true);
     const inverse = new Matrix4().copy(this.root.matrixWorld).invert();
@@ -96,12 +96,12 @@ export class Robot {
     return box;
   }
 
-  /** Meshes to be hit by a ray. */
+  /** Meshes that a ray can hit. */
   targets(): Mesh[] {
     return [...this.links.values()].flatMap((l) => l.skins.map((s) => s.mesh));
   }
 
-  /** Name of the link that an object belongs to. */
+  /** Return the name of the link that an object belongs to. */
   linkOf(object: Object3D | null): string | null {
     for (let o = object; o; o = o.parent) {
       const name: unknown = o.userData['twinLink'];
@@ -110,7 +110,7 @@ export class Robot {
     return null;
   }
 
-  /** Name of the link nearest to a point of the scene, and how far its surface is away, in m of the scene. */
+  /** Return the name of the link nearest to a point of the scene, and its distance in m in the scene. */
   nearest(point: Vector3): { link: string; distance: number } | null {
     let best: { link: string; distance: number } | null = null;
     const at = new Vector3();
@@ -122,7 +122,7 @@ export class Robot {
     return best;
   }
 
-  /** Colour one link: under the pointer, held, or held and not following; false if it is so already. */
+  /** Colour a link as hovered, held or refused; return false if its colour is unchanged. */
   mark(name: string, mark: Mark): boolean {
     if (this.marked[0] === name && this.marked[1] === mark) return false;
     this.marked = [name, mark];
@@ -137,13 +137,13 @@ export class Robot {
     return true;
   }
 
-  /** Raise dark colours, for displays on which black cannot be seen. */
+  /** Brighten dark colours for additive displays, on which black is invisible. */
   brighten(on: boolean): void {
     this.bright = on;
     for (const link of this.links.values()) this.tint(link);
   }
 
-  /** Paint each link in one flat colour by its number from `first` on (for pixel probes), or as it was. */
+  /** Paint each link in a flat colour by its number from `first` on (for pixel tests), or restore it. */
   paint(on: boolean, first = 0): void {
     let i = first;
     for (const link of this.links.values()) {
@@ -152,7 +152,7 @@ export class Robot {
     }
   }
 
-  /** A copy of one link's meshes in one translucent colour. */
+  /** Return a copy of a link's meshes in one translucent colour. */
   copyOf(name: string, color: number, opacity: number): Group {
     const group = new Group();
     const link = this.links.get(name);
@@ -177,7 +177,7 @@ export class Robot {
       material.emissive.setHex(glow);
       material.emissiveIntensity = mark === 'hover' ? 0.35 : 0.5;
       if (this.bright) {
-        // An additive display adds light: lift what is dark, keep the hue, and let nothing be nearly black.
+        // Additive displays add light: brighten dark colours, keep the hue, and avoid colours that are nearly black.
         const hsl = { h: 0, s: 0, l: 0 };
         color.getHSL(hsl);
         material.color.setHSL(hsl.h, hsl.s, 0.5 + 0.4 * hsl.l);
@@ -189,7 +189,7 @@ export class Robot {
   }
 }
 
-/** Colour of link number i in `paint`: 125 that differ by at least 60 in one channel. */
+/** Return the colour of link number i in `paint`: 125 colours that differ by at least 60 in one channel. */
 export function paintOf(i: number): Color {
   const k = (i * 37 + 7) % 125;
   const part = (n: number) => 15 + 60 * (n % 5);
@@ -206,8 +206,8 @@ function dress(name: string, node: Object3D): Link {
     if (!(o instanceof Mesh)) return;
     const mesh = o as Mesh;
     const old = mesh.material as MeshStandardMaterial;
-    const material = old.clone(); // links may share one, but are marked one by one
-    material.metalness = Math.min(material.metalness, 0.15); // without surroundings metal is black
+    const material = old.clone(); // links may share a material, but are coloured separately
+    material.metalness = Math.min(material.metalness, 0.15); // without an environment map, metal is black
     material.roughness = Math.max(0.42, Math.min(material.roughness, 0.6));
     material.depthWrite = !material.transparent;
     mesh.material = material;
@@ -239,7 +239,7 @@ function outlineOf(link: Link): LineSegments {
   return group;
 }
 
-/** Position and rotation of a pose of seven numbers. */
+/** Return position and rotation of a pose of seven numbers. */
 export function poseOf(v: ArrayLike<number>): { p: Vector3; q: Quaternion } {
   return {
     p: new Vector3(v[0], v[1], v[2]),

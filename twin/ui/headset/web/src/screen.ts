@@ -1,4 +1,4 @@
-/** The console's screen in a headset: it stands in the room, and shows each eye the picture of its lens. */
+/** The console's screen in a headset: a plane in the room that shows each eye the picture of its lens. */
 
 import {
   Group,
@@ -16,13 +16,13 @@ import type { Views } from './views';
 const WIDE = 1; // m
 const HIGH = 0.62;
 const AWAY = 1.15; // m from the viewer
-const PART = 0.3; // of the width, which the small picture takes
-const SMALLER = 0.45; // of the size while the room is looked at
-const HIGHER = 0.42; // m, likewise: above the patient
-const REST = 250; // ms between two of the small picture
-const LONG_REST = 5000; // ms of the same where pictures come slowly
-const SLOW = 50; // ms between two pictures
-const SHARPEST = 1280; // pixels
+const PART = 0.3; // width of the small picture as a fraction of the screen's width
+const SMALLER = 0.45; // size factor while the room is the large view
+const HIGHER = 0.42; // m: additional height in that case, so that the screen is above the patient
+const REST = 250; // ms between two updates of the small picture
+const LONG_REST = 5000; // ms between two updates of the small picture on a slow device
+const SLOW = 50; // ms between two pictures above which a device counts as slow
+const SHARPEST = 1280; // maximum width in pixels
 const LAYER: Readonly<Record<Eye, number>> = { left: 1, right: 2 };
 
 export class Screen {
@@ -57,7 +57,7 @@ export class Screen {
     return this.group.getWorldQuaternion(out);
   }
 
-  /** Stand before a viewer, upright, a little below the eyes. */
+  /** Place the screen upright in front of the viewer, slightly below the eyes. */
   placeBefore(viewer: Vector3, forward: Vector3): void {
     const ahead = forward.clone().setY(0);
     if (ahead.lengthSq() < 1e-6) ahead.set(0, 0, -1);
@@ -67,13 +67,13 @@ export class Screen {
     this.group.visible = true;
   }
 
-  /** The session has ended. */
+  /** Hide the screen at the end of a session. */
   hide(): void {
     this.group.visible = false;
     this.app.world.placement.visible = true;
   }
 
-  /** Bring the pictures up to date: those of the lenses with every change, that of the room now and then. */
+  /** Update the pictures: of the lenses after every change, of the room periodically. */
   draw(now: number): void {
     const { world } = this.app;
     const scope = this.views.large === 'scope';
@@ -98,7 +98,7 @@ export class Screen {
         this.views.drawRoom(this.room);
       }
     }
-    // With the endoscope's picture before one's eyes the robots do not stand in the way, nor do their shadows lie there.
+    // While the endoscope's picture is large, robots and shadows are hidden, so that they do not cover it.
     if (world.placement.visible === scope) world.renderer.shadowMap.needsUpdate = true;
     world.placement.visible = !scope;
   }

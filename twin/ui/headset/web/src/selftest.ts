@@ -1,6 +1,6 @@
 /**
- * `?selftest`: one press, known numbers and markers, results on the screen. It is for whoever has a device that nobody
- * here had: numbers are judged by the page, markers by the eye. What was not there is told, and is no failure.
+ * `?selftest`: tests of this device with known numbers and markers, started by one press. The page checks the numbers;
+ * the user checks the markers. A missing feature is reported as "not here", not as a failure.
  */
 
 import { ArrowHelper, BoxGeometry, CylinderGeometry, Group, Mesh, Vector3 } from 'three';
@@ -18,14 +18,14 @@ interface Result {
   said: string;
 }
 
-/** A frame as the server packs it: 2 links, 1 joint, with a ghost. */
+/** A frame as packed by the server: 2 links, 1 joint, with a ghost. */
 const FRAME =
   'VFdOMQcAAAAAAAAAAAApQAAAAAAAAApAAgABAAUAAAAAAIA/AAAAQAAAQEAAAAAAAAAAAAAAAAAAAIA/AACAPgAAAL8AAAA+AAAAPwAAAD8AAAA/AAAAPwAAQD8AAIA/AAAAAAAAAAAAAAAAmpkZPwAAAADNzEw/';
 
-/** Its second link in the scene (y up), column after column. */
+/** Matrix of its second link in the scene (y up), by columns. */
 const IN_SCENE = [0, 0, -1, 0, 0, 1, 0, 0, 1, 0, 0, 0, 0.25, 0.125, 0.5, 1];
 
-const WATCHED = 120; // pictures of a session that are timed
+const WATCHED = 120; // number of pictures for the measurement of the picture rate
 
 export class SelfTest {
   readonly results: Result[] = [];
@@ -44,7 +44,7 @@ export class SelfTest {
     title.textContent = 'Self-test';
     const about = document.createElement('p');
     about.textContent =
-      'Press once. With a headset the page enters it, stands markers on the floor and measures for some seconds; without one it tests what can be tested here. Nobody who wrote this page has run it on a device: what it says there is news.';
+      'Press once. With a headset, the page enters XR, shows markers on the floor and measures for some seconds. Without a headset, it runs the other tests. The authors have not yet run this page on a headset.';
     const button = document.createElement('button');
     button.className = 'enter';
     button.dataset['id'] = 'selftest';
@@ -64,7 +64,7 @@ export class SelfTest {
     this.done = false;
     this.markers.visible = true;
     const { app } = this;
-    // Entering needs the press: it comes before everything that takes time.
+    // A session can be entered only directly after a press, so this comes first.
     const entered = app.xr.ar || app.xr.vr ? app.xr.enter() : null;
     this.numbers();
     this.results.push(...checkPicture(app.world.renderer.capabilities.isWebGL2));
@@ -79,7 +79,7 @@ export class SelfTest {
   // -- numbers -------------------------------------------------------------------------------------------
 
   private numbers(): void {
-    this.attempt('a frame of the stream is read', () => {
+    this.attempt('a frame of the stream is decoded', () => {
       const bytes = Uint8Array.from(atob(FRAME), (c) => c.charCodeAt(0));
       const frame = parseFrame(bytes.buffer);
       const is = [
@@ -93,7 +93,7 @@ export class SelfTest {
       ];
       return worst(is.map(Number), [7, 12.5, 3.25, 5, 0.75, -0.5, Math.fround(0.8)]);
     });
-    this.attempt('z up becomes y up, once', () => {
+    this.attempt('z up is converted to y up exactly once', () => {
       const bytes = Uint8Array.from(atob(FRAME), (c) => c.charCodeAt(0));
       const world = new Group();
       world.rotation.x = -Math.PI / 2;
@@ -112,7 +112,7 @@ export class SelfTest {
     const start = performance.now();
     await pause(2000);
     const rate = (1000 * (line.frames - before)) / (performance.now() - start);
-    const trip = Number.isFinite(line.roundTrip) ? `${line.roundTrip.toFixed(0)} ms there and back` : 'no answer yet';
+    const trip = Number.isFinite(line.roundTrip) ? `${line.roundTrip.toFixed(0)} ms round trip` : 'no answer yet';
     const open = line.line === 'open' && model.frame !== null;
     this.add('stream', open ? 'pass' : 'FAIL', open ? `${rate.toFixed(0)} frames/s, ${trip}` : model.status().text);
     const robot = this.app.robot;
@@ -145,21 +145,21 @@ export class SelfTest {
     while (xr.session && xr.frames - first < WATCHED && performance.now() - start < 20000) await pause(100);
     const rate = (1000 * (xr.frames - first)) / (performance.now() - start);
     this.add('session', 'pass', `${xr.mode}, the display is ${xr.blend}`);
-    this.add('pictures', rate >= 30 ? 'pass' : 'FAIL', `${rate.toFixed(0)}/s, at least 30 wanted`);
+    this.add('pictures', rate >= 30 ? 'pass' : 'FAIL', `${rate.toFixed(0)}/s, required: at least 30`);
     const eyes = this.app.world.renderer.xr.getCamera().cameras;
     const [left, right] = eyes.map((c) => new Vector3().setFromMatrixPosition(c.matrixWorld));
     if (left && right) {
       const apart = 1000 * left.distanceTo(right);
-      this.add('eyes', apart > 45 && apart < 85 ? 'pass' : 'FAIL', `${apart.toFixed(1)} mm apart, 45 to 85 wanted`);
+      this.add('eyes', apart > 45 && apart < 85 ? 'pass' : 'FAIL', `${apart.toFixed(1)} mm apart, required: 45 to 85`);
     } else this.add('eyes', 'not here', 'one view');
     const head = xr.viewer().y;
-    this.add('floor', head > 0.4 && head < 2.4 ? 'pass' : 'FAIL', `the head is ${head.toFixed(2)} m above it`);
-    this.add('hit test', xr.canPlace ? 'pass' : 'not here', xr.canPlace ? 'surfaces are asked for' : 'none offered');
+    this.add('floor', head > 0.4 && head < 2.4 ? 'pass' : 'FAIL', `the head is ${head.toFixed(2)} m above the floor`);
+    this.add('hit test', xr.canPlace ? 'pass' : 'not here', xr.canPlace ? 'available' : 'not available');
     const sources = [...session.inputSources].map((s) => (s.hand ? 'hand' : s.targetRayMode));
-    this.add('input', sources.length ? 'pass' : 'not here', sources.join(', ') || 'nothing: a long look presses');
+    this.add('input', sources.length ? 'pass' : 'not here', sources.join(', ') || 'none: use gaze');
   }
 
-  /** What the eye judges: a cube of 10 cm, a rod of 1 m, three axes. */
+  /** Markers for the user: a cube of 10 cm, a rod of 1 m, three axes. */
   private stand(): void {
     const cube = new Mesh(new BoxGeometry(0.1, 0.1, 0.1), flat(0xf0b429));
     cube.position.set(0, 0.05, -1);
@@ -188,7 +188,7 @@ export class SelfTest {
     this.markers.add(label.sprite);
   }
 
-  // -- telling -------------------------------------------------------------------------------------------
+  // -- results -------------------------------------------------------------------------------------------
 
   private attempt(name: string, error: () => number): void {
     try {

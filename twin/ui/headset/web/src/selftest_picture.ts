@@ -1,4 +1,4 @@
-/** Three squares drawn by this device's graphics, and their pixels read back: place and colour are known. */
+/** Draw three squares with this device's graphics, and compare pixels with the known places and colours. */
 
 import {
   Mesh,
@@ -27,11 +27,11 @@ const SQUARES: [string, number, number][] = [
 ];
 
 /**
- * The camera stands 1 m before the plane and sees 90 degrees: 1 m of the plane is half of the picture, so that the
- * pixel of a point is known without any matrix.
+ * The camera is 1 m in front of the plane, with an angle of view of 90 degrees: 1 m of the plane is half of the picture,
+ * so that the pixel of a point is known without a matrix.
  */
 export function checkPicture(webgl2: boolean): Result[] {
-  const name = 'a picture has its colours where they belong';
+  const name = 'a picture has the right colours at the right places';
   if (!webgl2) return [{ name, verdict: 'FAIL', said: 'no WebGL 2' }];
   const renderer = new WebGLRenderer({ canvas: document.createElement('canvas') });
   const target = new WebGLRenderTarget(SIZE, SIZE, { colorSpace: NoColorSpace });

@@ -21,7 +21,7 @@ export function makeSheet(app: App): Sheet {
   };
 }
 
-/** Of which robot the controls of a tab speak. */
+/** Return the choice of the active robot for a tab. */
 function which(app: App, tab: string): Control {
   return {
     kind: 'choice',
@@ -124,7 +124,7 @@ function simulation(app: App): Tab {
         if (!protocols.length) return 'This robot has no protocol to play.';
         const name = m.state.planning ?? m.state.protocol;
         const title = protocols.find((p) => p.name === name)?.title ?? '';
-        return m.state.planning ? `${title} — being planned …` : title;
+        return m.state.planning ? `${title} (planning …)` : title;
       },
     },
     { kind: 'text', id: 'phase', text: () => phaseText(app) },
@@ -178,15 +178,15 @@ function phaseText(app: App): string {
   const i = s.phases.findIndex(([, , end]) => t <= end + 1e-9);
   return s.phase
     ? `Phase ${(i < 0 ? s.phases.length - 1 : i) + 1} of ${s.phases.length}: ${s.phase}`
-    : 'Not on the protocol: press Play to return to it.';
+    : 'The robot is not on the protocol; press Play to return to it.';
 }
 
-/** Difference of equations and mechanism in m or rad that is no longer rounding. */
+/** Difference between equations and mechanism in m or rad above which the value is red. */
 const AGREE = 1e-6;
-/** Distance in m by which the shaft may miss the RCM. */
+/** Maximum accepted distance in m of the shaft from the RCM. */
 const RCM = 1e-4;
 
-/** What is measured; what must not be is red. */
+/** Measured values; values beyond their limit are red. */
 function measures(app: App): Control[] {
   const line = (id: string, text: (s: State) => string, tone: (s: State) => Tone = () => 'plain'): Control => ({
     kind: 'text',
@@ -197,7 +197,7 @@ function measures(app: App): Control[] {
   const over = (value: number | null, limit: number): Tone => (value !== null && Math.abs(value) > limit ? 'bad' : 'plain');
   const apart = (s: State): number | null => s.residual_m ?? s.residual_rad;
   return [
-    line('gap', (s) => (s.gap_m === null ? '' : `Gap of the loops  ${length(s.gap_m)}`), (s) => over(s.gap_m, AGREE)),
+    line('gap', (s) => (s.gap_m === null ? '' : `Loop gap  ${length(s.gap_m)}`), (s) => over(s.gap_m, AGREE)),
     line(
       'residual',
       (s) => {
@@ -209,7 +209,7 @@ function measures(app: App): Control[] {
     ),
     line(
       'rcm',
-      (s) => (s.rcm_error_m === null ? '' : `Shaft misses the RCM by  ${length(s.rcm_error_m)}`),
+      (s) => (s.rcm_error_m === null ? '' : `Distance of shaft from RCM  ${length(s.rcm_error_m)}`),
       (s) => over(s.rcm_error_m, RCM),
     ),
     line('depth', (s) => (s.depth_m === null ? '' : `Insertion depth  ${length(s.depth_m)}`)),
@@ -219,9 +219,9 @@ function measures(app: App): Control[] {
 function interaction(app: App): Tab {
   const m = app.model;
   const modes: [Mode, string, string][] = [
-    ['auto', 'Tool', 'The tool follows the hand; any other link is led at the point where it is taken.'],
-    ['joint', 'Joint', 'Take a link: the driven joint that carries it moves.'],
-    ['link', 'Link', 'Take any link at any point: the mechanism follows that point.'],
+    ['auto', 'Tool', 'Grab the tool: it follows the hand. Grab another link: the grabbed point follows the hand.'],
+    ['joint', 'Joint', 'Grab a link: the active joint that moves this link follows the hand.'],
+    ['link', 'Link', 'Grab a link at any point: the mechanism moves so that the point follows the hand.'],
   ];
   const mode = (value: Mode, label: string): Button => ({
     kind: 'button',
@@ -234,7 +234,7 @@ function interaction(app: App): Tab {
     },
   });
   const controls: Control[] = [
-    { kind: 'head', text: 'What a hand takes' },
+    { kind: 'head', text: 'What a grab moves' },
     { kind: 'row', items: modes.map(([value, label]) => mode(value, label)) },
     {
       kind: 'text',
@@ -248,7 +248,7 @@ function interaction(app: App): Tab {
         {
           kind: 'button',
           id: 'turning',
-          label: () => 'Tool turns with the hand',
+          label: () => 'Tool rotates with the hand',
           on: () => app.grab.turning,
           press: () => {
             app.grab.turning = !app.grab.turning;

@@ -1,4 +1,4 @@
-/** The controls of a console: what leads what, the motion scale, the views, and the keys. */
+/** The controls of a console: status of the hands, motion scale, views, and help for all input devices. */
 
 import type { App } from './app';
 import type { Console } from './console';
@@ -18,10 +18,10 @@ const STEREO: readonly [Stereo, string][] = [
 
 const TOUCH: readonly (readonly [what: string, how: string])[] = [
   ['One finger', 'the nearest instrument follows'],
-  ['Two fingers', 'drag, zoom and roll the camera'],
+  ['Two fingers', 'move, zoom and roll the camera'],
 ];
 
-/** Always in sight: pedals and jaws, for hands that have no other button. */
+/** Return the controls that are always visible: pedals and jaws, for input devices without buttons for them. */
 export function pedals(console: Console): Control {
   const pedal = (name: Pedal, label: string, hint: string): Button => ({
     kind: 'button',
@@ -95,16 +95,16 @@ export function atConsole(app: App, console: Console): Tab {
       kind: 'row',
       items: [
         { kind: 'button', id: 'swap', label: () => 'Swap the pictures', press: () => views.swap() },
-        { kind: 'button', id: 'let-go', label: () => 'Let go', off: () => !console.pens.active, press: () => console.pens.drop() },
+        { kind: 'button', id: 'let-go', label: () => 'Release the hands', off: () => !console.pens.active, press: () => console.pens.drop() },
       ],
     },
     ...stereo,
     { kind: 'head', text: 'Mouse, in the endoscope’s picture' },
     list('mouse', [
       ['Drag', 'the nearest instrument follows'],
-      ['Drag with Shift', 'it turns'],
-      ['Wheel', 'deeper or nearer'],
-      ['Drag with the right button', 'the camera'],
+      ['Drag with Shift', 'the instrument rotates'],
+      ['Wheel', 'the instrument moves away from the lens or towards it'],
+      ['Drag with the right button', 'the camera moves'],
     ], desk),
     { kind: 'head', text: 'Touch' },
     list('touch', TOUCH, desk),
@@ -138,9 +138,9 @@ function packetText(state: ConsoleState | null): string {
   if (!packets) return 'UDP packets: off, see twin serve --packets';
   const hands = SIDES.map((s) => {
     const from = packets.from[s];
-    return `${s} hand: ${from ? `from ${from}` : 'nobody'}, ${packets.lost[s]} packets lost`;
+    return `${s} hand: ${from ? `from ${from}` : 'no sender'}, ${packets.lost[s]} packets lost`;
   });
-  return [`UDP packets: port ${packets.port}${state.owner === UDP ? ', lead the hands' : ''}`, ...hands, `${packets.ignored} packets ignored`].join('\n');
+  return [`UDP packets: port ${packets.port}${state.owner === UDP ? ', in control of the hands' : ''}`, ...hands, `${packets.ignored} packets ignored`].join('\n');
 }
 
 function mqttText(mqtt: MqttState | null): string {

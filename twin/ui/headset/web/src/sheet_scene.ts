@@ -1,4 +1,4 @@
-/** The controls of what is shown and where, and what is known of the robot. */
+/** The controls for displays and place, and the data of the robot. */
 
 import type { App } from './app';
 import type { Button, Control, Tab } from './controls';
@@ -63,7 +63,7 @@ export function scene(app: App): Tab {
       {
         kind: 'choice',
         id: 'variant',
-        label: 'Tool by the equations, as',
+        label: 'Ghost of the equations: variant',
         options: () => [['', 'not shown'], ...(m.info?.variants ?? []).map((v): [string, string] => [v, v])],
         get: () => m.state.variant ?? '',
         set: (v) => app.ask('variant', { name: v || null }),
@@ -121,7 +121,7 @@ export function scene(app: App): Tab {
             app.place.leading = !app.place.leading;
             app.refresh();
           },
-          hint: 'In XR: a pinch moves the whole robot, two pinches turn and scale it',
+          hint: 'In XR: pinch to move the whole robot; pinch with both hands to turn and scale it',
         },
         { kind: 'button', id: 'reset', label: () => 'Reset', press: () => app.place.reset() },
       ],
@@ -144,7 +144,7 @@ export function robot(app: App): Tab {
         id: 'about',
         tone: () => 'faint',
         text: () =>
-          `${m.info?.links.length ?? 0} links, ${m.info?.joints.length ?? 0} joints, ${m.info?.joints.filter((j) => j.active).length ?? 0} of them driven\nmodel ${m.info?.model_hash.slice(0, 19) ?? ''}`,
+          `${m.info?.links.length ?? 0} links, ${m.info?.joints.length ?? 0} joints, ${m.info?.joints.filter((j) => j.active).length ?? 0} of them active\nmodel ${m.info?.model_hash.slice(0, 19) ?? ''}`,
       },
       {
         kind: 'text',
@@ -167,7 +167,7 @@ export function robot(app: App): Tab {
   };
 }
 
-/** What is assumed, the same reason told once. */
+/** Return the assumed parameters as text, grouped by reason. */
 function assumptions(all: readonly string[]): string {
   const reasons = new Map<string, string[]>();
   for (const line of all) {

@@ -1,4 +1,4 @@
-/** The props of a scene: furniture and patient, the ports, the cameras and what they see. */
+/** Surroundings of a scene: furniture and patient, ports, cameras and their fields of view. */
 
 import {
   Box3,
@@ -22,25 +22,25 @@ import type { CameraInfo, SceneInfo } from './protocol';
 import { poseOf } from './robot';
 import type { World } from './world';
 
-const THROUGH = 0.25; // opacity of what is seen through
-const SIGHT = 0.12; // m that a camera's pyramid is long
+const THROUGH = 0.25; // opacity of transparent surroundings
+const SIGHT = 0.12; // length in m of the pyramid of a camera's field of view
 
 export class Surroundings {
-  /** Below the world (z up). */
+  /** Group below the world node (z up). */
   readonly props = new Group();
   seeThrough = false;
   marks = true;
   private readonly rings: Mesh[] = [];
   private readonly eyes: Group[] = [];
   private readonly labels: Label[] = [];
-  /** Opacity of each part as it was loaded. */
+  /** Original opacity of each part. */
   private readonly opacities = new Map<Mesh<BufferGeometry, MeshStandardMaterial>, number>();
 
   constructor(private readonly world: World) {
     world.robotWorld.add(this.props);
   }
 
-  /** Load the props; a scene without any has nothing to wait for. */
+  /** Load the props; return at once for a scene without props. */
   async load(scene: SceneInfo): Promise<void> {
     if (!scene.props) return;
     const gltf = await loadGlb(scene.props.file);
@@ -48,12 +48,12 @@ export class Surroundings {
     this.props.traverse((o) => {
       if (!(o instanceof Mesh)) return;
       const mesh = o as Mesh<BufferGeometry, MeshStandardMaterial>;
-      mesh.material = mesh.material.clone(); // parts may share one
+      mesh.material = mesh.material.clone(); // parts may share a material
       this.opacities.set(mesh, mesh.material.opacity);
     });
   }
 
-  /** Put rings at the ports and pyramids before the cameras, once the robots are there. */
+  /** Add rings at the ports and pyramids at the cameras, after the robots are loaded. */
   mark(scene: SceneInfo, members: readonly Member[]): void {
     for (const member of members)
       for (const port of member.model.info?.ports ?? []) {
@@ -89,7 +89,7 @@ export class Surroundings {
     return eye;
   }
 
-  /** What marks ports and cameras. */
+  /** Return the markers of ports and cameras. */
   get signs(): readonly Object3D[] {
     return [...this.rings, ...this.eyes];
   }
@@ -109,14 +109,14 @@ export class Surroundings {
     this.world.touch();
   }
 
-  /** Raise dark colours, for displays on which black cannot be seen. */
+  /** Brighten dark colours for additive displays, on which black is invisible. */
   brighten(on: boolean): void {
     for (const { material } of this.opacities.keys())
       material.emissive = on ? material.color.clone().multiplyScalar(0.18) : new Color(0);
     this.world.touch();
   }
 
-  /** Its box in the world (z up). */
+  /** Bounding box in the world frame (z up). */
   box(): Box3 {
     const box = new Box3();
     if (!this.props.children.length) return box;

@@ -1,4 +1,4 @@
-/** What a headset measures of a hand that holds a controller, or of a bare hand: pose, gripper and pedals. */
+/** Measurements of a controller or a bare hand by the headset: pose, gripper and pedals. */
 
 import { Quaternion, Vector3 } from 'three';
 
@@ -9,23 +9,23 @@ export interface Tracked {
   open: number;
   clutch: boolean;
   camera: boolean;
-  /** Of a bare hand: whether it is a fist. */
+  /** Whether a bare hand is a fist; false for a controller. */
   fist: boolean;
 }
 
-/** Buttons of a controller in the layout `xr-standard`. */
+/** Button indices of a controller in the layout `xr-standard`. */
 const TRIGGER = 0;
 const SQUEEZE = 1;
 const STICK = 3;
 const BUTTON = 4; // A or X
 
-/** m between the tips of thumb and index finger of a gripper that is shut, and of one that is open. */
+/** Distance in m between the tips of thumb and index finger for a closed and an open gripper. */
 const SHUT = 0.015;
 const OPEN = 0.07;
 
 const FINGERS = ['index', 'middle', 'ring', 'pinky'] as const;
 
-/** Return what is measured of an input source, or null while it is not tracked. */
+/** Return the measurements of an input source; null while it is not tracked. */
 export function track(frame: XRFrame, space: XRReferenceSpace, source: XRInputSource): Tracked | null {
   if (frame.session.visibilityState && frame.session.visibilityState !== 'visible') return null;
   return source.hand ? bareHand(frame, space, source.hand) : controller(frame, space, source);
@@ -34,7 +34,7 @@ export function track(frame: XRFrame, space: XRReferenceSpace, source: XRInputSo
 function controller(frame: XRFrame, space: XRReferenceSpace, source: XRInputSource): Tracked | null {
   const pose = source.gripSpace && frame.getPose(source.gripSpace, space);
   const buttons = source.gamepad?.buttons;
-  // An emulated position is a guess of the device: the controller is out of its sight.
+  // An emulated position is an estimate by the device, because the controller is out of its sight.
   if (!pose || pose.emulatedPosition || !buttons) return null;
   const pressed = (k: number) => buttons[k]?.pressed ?? false;
   return {
@@ -46,7 +46,7 @@ function controller(frame: XRFrame, space: XRReferenceSpace, source: XRInputSour
   };
 }
 
-/** The hand is where the knuckle of its index finger is, which a pinch does not move, and turns with its wrist. */
+/** Position from the knuckle of the index finger, which a pinch does not move; orientation from the wrist. */
 function bareHand(frame: XRFrame, space: XRReferenceSpace, hand: XRHand): Tracked | null {
   const at = (name: string): XRRigidTransform | null => {
     const joint = hand.get(name as XRHandJoint);
@@ -63,7 +63,7 @@ function bareHand(frame: XRFrame, space: XRReferenceSpace, hand: XRHand): Tracke
   const knuckle = knuckles[0];
   if (!wrist || !thumb || !index || !knuckle) return null;
   const { p: root, q } = placed(wrist);
-  // In a fist the tips of all four fingers are nearer to the wrist than their knuckles.
+  // In a fist, the tips of all four fingers are nearer to the wrist than their knuckles are.
   const fist = tips.every((tip, i) => {
     const joint = knuckles[i];
     return tip && joint && tip.distanceTo(root) < joint.distanceTo(root);

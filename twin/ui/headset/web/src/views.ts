@@ -1,4 +1,4 @@
-/** Two pictures: through the endoscope and of the room, one large and one in its corner. */
+/** Two views: through the endoscope and of the room; one is large, the other is in its corner. */
 
 import {
   AmbientLight,
@@ -18,7 +18,7 @@ import { poseOf } from './robot';
 
 export type View = 'scope' | 'room';
 
-/** How both lenses are shown on a screen: one of them, side by side, or over each other for red and cyan glasses. */
+/** Display of both lenses on a screen: one picture, side by side, or combined for red-cyan glasses. */
 export type Stereo = 'one' | 'side' | 'red-cyan';
 
 interface Point {
@@ -33,12 +33,12 @@ export interface Box {
   height: number;
 }
 
-const SEEN = 0.4; // m that the endoscope sees: what lies beyond the cavity is not drawn
-const REST = 200; // ms between two of the small picture while the large one moves
-const LONG_REST = 5000; // ms of the same on a machine that draws slowly
-const STILL = 1500; // ms without motion after which a machine that draws slowly draws all pixels again
-const SCOPE_LIGHT = 4; // layer
-const PART = 0.3; // of the free width that the small picture takes
+const SEEN = 0.4; // m: maximum distance drawn in the endoscope's view, which shows only the cavity
+const REST = 200; // ms between two updates of the small view while the large view changes
+const LONG_REST = 5000; // ms between two updates of the small view on a slow machine
+const STILL = 1500; // ms without motion after which a slow machine draws all pixels again
+const SCOPE_LIGHT = 4; // layer of the endoscope's light
+const PART = 0.3; // width of the small view as a fraction of the free width
 const UP = new Quaternion().setFromAxisAngle(new Vector3(1, 0, 0), Math.PI); // from -y up, along z, to y up, along -z
 
 export class Views {
@@ -47,7 +47,7 @@ export class Views {
   readonly pace: Pace;
   private stereo: Stereo = 'one';
   private readonly eyes: Eyes;
-  /** Where the room is seen from on a desk, standing in the room. */
+  /** Camera of the room's view on a screen. */
   private onlooker = new PerspectiveCamera();
   private readonly frame = document.createElement('button');
   private readonly small = document.createElement('canvas');
@@ -73,7 +73,7 @@ export class Views {
     window.addEventListener('resize', () => this.place());
   }
 
-  /** Mount the endoscope on its robot, with a light that reaches as far as the cavity. */
+  /** Attach the endoscope's camera to its robot, with a light that reaches to the walls of the cavity. */
   mount(): void {
     const member = this.app.members.find((m) => m.model.info?.name === this.camera.robot);
     const node = member?.robot?.links.get(this.camera.link)?.node;
@@ -82,11 +82,11 @@ export class Views {
     this.scope.position.copy(p);
     this.scope.quaternion.copy(q).multiply(UP);
     node.add(this.scope);
-    for (const m of this.app.members) m.handle.group.visible = false; // nobody takes it here
-    // No lamp of the room shines into the cavity: there the endoscope's is the only one, and what its walls scatter.
+    for (const m of this.app.members) m.handle.group.visible = false; // robots of a console cannot be grabbed
+    // The lamps of the room do not light the cavity: only the endoscope's light and its scattered light do.
     const light = new SpotLight(0xffffff, 2.6, 0.5, 0.9, 0.6, 0);
     const scattered = new AmbientLight(0xffe0d0, 0.9);
-    light.position.set(0, 0, 0); // not above it, where three.js puts lamps
+    light.position.set(0, 0, 0); // at the camera; by default, three.js places lights above the origin
     light.target.position.set(0, 0, -0.1);
     for (const lamp of [light, scattered]) lamp.layers.set(SCOPE_LIGHT);
     this.scope.add(light, light.target, scattered);
@@ -117,7 +117,7 @@ export class Views {
     this.app.refresh();
   }
 
-  /** Where a picture is, in pixels of the page. */
+  /** Return the box of a view in pixels of the page. */
   box(view: View): Box {
     const { clientWidth: w, clientHeight: h } = this.app.world.renderer.domElement;
     if (view === this.large) return { left: 0, top: 0, width: w, height: h };
@@ -127,7 +127,7 @@ export class Views {
     return { left: 18, top: bottom - height - 18, width, height };
   }
 
-  /** Which picture is under a point of the page. */
+  /** Return the view at a point of the page. */
   at(x: number, y: number): View {
     const small: View = this.large === 'scope' ? 'room' : 'scope';
     const b = this.box(small);
@@ -138,7 +138,7 @@ export class Views {
     const small: View = this.large === 'scope' ? 'room' : 'scope';
     const b = this.box(small);
     for (const [key, value] of Object.entries(b)) this.frame.style.setProperty(key, `${value}px`);
-    // The room is looked at from there and a click enlarges it; the endoscope's picture is worked in.
+    // A click on the small view of the room enlarges it; in the endoscope's view, the mouse moves instruments.
     this.frame.classList.toggle('work', small === 'scope');
     this.label.style.left = `${b.left + 8}px`;
     this.label.style.top = `${b.top + 4}px`;
@@ -146,7 +146,7 @@ export class Views {
     this.frame.setAttribute('aria-label', this.label.textContent);
   }
 
-  /** Where a point of the scene is in a picture, in pixels of the page; of two side by side in the one that is nearer to x. */
+  /** Project a point of the scene into a view, in pixels of the page; side by side: into the picture nearer to x. */
   project(point: Vector3, view: View, x = 0): { x: number; y: number } {
     const two = this.sideBySide(view);
     if (!two) return this.into(point, this.fit(view), this.box(view));
@@ -160,13 +160,13 @@ export class Views {
     return { x: b.left + (b.width * (1 + v.x)) / 2, y: b.top + (b.height * (1 - v.y)) / 2 };
   }
 
-  /** Pixels of a picture for one radian at its middle. */
+  /** Return the pixels of a view per radian at its middle. */
   pixels(view: View): number {
     const fov = view === 'scope' ? this.camera.view : MathUtils.degToRad(this.app.world.camera.fov);
     return (this.sideBySide(view)?.left ?? this.box(view)).height / (2 * Math.tan(fov / 2));
   }
 
-  /** Boxes of both eyes in what the controls leave free, or null. */
+  /** Return the boxes of both eyes in the area without controls; null unless they are side by side. */
   private sideBySide(view: View): Record<Eye, Box> | null {
     if (view !== 'scope' || this.large !== 'scope' || this.stereo !== 'side') return null;
     const [right, bottom] = this.app.world.free();
@@ -175,7 +175,7 @@ export class Views {
     return { left: half(0), right: half(width) };
   }
 
-  /** Draw the large picture and, if it is the room's less often, the small one. False if the last is still being drawn. */
+  /** Draw the large view and, less often, the small one; return false if the last picture is still being drawn. */
   render(moved: number): boolean {
     const { renderer } = this.app.world;
     const small: View = this.large === 'scope' ? 'room' : 'scope';
@@ -184,7 +184,7 @@ export class Views {
     const moving = now - moved < STILL;
     this.pace.begin(now, moving);
     if (moving && this.pace.slow) this.app.later(STILL);
-    // The shadows of the room are not seen in the cavity.
+    // Shadows of the room are not visible in the cavity.
     this.shadows ||= renderer.shadowMap.needsUpdate;
     if (small === 'scope' || now - this.drawn > (moving && this.pace.slow ? LONG_REST : REST)) {
       this.drawn = now;
@@ -201,7 +201,7 @@ export class Views {
     return true;
   }
 
-  /** Draw what both lenses see, in a headset: pictures of this many pixels. */
+  /** Draw the pictures of both lenses for a headset, with this size in pixels. */
   drawEyes(width: number, height: number): Record<Eye, WebGLRenderTarget> {
     this.aim(width / height);
     const pictures = { left: this.eyes.picture('left', width, height), right: this.eyes.picture('right', width, height) };
@@ -209,7 +209,7 @@ export class Views {
     return pictures;
   }
 
-  /** Draw the room as it is seen on a desk, in a headset. */
+  /** Draw the room's view of a screen, for a headset. */
   drawRoom(picture: WebGLRenderTarget): void {
     this.onlooker.aspect = picture.width / picture.height;
     this.onlooker.updateProjectionMatrix();
@@ -219,7 +219,7 @@ export class Views {
 
   private drawInto(picture: WebGLRenderTarget, camera: PerspectiveCamera, inside: boolean): void {
     const { renderer, scene, placement } = this.app.world;
-    // What hangs in the room of whoever wears the headset is not in the picture.
+    // Panels and screens of the headset's user are not drawn in this view.
     const others = scene.children.filter((o) => o !== placement && o.visible && !('isLight' in o));
     const hidden = [...others, ...(inside ? this.about() : [])];
     const [xr, background, shown] = [renderer.xr.enabled, scene.background, placement.visible];
@@ -281,14 +281,14 @@ export class Views {
     draw();
   }
 
-  /** What is drawn about the robots for whoever looks at the room, as far as it is visible. */
+  /** Return the visible displays that are only for the room's view. */
   private about(): Object3D[] {
     const { members, surroundings } = this.app;
     const drawn = members.flatMap((m) => m.place.children.filter((o) => o !== m.robot?.root));
     return [...drawn, ...surroundings.signs].filter((o) => o.visible);
   }
 
-  /** Point both lenses at pictures that are each as wide for their height. */
+  /** Set the aspect ratio of both lenses. */
   private aim(aspect: number): void {
     this.scope.aspect = aspect;
     this.scope.clearViewOffset();

@@ -1,4 +1,4 @@
-/** Scene, camera, light, floor and the two looks: normal, and bright for displays that add their light to the room. */
+/** Scene, camera, light, floor, and two looks: normal, and bright for additive displays. */
 
 import {
   AmbientLight,
@@ -29,10 +29,10 @@ export type Look = 'normal' | 'additive';
 
 const SKY = 0xe9eef5;
 
-/** Layer of the lamps of the room: a camera that has it sees by their light. */
+/** Layer of the room's lamps: they light only the pictures of cameras on this layer. */
 export const ROOM_LIGHT = 3;
 
-/** From where the robot is looked at first. */
+/** Direction from the robot to the first camera position. */
 export const VIEW: Readonly<Vector3> = new Vector3(0.62, 0.36, 0.8).normalize();
 
 export class World {
@@ -40,17 +40,17 @@ export class World {
   readonly scene = new Scene();
   readonly camera = new PerspectiveCamera(40, 1, 0.01, 60);
   readonly orbit: OrbitControls;
-  /** Where the robot is in the room: place, turn about y, one scale. The origin is on the floor below it. */
+  /** Node of the robot's place in the room: position, rotation about y, scale; the origin is on the floor below. */
   readonly placement = new Group();
-  /** The robot's world, z up, below `placement`. */
+  /** World node (z up), below `placement`. */
   readonly robotWorld = new Group();
   readonly floor = new Group();
   look: Look = 'normal';
-  /** What is seen where there is nothing, unless it is the real room. */
+  /** Background colour, except in AR. */
   readonly sky = new Color(SKY);
-  /** Set when something has changed that must be drawn. */
+  /** Whether a new picture is needed. */
   dirty = true;
-  /** Edge of the robot's box, in m. */
+  /** Size of the robot's bounding box in m. */
   size = 1;
 
   private covered = { right: 0, bottom: 0 };
@@ -103,25 +103,25 @@ export class World {
     const canvas = this.renderer.domElement;
     const [w, h] = [canvas.clientWidth || 1, canvas.clientHeight || 1];
     this.renderer.setSize(w, h, false);
-    // The picture's middle is the middle of what the controls leave free.
+    // The middle of the picture is the middle of the area without controls.
     this.camera.setViewOffset(w, h, this.covered.right / 2, this.covered.bottom / 2, w, h);
     this.dirty = true;
   }
 
-  /** Say how much of the canvas the controls cover, in pixels. */
+  /** Set the size in pixels that the controls cover at the right and the bottom of the canvas. */
   cover(right: number, bottom: number): void {
     if (right === this.covered.right && bottom === this.covered.bottom) return;
     this.covered = { right, bottom };
     this.resize();
   }
 
-  /** What the controls leave free, in pixels from the left and from the top. */
+  /** Width and height in pixels of the area without controls, from the upper left. */
   free(): [right: number, bottom: number] {
     const { clientWidth: w, clientHeight: h } = this.renderer.domElement;
     return [w - this.covered.right, h - this.covered.bottom];
   }
 
-  /** Look at the robot's box from the front right, so that it fills the picture. */
+  /** Set the camera to the front right of the robot, so that the robot's box fills the picture. */
   frameAll(middle: Vector3, radius: number): void {
     const { clientWidth: w, clientHeight: h } = this.renderer.domElement;
     const free = Math.max(0.2, Math.min((h - this.covered.bottom) / h, (w - this.covered.right) / h));
@@ -137,7 +137,7 @@ export class World {
     this.dirty = true;
   }
 
-  /** Let light and shadow fit a robot that stands at the placement. */
+  /** Adapt light and shadow to the robot at `placement`. */
   relight(): void {
     const s = this.size * this.placement.scale.x;
     const at = this.placement.position;
@@ -159,7 +159,7 @@ export class World {
     this.touch();
   }
 
-  /** The robot has moved: draw, shadow included. */
+  /** Request a new picture with new shadows, because the robot has moved. */
   touch(): void {
     this.dirty = true;
     this.renderer.shadowMap.needsUpdate = true;
@@ -168,7 +168,7 @@ export class World {
   setLook(look: Look, seeThrough: boolean): void {
     this.look = look;
     const additive = look === 'additive';
-    // On an additive display black is nothing: on a desk it previews what such a display would show.
+    // Black is transparent on an additive display; on a screen, a dark background previews such a display.
     this.sky.set(additive ? 0x000000 : SKY);
     this.scene.background = seeThrough ? null : this.sky;
     this.ambient.intensity = additive ? 0.5 : 0.15;
@@ -181,7 +181,7 @@ export class World {
   }
 }
 
-/** Lines 10 cm apart, every fifth stronger, fading to the rim. */
+/** Return a grid of lines 10 cm apart; every fifth line is stronger, and all fade towards the rim. */
 function gridOf(): LineSegments {
   const positions: number[] = [];
   const colors: number[] = [];
@@ -208,7 +208,7 @@ function gridOf(): LineSegments {
   return new LineSegments(geometry, material);
 }
 
-/** Remove an object and give back what it holds on the graphics card. */
+/** Remove an object, and release its memory on the GPU. */
 export function discard(object: Object3D): void {
   object.removeFromParent();
   object.traverse((o) => {

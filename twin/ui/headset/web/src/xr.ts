@@ -1,4 +1,4 @@
-/** Sessions: AR, or VR, or a sentence that says why neither. */
+/** Sessions: AR or VR, or the reason why neither is available. */
 
 import { Matrix4, Object3D, Quaternion, Vector3 } from 'three';
 import type { App } from './app';
@@ -6,25 +6,25 @@ import type { App } from './app';
 export type XrMode = 'immersive-ar' | 'immersive-vr';
 
 const OPTIONAL = ['local-floor', 'hit-test', 'hand-tracking'];
-const EYES = 1.4; // m above the floor, where a device does not know its floor
-const ASIDE = 0.68; // m to the left, where the panel is not before the console's screen
-const AWAY = 1500; // ms out of sight, after which the panel comes along
+const EYES = 1.4; // assumed height in m of the eyes above the floor, if the device does not measure the floor
+const ASIDE = 0.68; // m to the left, so that the panel does not cover the console's screen
+const AWAY = 1500; // ms out of view after which the panel is moved into view
 
 export class Xr {
   ar = false;
   vr = false;
-  /** What this browser offers, in a sentence. */
+  /** Text on the AR and VR support of this browser. */
   text = 'Looking for a headset …';
   session: XRSession | null = null;
   mode: XrMode | null = null;
   blend = '';
   canPlace = false;
-  /** Pictures drawn in this session. */
+  /** Number of pictures drawn in this session. */
   frames = 0;
 
   private floor = 0;
   private viewerHits: XRHitTestSource | null = null;
-  /** One for each thing that points; null while it is being asked for. */
+  /** Hit-test source of each pointing input source; null while it is being requested. */
   private readonly pointerHits = new Map<XRInputSource, XRHitTestSource | null>();
   private settled = false;
   private awaySince = 0;
@@ -38,27 +38,27 @@ export class Xr {
     return this.session !== null;
   }
 
-  /** Find out what there is. */
+  /** Detect AR and VR support. */
   async detect(): Promise<void> {
     const xr = navigator.xr;
     if (!xr)
       this.text = window.isSecureContext
-        ? 'This browser has no WebXR. On this screen everything works with the mouse.'
-        : 'A headset needs https: start twin serve with --cert and --key. On this screen everything works with the mouse.';
+        ? 'This browser does not support WebXR. Use the mouse on this screen.'
+        : 'A headset requires https: start twin serve with --cert and --key. Use the mouse on this screen.';
     else {
       const has = (mode: XrMode) => xr.isSessionSupported(mode).catch(() => false);
       [this.ar, this.vr] = await Promise.all([has('immersive-ar'), has('immersive-vr')]);
       this.text = this.ar
-        ? 'AR: the robot stands in your room.'
+        ? 'AR is available: the robot is shown in your room.'
         : this.vr
-          ? 'No AR here, but VR: the robot stands in a plain room.'
-          : 'No XR hardware found. On this screen everything works with the mouse; with a headset, open this address in its browser.';
+          ? 'VR is available, AR is not: the robot is shown in an empty room.'
+          : 'No headset found. Use the mouse on this screen, or open this address in the browser of a headset.';
       xr.ondevicechange = () => void this.detect();
     }
     this.app.refresh();
   }
 
-  /** Begin; must be called by a press. AR falls back to VR. */
+  /** Enter a session; must be called from a press event. If AR fails, VR is tried. */
   async enter(mode: XrMode = this.ar ? 'immersive-ar' : 'immersive-vr'): Promise<void> {
     const xr = navigator.xr;
     if (!xr || this.session) return;
@@ -82,9 +82,9 @@ export class Xr {
     } catch (error) {
       this.session = null;
       if (mode === 'immersive-ar' && this.vr) {
-        this.app.model.say('AR could not be entered; trying VR.');
+        this.app.model.say('AR could not be started; trying VR.');
         await this.enter('immersive-vr');
-      } else this.app.model.say(`The headset did not let this page in: ${(error as Error).message}`);
+      } else this.app.model.say(`The headset did not start the session: ${(error as Error).message}`);
     }
   }
 
@@ -92,19 +92,19 @@ export class Xr {
     await this.session?.end();
   }
 
-  /** Where the head is, in the scene. */
+  /** Return the position of the head in the scene. */
   viewer(): Vector3 {
     return this.position;
   }
 
-  /** Put an object where the head is. */
+  /** Set the pose of an object to that of the head. */
   head(object: Object3D): void {
     object.position.copy(this.position);
     object.quaternion.copy(this.quaternion);
     object.updateMatrixWorld(true);
   }
 
-  /** Once a picture of a session. */
+  /** Update the session; called for each picture. */
   update(frame: XRFrame, now: number): void {
     const { app } = this;
     const space = app.world.renderer.xr.getReferenceSpace();
@@ -147,12 +147,12 @@ export class Xr {
       this.canPlace = this.viewerHits !== null;
       if (this.canPlace && !this.app.console) this.app.place.begin();
     } catch {
-      this.canPlace = false; // the device sees no surfaces: the robot stays in front of the viewer
+      this.canPlace = false; // the device has no hit test: the robot stays in front of the viewer
     }
     this.app.refresh();
   }
 
-  /** Where a hand that points, or else the head, sees a surface that one can stand on. */
+  /** Return the pose where a pointing hand, or else the gaze, hits a horizontal surface. */
   private aim(frame: XRFrame, space: XRReferenceSpace): void {
     const { place, hands } = this.app;
     if (!place.placing) return place.aim(null);
@@ -175,7 +175,7 @@ export class Xr {
     this.pointerHits.set(source, null);
     void this.session?.requestHitTestSource?.({ space: source.targetRaySpace })?.then(
       (hits) => this.pointerHits.set(source, hits),
-      () => undefined, // then the head alone aims
+      () => undefined, // then only the gaze aims
     );
   }
 

@@ -1,4 +1,4 @@
-"""Parts of the instrument arm. Cart to rail are those of davinci.py; here is what slides on the rail.
+"""The needle driver of an instrument arm, from the sledge that carries it to the jaws.
 
 Body frames (mm), axes of the world in all of them:
     stage         origin of the insertion, on the instrument's axis
@@ -6,42 +6,24 @@ Body frames (mm), axes of the world in all of them:
     wrist         on the pitch axis, which is along x;  hand, jaw_left, jaw_right: on the yaw axis, along y
 
 The hand is the pin of the yaw axis with an idler on it: it follows the mean of both jaws, and the tool is on it.
-Every function returns a list of ``(part name, solid, material)``.
 """
 
 from build123d import Axis, Plane
-from davinci import (
-    DOWN,
-    LEFT,
-    MATERIALS,
-    base,
-    coupler1,
-    coupler2,
-    crank1,
-    crank2,
-    mount,
-    rail,
-    setup1,
-    setup2,
-    sledge,
-    yaw,
-)
+from davinci import DOWN, LEFT, sledge
 from shapes import X, Y, Z, box, cone, cyl, flange, hull, pipe, seat, soft
 
-__all__ = [
-    "MATERIALS",
-    "base",
-    "coupler1",
-    "coupler2",
-    "crank1",
-    "crank2",
-    "mount",
-    "rail",
-    "setup1",
-    "setup2",
-    "yaw",
-]
 BACK = (0, -1, 0)
+
+
+def places(d):
+    """Origin of each body of the instrument in the world, inserted as far as drawn."""
+    high = d.origin - d.insertion
+    yaw = high - d.shaft_long - d.wrist
+    return {
+        **dict.fromkeys(("stage", "shaft"), (0, 0, high)),
+        "wrist": (0, 0, high - d.shaft_long),
+        **dict.fromkeys(("hand", "jaw_left", "jaw_right"), (0, 0, yaw)),
+    }
 
 
 def stage(d):

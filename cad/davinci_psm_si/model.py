@@ -1,0 +1,30 @@
+"""Draw the instrument arm of the da Vinci Si and write it as a STEP assembly.
+
+    python cad/davinci_psm_si/model.py [--dimensions FILE] [--out davinci_psm_si.step]
+
+Yaw, pitch, roll and wrist are drawn at zero, the instrument inserted by `insertion`, the jaws closed.  Each rigid body
+is one sub-assembly; its parts are named <body>_<part>.  All shapes are written in world coordinates, whose origin is
+the RCM: no instance carries a placement.
+"""
+
+import sys
+from pathlib import Path
+
+HERE = Path(__file__).resolve().parent
+sys.path.insert(0, str(HERE.parent))
+import drawing as cad
+
+
+def assembly(path):
+    """Return the drawn robot of a dimension file: ({body: [(name, shape, rgb)]}, mass in kg)."""
+    # late, because build123d takes seconds
+    import davinci_instrument as sliding
+    from davinci import assembly as arm
+    from davinci import parts
+
+    own = parts(HERE)
+    return arm(path, (own, sliding), lambda d: own.places(d) | sliding.places(d), own.ERRORS)
+
+
+if __name__ == "__main__":
+    cad.command("davinci_psm_si", HERE, assembly)

@@ -1,0 +1,52 @@
+"""Shared by the arms of the da Vinci Classic: the double parallelogram that holds the RCM.
+
+The pins B and B2 stand on the yaw link, C and C2 on the rail. They are computed so that the linkage can be checked.
+"""
+
+from __future__ import annotations
+
+from math import hypot
+
+from casadi import vertcat
+
+from twin.core.provenance import Parameter, Provenance
+from twin.robots._authoring import mm
+from twin.robots._davinci import in_base, on_yaw_link
+
+LINKAGE = ("pin_b2", "pin_a", "pin_a2", "pin_c", "pin_a3", "pin_c2")
+PINS = ("pin_b", "pin_b2", "pin_c", "pin_c2")
+
+
+def linkage_angles(q2):
+    """Return the angles of the six passive pins, in the order of LINKAGE: each is plus or minus the pitch."""
+    return q2, -q2, -q2, q2, -q2, q2
+
+
+def linkage_pins(q1, q2, reach, setback, rise, second_y, second_z, apart_y, apart_z):
+    """Return pins B, B2 of the yaw link and C, C2 of the rail in base, each (3,): C is the moved end of the crank."""
+    b, c = vertcat(0, -reach, 0), vertcat(0, -setback, rise)
+    still = on_yaw_link(q1, b, b + vertcat(0, second_y, second_z))
+    return *still, *in_base(q1, q2, c, c + vertcat(0, apart_y, apart_z))
+
+
+def linkage(
+    reach: float,
+    crank: tuple[float, float],
+    second: tuple[float, float],
+    apart: tuple[float, float],
+    provenance: Provenance,
+    source: str,
+) -> tuple[Parameter, ...]:
+    """Return the lengths of a linkage as parameters, from its vectors in the pitch plane (y, z) in mm."""
+    return (
+        mm("reach", reach, provenance, f"{source}: pivot B to the RCM, and both couplers"),
+        mm("setback", -crank[0], provenance, f"{source}: pin C behind the shaft"),
+        mm("rise", crank[1], provenance, f"{source}: pin C above the RCM"),
+        mm("crank", hypot(*crank), "DERIVED", "length of both cranks, of setback and rise"),
+        mm("second_y", second[0], provenance, f"{source}: pivot B2 from B; behind it, ASSUMED"),
+        mm("second_z", second[1], provenance, f"{source}: pivot B2 from B, height"),
+        mm("second", hypot(*second), "DERIVED", "distance of the pivots of the yaw link"),
+        mm("apart_y", apart[0], provenance, f"{source}: second coupler from the first, along y"),
+        mm("apart_z", apart[1], provenance, f"{source}: second coupler from the first, height; its sign is ASSUMED"),
+        mm("apart", hypot(*apart), "DERIVED", "distance of the pins of the rail"),
+    )

@@ -1,0 +1,88 @@
+"""Shared by the instrument arms of the da Vinci: roll and a two-axis wrist behind the insertion, as dVRK has them.
+
+{tool} is the control point of dVRK: on the wrist's yaw axis, z along the closed jaws. The tip lies `tip` further along
+z. The jaw does not move the tool and is in no equation. Robots register these functions as their equations.
+"""
+
+from __future__ import annotations
+
+from casadi import atan2, cos, norm_2, pi, sqrt, vertcat
+
+from twin.core.provenance import Parameter
+from twin.core.units import DEG
+from twin.formula import symbolic
+from twin.formula.contract import ActiveJoint, Aspect, Measure
+from twin.robots._authoring import mm
+from twin.robots._davinci import DVRK, depth, shaft_frame
+
+TOOL = "jhu-dvrk/sawIntuitiveResearchKit, share/tool"
+
+
+def wrist(T_base_tool, a5):
+    """P_w: at distance a5 from the yaw axis, perpendicular to it, on the side of the RCM."""
+    R, p = T_base_tool[0:3, 0:3], T_base_tool[0:3, 3]
+    back = -R.T @ p
+    n = vertcat(0, back[1], back[2])
+    return p + a5 * (R @ (n / norm_2(n)))
+
+
+def arm(P_w, origin, shaft_long):
+    """Yaw, pitch and insertion; the wrist is below the RCM."""
+    return depth(P_w, origin, shaft_long)
+
+
+def wrist_angles(T_base_tool, q1, q2):
+    """Roll, wrist pitch within a quarter turn, wrist yaw."""
+    along = symbolic.rotation_x(-pi / 2) @ symbolic.rotation_z(pi / 2)  # last frame of the table -> {tool}
+    X = shaft_frame(q1, q2).T @ T_base_tool[0:3, 0:3] @ along.T
+    q4 = atan2(X[1, 2], X[0, 2])
+    q5 = atan2(-X[2, 2], sqrt(X[0, 2] ** 2 + X[1, 2] ** 2))
+    down = symbolic.rotation_x(-pi / 2)
+    left = (symbolic.rotation_z(q4) @ down @ symbolic.rotation_z(q5 - pi / 2) @ down).T @ X
+    return q4, q5, atan2(left[0, 0], -left[1, 0])
+
+
+def ends(T_base_tool, q1, q2, q3, origin, shaft_long, tip):
+    """Return the RCM, the wrist's pitch axis, its yaw axis (fulcrum) and the tip of the jaws in base, each (3,)."""
+    p = T_base_tool[0:3, 3]
+    at_wrist = (q3 + shaft_long - origin) * shaft_frame(q1, q2)[0:3, 2]
+    return vertcat(0, 0, 0), at_wrist, p, p + tip * T_base_tool[0:3, 2]
+
+
+def margins(q3, q5, origin, shaft_long, crank):
+    """Distance of the wrist beyond the RCM divided by the crank's length; cosine of the wrist's pitch."""
+    return (q3 + shaft_long - origin) / crank, cos(q5)
+
+
+def parameters(origin: float, shaft_long: float, tool: str, note: str = "") -> tuple[Parameter, ...]:
+    """Return the lengths (mm) of shaft and wrist as parameters, with the instrument's number and a note on `origin`."""
+    return (
+        mm("origin", origin, "CITED", f"{DVRK}: origin of the insertion above the RCM at q3 = 0{note}"),
+        mm("shaft_long", shaft_long, "CITED", f"{TOOL}, {tool}: origin of the insertion to the wrist's pitch axis"),
+        mm("a5", 9.1, "CITED", f"{TOOL}, {tool}: pitch axis to yaw axis"),
+        mm("tip", 10.2, "CITED", "jhu-dvrk/dvrk_model, tool 400006: yaw axis to the tip of the jaws"),
+    )
+
+
+ENDS = ("rcm", "wrist", "fulcrum", "tip")
+"""Names of the points that `ends` returns."""
+
+JOINTS = tuple(ActiveJoint(f"q{i}", "prismatic" if i == 3 else "revolute") for i in range(1, 7))
+
+_ALARM = "alarm ASSUMED: no published threshold"
+
+MEASURES = (
+    Measure("depth", "depth", "type1", 0.1, f"wrist at the RCM: yaw and pitch do not move it; {_ALARM}"),
+    Measure("wrist", "straight", "type1", 0.1, f"wrist bent by a quarter turn: roll and yaw in line; {_ALARM}"),
+)
+
+ASPECTS = (
+    Aspect("depth", 1, "wrist beyond the RCM, on the patient's side"),
+    Aspect("straight", 1, "wrist bent by less than a quarter turn"),
+)
+
+SEEDS = (
+    (0.0, 0.0, -0.1135, 90 * DEG, 0.0, 180 * DEG),
+    (0.04, 0.03, -0.12, 70 * DEG, 10 * DEG, 170 * DEG),
+    (-0.05, 0.02, -0.15, 100 * DEG, -10 * DEG, 190 * DEG),
+)

@@ -1,0 +1,89 @@
+"""Instrument arm (PSM) of the da Vinci Si: yaw, pitch, insertion about the RCM, then roll and a two-axis wrist.
+
+The table is dVRK's for the Si, in modified Denavit-Hartenberg form: that of the Classic arm with a longer shaft. What
+differs is inside: one crank and one coupler, which bands keep parallel, and an insertion of two telescopes that go half
+of it each. Their lengths are those of dVRK's table of the whole linkage (PSM_Si_physical).
+
+{tool} is the control point of dVRK: on the wrist's yaw axis, z along the closed jaws.
+"""
+
+from __future__ import annotations
+
+from math import hypot
+
+from casadi import pi, vertcat
+
+from twin.formula.contract import Formula
+from twin.formula.equations import Equations
+from twin.robots import _davinci_instrument as instrument
+from twin.robots._authoring import ZYX, mm, row
+from twin.robots._davinci import DVRK, in_base, on_yaw_link, to_insertion
+
+PHYSICAL = f"{DVRK}, PSM_Si_physical"
+_PASSIVE = ("pin_a", "pin_c", "slide1", "slide2")
+_POINTS = ("pin_b", "pin_c", "slide", *instrument.ENDS)
+
+equation = Equations("DERIVED from the table of dVRK", variant="derived")
+
+
+@equation("forward", "joints -> pose", gives="T_base_tool", source=f"{DVRK}, psm-si", variant="modified")
+def table(q1, q2, q3, q4, q5, q6, a5, origin, shaft_long):
+    """Chain of the modified table, rows 1 to 6, and its turn of the last frame along the jaws."""
+    T_03 = to_insertion(q1, q2, q3, origin)
+    T_36 = row(0, 0, q4, shaft_long) @ row(-pi / 2, 0, q5 - pi / 2, 0) @ row(-pi / 2, a5, q6 - pi / 2, 0)
+    T_base_tool = T_03 @ T_36 @ row(-pi / 2, 0, pi / 2, 0)
+    return T_base_tool
+
+
+equation("inverse", "pose -> point P_w of the shaft on the pitch axis", gives="P_w")(instrument.wrist)
+equation("inverse", "P_w -> q1, q2, q3", gives="q1 q2 q3")(instrument.arm)
+equation("inverse", "rotation relative to the shaft -> q4, q5, q6", gives="q4 q5 q6")(instrument.wrist_angles)
+
+
+@equation("helper", "points in base", gives=[f"at_{n}" for n in _POINTS])
+def places(T_base_tool, q1, q2, q3, origin, shaft_long, reach, drop, setback, rise, slide_back, slide_origin, tip):
+    """Pivot B of the yaw link, pivot C of the rail, origin of the first telescope, the RCM, wrist, fulcrum and tip."""
+    b = on_yaw_link(q1, vertcat(0, -reach, -drop))
+    moved = in_base(q1, q2, vertcat(0, -setback, rise), vertcat(0, -slide_back, slide_origin - q3 / 2))
+    return *b, *moved, *instrument.ends(T_base_tool, q1, q2, q3, origin, shaft_long, tip)
+
+
+@equation("helper", "pitch, insertion -> passive joints", gives=_PASSIVE)
+def bands(q2, q3):
+    """Pivots A and C, which the bands turn back and forth by the pitch; both telescopes, half of the insertion each."""
+    return -q2, q2, q3 / 2, q3 / 2
+
+
+equation("helper", "distance from singularities", gives="depth straight")(instrument.margins)
+
+FORMULA = Formula(
+    name="davinci_psm_si",
+    title="da Vinci Si instrument arm (PSM) with a needle driver",
+    source=f"{DVRK}, psm-si and PSM_Si_physical; {instrument.TOOL}, 420006",
+    parameters=(
+        *instrument.parameters(482.6, 467.0, "420006", ", estimated there; PSM_Si_physical adds up to 482.5"),
+        mm("reach", 338.72, "CITED", f"{PHYSICAL}: pivot B to the RCM, along the yaw axis"),
+        mm("drop", 71.2, "CITED", f"{PHYSICAL}: pivot B below the yaw axis"),
+        mm("coupler", hypot(338.72, 71.2), "DERIVED", "length of the coupler, of reach and drop"),
+        mm("setback", 92.2, "CITED", f"{PHYSICAL}: pivot C behind the shaft"),
+        mm("rise", 181.0, "CITED", f"{PHYSICAL}: pivot C above the RCM"),
+        mm("crank", hypot(92.2, 181.0), "DERIVED", "length of the crank, of setback and rise"),
+        mm("slide_origin", 361.0, "CITED", f"{PHYSICAL}: origin of the first telescope 180 above pivot C"),
+        mm("slide_back", 56.0, "ASSUMED", "rods of the first telescope behind the shaft: what fits"),
+        mm(
+            "slide_up",
+            121.6,
+            "DERIVED",
+            "origin of the second telescope above that of the first: origin - slide_origin",
+        ),
+    ),
+    joints=instrument.JOINTS,
+    coordinates=ZYX,
+    equations=tuple(equation),
+    characteristic_length=lambda crank: crank,
+    points={n: f"at_{n}" for n in _POINTS},
+    passive=_PASSIVE,
+    measures=instrument.MEASURES,
+    aspects=instrument.ASPECTS,
+    seeds=instrument.SEEDS,
+)
