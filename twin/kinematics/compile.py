@@ -64,7 +64,7 @@ class Kinematics(Compiled):
         if not self.closed_inverse:
             return assembly.inverse_by_solver(self, T, seed)
         out = self.program.inverse.one(T.ravel())
-        q, misfit = out[:-1], out[-1]
+        q, misfit = out[:-1], out.item(-1)
         if seed is not None and np.shape(seed) == q.shape:
             q[self.auxiliary] = np.asarray(seed)[self.auxiliary]
         if not misfit <= POSE_TOL:
@@ -73,7 +73,7 @@ class Kinematics(Compiled):
                 f"describe this pose (error {misfit:.3g}). Check that it is a rigid pose in metres.",
                 best=q,
             )
-        if not math.isfinite(q.sum()):  # faster than a test of each joint
+        if not math.isfinite(q.dot(q)):  # faster than a test of each joint
             raise KinematicsError(self._why_unreachable(T))
         return q
 
