@@ -1,6 +1,6 @@
-"""Shared by the arms of the da Vinci Classic: the double parallelogram that holds the RCM.
+"""Functions for the da Vinci Classic arms: the double parallelogram that keeps the RCM fixed.
 
-The pins B and B2 stand on the yaw link, C and C2 on the rail. They are computed so that the linkage can be checked.
+Pins B and B2 are on the yaw link, C and C2 on the rail. They are computed so that the linkage can be checked.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ def linkage_angles(q2):
 
 
 def linkage_pins(q1, q2, reach, setback, rise, second_y, second_z, apart_y, apart_z):
-    """Return pins B, B2 of the yaw link and C, C2 of the rail in base, each (3,): C is the moved end of the crank."""
+    """Return pins B, B2 of the yaw link and C, C2 of the rail in base, each (3,); C is the moving end of the crank."""
     b, c = vertcat(0, -reach, 0), vertcat(0, -setback, rise)
     still = on_yaw_link(q1, b, b + vertcat(0, second_y, second_z))
     return *still, *in_base(q1, q2, c, c + vertcat(0, apart_y, apart_z))
