@@ -27,7 +27,7 @@ _ALIKE = 0.001 * MM
 
 @dataclass(frozen=True)
 class Measured:
-    """A measured feature: its face, its unit direction with the sign from the description, and the part of the face."""
+    """A measured feature: its face, its unit direction with the sign from the description, and the part it is on."""
 
     name: str
     face: Face

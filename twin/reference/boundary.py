@@ -64,7 +64,7 @@ class Stated(Protocol):
         ...
 
     def valid(self, s: Run, passive: bool) -> Mask:
-        """Return whether (k,) the equations give the active joint values and, with `passive`, the passive ones."""
+        """Return (k,) bool: whether the equations give the active and, with `passive`, the passive joint values."""
         ...
 
     def refuses(self, Ts_base_tool: Array) -> Array:
@@ -259,7 +259,7 @@ class Boundary:
                 "describe the mechanism"
             )
             return self._row(i, "not judged", text, zeros[k])
-        what = "the mechanism can move on" if s.kinds[i] == "reach" else "the mechanism is regular"
+        what = "the mechanism can move further" if s.kinds[i] == "reach" else "the mechanism is regular"
         kept = f"the smallest singular value is {100 * min(left[k], 1):.2g} % of its usual value"
         text = f"it vanishes at a state where {what}: {kept}"
         return self._row(i, "disagrees", text, zeros[k], float(left[k]))

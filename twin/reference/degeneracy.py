@@ -80,7 +80,7 @@ class Degeneracy:
         return self._jacobians(states)[1][:, :6] @ (self.motions(states) / self.scale[:, None])
 
     def moved(self, states: Array, steps: Array) -> tuple[Array, NDArray[np.bool_]]:
-        """Return (states (k, nq) after tangent steps (k, nv), loops closed again; whether (k,) the loops closed)."""
+        """Return (states (k, nq) after tangent steps (k, nv), (k,) bool: whether the loops could be closed again)."""
         tree = self.model.tree
 
         def residual(X: Array, _: Index) -> tuple[Array, Array]:

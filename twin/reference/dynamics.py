@@ -34,7 +34,7 @@ _IDLE = 1e-12
 """Inertia in kg m2 or kg below which a joint counts as moving no mass; far below any part, far above rounding."""
 
 _FLAT = 1e-9
-"""Relative singular value that counts as zero."""
+"""Singular values below this fraction of the largest one count as zero."""
 
 State = ArrayLike | Assembly
 """A state: active joint values q (n,) in m or rad, or a solved assembly (to choose an assembly mode)."""

@@ -149,8 +149,7 @@ def limbs(X_S1, Y_S1, Z_S1, X_S2, Y_S2, Z_S2, X_S3, Y_S3, Z_S3, l_0, l_1, l_2, L
     """Return angles and margins of each limb, computed from its ball centre alone.
 
     rho is the distance from ball to rail axis; h is the distance from ball to bar pivot along the rail. alpha and beta
-        are the angles of limb and bar. All are the same for every variant of eq. (2), which only computes the
-        carriages.
+    are the angles of limb and bar. All are the same for every variant of eq. (2), which only computes the carriages.
     """
     L = l_1 + l_2
     out = []

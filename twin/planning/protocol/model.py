@@ -86,7 +86,7 @@ class Protocol:
             that are not given are as drawn.
         rcm: (3,) in base in m, RCM registered from the start (the instrument is already in the patient), or None.
         free: directions of the moved frame that waypoints do not prescribe and the mechanism determines. None: the
-            directions outside the robot's freedoms; every waypoint must be a pose that the robot can assume.
+            directions in which the robot cannot move; every waypoint must be a pose that the robot can assume.
         patient: place of the patient, or None; `no_patient` may then state the reason.
         findings: warnings from reading the file.
     """
