@@ -58,7 +58,7 @@ class CadModel:
 
 
 def inputs(description_path: Path, description: Description | None = None) -> list[Path]:
-    """Return the files of a robot: its TOML file and the CAD files named in it (read from it, or in `description`)."""
+    """Return the files of a robot: its TOML file and the CAD files named there; `description`: its content or None."""
     description = description or load(description_path)
     files = [description_path]
     files += [description_path.parent / description.step] if description.step else []

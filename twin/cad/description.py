@@ -134,7 +134,7 @@ class Material(Table):
 
 
 class LimitSpec(Table):
-    """Limits shared by the named joints: mm, mm/s, mm/s2 for prismatic, deg, deg/s, deg/s2 for revolute joints."""
+    """Limits shared by the named joints, in mm, mm/s, mm/s2 (prismatic) or deg, deg/s, deg/s2 (revolute)."""
 
     joints: list[Identifier]
     limits_mm: Range | None = None

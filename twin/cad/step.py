@@ -152,7 +152,7 @@ def read_step(
 
 
 def _glb(path: Path, tolerance: float, angle: float, read: Read = read_bytes) -> bytes:
-    """Return the STEP as GLB with exact faces, from the user's cache if the same file was read before.
+    """Return the STEP file as GLB with exact faces, from the user's cache if the same file was read before.
 
     `tolerance` is in mm, because OpenCASCADE converts every file to mm. Reading takes seconds in every command, so the
     result is cached by file content and reader version. The cache may be deleted at any time.

@@ -44,7 +44,7 @@ class CodeRefusedError(TwinError):
 
 
 class KinematicsError(TwinError):
-    """The equations are malformed, have no solution (out of reach, singular), or the solver did not converge.
+    """The equations are malformed or have no solution (out of reach, singular), or the solver did not converge.
 
     Attributes:
         best: the best iterate, in the form of the expected result; None if there is none.

@@ -1,4 +1,4 @@
-"""Versions of NumPy and math for symbols: run a plain function with globals that accept `Scalar`.
+"""Versions of NumPy and math that accept symbols (`Scalar`), to run a plain function on symbols.
 
 The user's file imports NumPy. Most NumPy functions accept arrays of objects. This module adds the other cases: numbers
 and symbols in one array, arrays of zeros to fill with symbols, conditions, `math.sin`, inverses of small matrices.

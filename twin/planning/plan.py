@@ -22,7 +22,7 @@ from twin.planning.timing import Timing, time_path
 from twin.planning.trajectory import PathKinematics, PhaseSpan, Trajectory
 
 _LOOKED = 9
-"""Number of poses per phase that are tested for the robot's degrees of freedom before planning."""
+"""Number of poses per phase for which `plan` tests first whether they are within the robot's degrees of freedom."""
 
 
 @dataclass(frozen=True)

@@ -42,7 +42,7 @@ def linkage(
         mm("reach", reach, provenance, f"{source}: pivot B to the RCM, and both couplers"),
         mm("setback", -crank[0], provenance, f"{source}: pin C behind the shaft"),
         mm("rise", crank[1], provenance, f"{source}: pin C above the RCM"),
-        mm("crank", hypot(*crank), "DERIVED", "length of both cranks, of setback and rise"),
+        mm("crank", hypot(*crank), "DERIVED", "length of both cranks, from setback and rise"),
         mm("second_y", second[0], provenance, f"{source}: pivot B2 from B; behind it, ASSUMED"),
         mm("second_z", second[1], provenance, f"{source}: pivot B2 from B, height"),
         mm("second", hypot(*second), "DERIVED", "distance of the pivots of the yaw link"),

@@ -40,7 +40,7 @@ equation = Equations("DERIVED from the table of dVRK", variant="derived")
     gives="T_base_tool",
     source=f"{PAPER}, Table 1",
     variant="modified",
-    why=f"Modified Denavit-Hartenberg form with the offsets and lengths of {DVRK}: so the shaft passes the RCM.",
+    why=f"Modified Denavit-Hartenberg form with offsets and lengths of {DVRK}: then the shaft passes through the RCM.",
 )
 def table1(q1, q2, q3, q4, q5, q6, a5, origin, shaft_long):
     """Return the pose of the tool: rows 1 to 6 of dVRK's modified table, then the fixed rotation of z to the jaws."""
@@ -53,7 +53,7 @@ def table1(q1, q2, q3, q4, q5, q6, a5, origin, shaft_long):
 @equation.variant(
     "corrected",
     of=table1,
-    why="Table 1 in its own standard form, with the missing offsets of q2, q3, q5 and rotations of base and tool.",
+    why="Table 1 in standard form as in the paper, with the missing offsets of q2, q3, q5, and of base and tool.",
 )
 def table1_corrected(q1, q2, q3, q4, q5, q6, a5, origin, shaft_long):
     """Return the pose of the tool from Table 1 with offsets, with base and tool frames as in dVRK."""
@@ -68,7 +68,7 @@ def table1_corrected(q1, q2, q3, q4, q5, q6, a5, origin, shaft_long):
 @equation.variant(
     "printed",
     of=table1,
-    why="As printed: standard form, no offset at any joint, no fixed rotations. a5 has no value: dVRK's is used.",
+    why="As printed: standard form without joint offsets and fixed rotations. a5 has no value; dVRK's value is used.",
 )
 def table1_printed(q1, q2, q3, q4, q5, q6, a5):
     """Return the pose of the tool from Table 1 as printed."""

@@ -97,10 +97,10 @@ FORMULA = Formula(
     title="Lapbot: six driven and three passive joints, instrument through a trocar",
     source=f"{PAPER}, figure 1: structure; dimensions {ASSUMED}",
     parameters=(
-        mm("a", 300, "ASSUMED", "upper arm: reaches over half a table"),
-        mm("b", 300, "ASSUMED", "forearm, as the upper arm"),
-        mm("r7", 350, "ASSUMED", "shaft between outer point and inner wrist, as common instruments"),
-        mm("r10", 20, "ASSUMED", "inner wrist to tip"),
+        mm("a", 300, "ASSUMED", "length of the upper arm, to reach over half of the table"),
+        mm("b", 300, "ASSUMED", "length of the forearm, equal to the upper arm"),
+        mm("r7", 350, "ASSUMED", "length of the shaft from outer point to inner wrist, as in common instruments"),
+        mm("r10", 20, "ASSUMED", "distance from inner wrist to tip"),
         *trocar(400, 0, 300),
     ),
     joints=(

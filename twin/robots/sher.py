@@ -29,8 +29,8 @@ _A = "sher3-kinematics (MIT, JHU LCSR 2025)"
 _PAPER = "paper on the SHER 3.0 simulation"
 _LEGS = tuple(f"u{i}{k}{n}" for i in (1, 2, 3) for k in "ab" for n in (1, 2))
 _PINS = ("pin_r", "e_a", "e_b", "e_d", "e_c", "pin_q")
-_DRAWN = "R runs 10 mm above A, as the drawing of [A] shows it. At s = 0 P is then (160.1, -45.9) mm in {a}."
-_BELOW = "R runs 10 mm below A (y_AR = -10). Only then is P (145.2, -45.4) mm at s = 0, as [A] publishes."
+_DRAWN = "R moves 10 mm above A, as in the drawing of [A]. At s = 0, P is then at (160.1, -45.9) mm in {a}."
+_BELOW = "R moves 10 mm below A (y_AR = -10). Only then is P at (145.2, -45.4) mm at s = 0, as published in [A]."
 
 equation = Equations()
 
@@ -103,7 +103,7 @@ def tilt_forward(q5, AB, BC, CD, DA, DP, AQ, QR, phi1, phi2, phi3, phi4, x_max, 
 
 @equation.variant("drawn", of=tilt_forward, why=_DRAWN)
 def tilt_forward_drawn(y_AR):
-    """With the rail of R above A, as the drawing of [A] shows it."""
+    """Return y_AR with the rail of R above A, as in the drawing of [A]."""
     y_AR = -y_AR
     return y_AR
 
@@ -126,7 +126,7 @@ def eq2(q4, d1):
     gives="T_r_a",
     source=f"{_PAPER}, eq. (3)",
     name="eq3",
-    why="Rot(x, 90 deg) at its end, as [A] has it: only then is the linkage upright at psi = 0, as every figure shows.",
+    why="Rot(x, 90 deg) is added at the end, as in [A]; only so is the linkage upright at psi = 0, as in all figures.",
 )
 def eq3_corrected(d2, d3):
     """Return T_a^r = Trans(x, d2) Trans(z, d3) Rot(x, 90 deg)."""
@@ -137,7 +137,7 @@ def eq3_corrected(d2, d3):
 @equation.variant(
     "printed",
     of=eq3_corrected,
-    why="As printed: no rotation, although the paper's frame {a} implies one. The linkage then lies in the x-y plane.",
+    why="As printed: no rotation, although the paper's frame {a} implies one. The linkage is then in the x-y plane.",
 )
 def eq3_printed(d2, d3):
     """Return T_a^r = Trans(x, d2) Trans(z, d3), as printed."""
@@ -177,7 +177,7 @@ def tilt_inverse(theta, AB, BC, CD, DA, DP, AQ, QR, phi1, phi2, phi3, phi4, x_ma
 
 @equation.variant("drawn", of=tilt_inverse, why=_DRAWN)
 def tilt_inverse_drawn(y_AR):
-    """With the rail of R above A, as the drawing of [A] shows it."""
+    """Return y_AR with the rail of R above A, as in the drawing of [A]."""
     y_AR = -y_AR
     return y_AR
 
@@ -331,25 +331,25 @@ FORMULA = Formula(
     title="SHER 3.0, Steady-Hand Eye Robot: delta stage, roll, four-bar tilt",
     source=f"{_PAPER}, eqs (1)-(7); lengths and linkages: {_A}, github.com/zhaob5/sher3-kinematics",
     parameters=(
-        _mm("r_b", 60.6927, "radius of the base joint circle; only r_b - r_p enters"),
+        _mm("r_b", 60.6927, "radius of the base joint circle; only r_b - r_p has an effect"),
         _mm("r_p", 34.4773, "radius of the platform joint circle"),
-        _mm("l", 68.0, "rod between its joint centres"),
+        _mm("l", 68.0, "length of a rod between its joint centres"),
         _mm("d1", 56.01, "{p} -> {r} along z, l1 of the paper"),
         _mm("d2", 192.7, "{r} -> {a} along x"),
         _mm("d3", 25.5, "{r} -> {a} along z"),
         _mm("AB", 28.0, "ground link of the four-bar"),
         _mm("BC", 78.5, "link B to C"),
-        _mm("CD", 15.0, "coupler, carries the tool holder"),
-        _mm("DA", 73.5, "input link, one bell crank with AQ"),
-        _mm("DP", 94.49, "D to P, rigid with CD"),
+        _mm("CD", 15.0, "coupler, which carries the tool holder"),
+        _mm("DA", 73.5, "input link; DA and AQ form one bell crank"),
+        _mm("DP", 94.49, "distance from D to P; DP is rigidly fixed to CD"),
         _mm("AQ", 32.5, "arm of the bell crank towards the slider"),
         _mm("QR", 42.0, "link from the slider"),
         _mm("x_max", 60.48, "distance of R behind A at s = 0"),
-        _mm("y_AR", -10.0, "height of R over A; the drawing shows the opposite sign, see tilt_forward"),
+        _mm("y_AR", -10.0, "height of R above A; in the drawing the sign is opposite, see tilt_forward"),
         _deg("phi1", 90.0, "direction of A->B from x_a"),
-        _deg("phi2", 138.0, "between AD and AQ"),
-        _deg("phi3", 103.93, "at D, from P to C"),
-        _deg("phi4", 31.06, "at P, between tool axis and PD"),
+        _deg("phi2", 138.0, "angle between AD and AQ"),
+        _deg("phi3", 103.93, "angle at D, from P to C"),
+        _deg("phi4", 31.06, "angle at P, between tool axis and PD"),
     ),
     joints=(
         *(ActiveJoint(f"q{i}", "prismatic") for i in (1, 2, 3)),

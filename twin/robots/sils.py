@@ -47,8 +47,8 @@ _BALLS = ("X_S1", "Y_S1", "Z_S1", "X_S2", "Y_S2", "Z_S2", "X_S3", "Y_S3", "Z_S3"
     gives=_BALLS,
     source=f"{_PAPER}, eq. (1)",
     name="eq1",
-    why="X and Y of S1 and S3: last factor c_theta -> c_phi. Only then is S_i = E + R a_i with constant a_i; all three "
-    "sides are then l_p at every pose.",
+    why="In X and Y of S1 and S3, the last factor c_theta is now c_phi. Only then is S_i = E + R a_i with constant a_i, and all "
+    "three sides are l_p at every pose.",
 )
 def eq1_corrected(X_E, Y_E, Z_E, psi, theta, phi, l_p):
     """Return the ball centres of a rigid equilateral platform: c_theta is replaced by c_phi at the end of four rows."""
@@ -69,7 +69,7 @@ def eq1_corrected(X_E, Y_E, Z_E, psi, theta, phi, l_p):
 @equation.variant(
     "printed",
     of=eq1_corrected,
-    why="As printed. S1 S3 is then not l_p long unless |theta| = |phi|: the platform is not rigid.",
+    why="As printed. The platform is then not rigid: the side S1 S3 is l_p only if |theta| = |phi|.",
 )
 def eq1_printed(X_E, Y_E, l_p, c_psi, c_theta, s_psi, s_theta, s_phi):
     """Return the ball centres as printed: the last factor of X and Y of S1 and S3 is c_theta."""
@@ -89,10 +89,10 @@ def eq1_printed(X_E, Y_E, l_p, c_psi, c_theta, s_psi, s_theta, s_phi):
     gives="q1 q2 q3 q4 q5 q6",
     source=f"{_PAPER}, eq. (2)",
     name="eq2",
-    why="Radicals repaired; in the odd rows (l_1 + l_2) -> (l_2 - l_1), the same as an index misprint q_odd for q_even "
-    "on the left. Only then is the strut l_1 long at every pose, and the carriages of Table 2 lie within the frame. "
-    "That "
-    "odd carriages hold the strut and even ones the bar (R-PRR-PRS read in order) is inferred, not published.",
+    why="The radicals are corrected. In the odd rows, (l_1 + l_2) is now (l_2 - l_1); this is equivalent to a misprint of "
+    "q_odd for q_even on the left. Only then does the strut have the length l_1 at every pose, and the carriages of "
+    "Table 2 are within the frame. From the order in R-PRR-PRS it is inferred, not published, that odd carriages hold "
+    "the strut and even carriages the bar.",
 )
 def eq2_corrected(X_S1, Y_S1, Z_S1, X_S2, Y_S2, Z_S2, X_S3, Y_S3, Z_S3, q1, q2, q3, q4, q5, q6, l_0, l_1, l_2, L_H, L_V):  # fmt: skip
     """Return the joints for struts of length l_1: (l_1 + l_2) is replaced by (l_2 - l_1) in the odd rows."""
@@ -108,9 +108,9 @@ def eq2_corrected(X_S1, Y_S1, Z_S1, X_S2, Y_S2, Z_S2, X_S3, Y_S3, Z_S3, q1, q2, 
 @equation.variant(
     "printed",
     of=eq2_corrected,
-    why="Radicals repaired: all terms under the root, where they sum to (l_1+l_2)^2 - (rho-l_0)^2, the reach condition "
-    "of the bar. Odd rows as printed: they put the odd carriage where the even one belongs, and imply struts of 244 to "
-    "396 mm instead of l_1.",
+    why="The radicals are corrected: all terms are under the root, where their sum is (l_1+l_2)^2 - (rho-l_0)^2, the reach "
+    "condition of the bar. The odd rows are as printed: each odd carriage is at the place of the even one, and struts "
+    "have lengths of 244 to 396 mm instead of l_1.",
 )
 def eq2_printed(Z_S1, Y_S2, Z_S3, q1, q2, q3, q4, q5, q6, l_1, l_2):
     """Return the joints with all terms under the radical, and the odd rows as printed."""
@@ -123,9 +123,9 @@ def eq2_printed(Z_S1, Y_S2, Z_S3, q1, q2, q3, q4, q5, q6, l_1, l_2):
 @equation.variant(
     "literal",
     of=eq2_printed,
-    why="Radicals exactly as in our text of the paper: the root ends before 2 l_0 sqrt(...) (q2, q4, q6) and before "
+    why="The radicals are exactly as in our text of the paper: the root ends before 2 l_0 sqrt(...) (q2, q4, q6) and before "
     "-(L_V - Z_S2)^2, -(L_H - Y_S3)^2 (q4, q6). Carriage gaps are then wrong by up to 0.55 m. This may be an error "
-    "of transcription; therefore it is a separate variant.",
+    "of transcription; therefore this is a separate variant.",
 )
 def eq2_literal(X_S1, Y_S1, X_S2, Z_S2, X_S3, Y_S3, q1, q3, q5, l_0, l_1, l_2, L_H, L_V):
     """Return the joints with the radicals exactly as in our text of the paper, where the roots end too early."""

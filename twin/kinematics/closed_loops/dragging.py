@@ -36,7 +36,7 @@ _THERE, _PASSED = 1e-10, 1e-7
 """Distances in m at which the target, and an intermediate goal, count as reached."""
 
 _GAIN, _LAST_GAIN = 1e-3, 1e-5
-"""Minimum relative reduction of the distance by a step; less ends the motion (to a goal on the line, to the target).
+"""Relative reduction of the distance by a step, below which the motion ends (to a goal on the line, to the target).
 
 A point that slides along limits at distance d from the target approaches the target slowly: the last x of its path
 reduce the distance by only x²/2d, which is 1 µm over the last 45 µm at d = 1 mm.

@@ -17,7 +17,7 @@ _TIP, _TURN = (0.2, 2000.0), (1.0, 720.0)
 """Plausible ranges of tip speed in mm/s and rotation speed in deg/s."""
 
 _RAMP = (2e-3, 30.0)
-"""Plausible range in s of the time from rest to full speed; a tenth of it is plausible to full acceleration."""
+"""Plausible range in s of the time from rest to full speed; a tenth of this range applies to full acceleration."""
 
 _DEPTH = 0.5
 """Insertion depth in mm below which the number looks like metres."""
