@@ -180,7 +180,7 @@ def _shapes(
 ) -> tuple[dict[str, list[Mesh]], dict[str, Inertia]]:
     """Return the meshes and, if requested, the inertia of each body, both in the body frame.
 
-    `fine` maps the `id` of a part to the same part with finer triangles, from which masses are computed.
+    `fine` maps `id(part)` to the same part with finer triangles, from which masses are computed.
     """
     meshes: dict[str, list[Mesh]] = {name: [] for name in d.body}
     masses: dict[str, list[Inertia]] = {name: [] for name in d.body}
@@ -209,7 +209,7 @@ def _shapes(
 
 
 def _exact(step: StepModel | None, fine: StepModel | None) -> dict[int, Part]:
-    """Return the finer part by `id` of each part, matched by order, because names in the file may repeat."""
+    """Return {id(part): finer part}; parts are matched by order, because names in the file may repeat."""
     return {} if step is None or fine is None else {id(p): f for p, f in zip(step.parts, fine.parts, strict=True)}
 
 

@@ -122,7 +122,9 @@ def length_unit(path: Path, read: Read = read_bytes) -> float:
     named_units = found & {0.0254, 0.3048}
     found = named_units or found
     if not found:
-        raise CadError(f"{path} states no length unit; a STEP without one cannot be scaled. Export it again in mm.")
+        raise CadError(
+            f"{path} states no length unit; a STEP file without a unit cannot be scaled. Export it again in mm."
+        )
     if len(found) > 1:
         raise CadError(f"{path} mixes length units ({', '.join(f'{u:g} m' for u in sorted(found))}); use one.")
     return found.pop()

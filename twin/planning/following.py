@@ -236,8 +236,8 @@ class Follower:
         if over[k].max() > 1:
             raise ProtocolError(
                 f"{where} cannot be carried out: at {100 * k / (len(Ts) - 1):.0f} % of the phase, the tool is "
-                f"{_words(off[k], directions & (over[k] > 1))} from its path, outside the freedoms of the robot. Use a "
-                f'phase with type = "joints", or declare directions as free, with free = '
+                f"{_words(off[k], directions & (over[k] > 1))} from its path, because the robot cannot move "
+                f'in all directions. Use a phase with type = "joints", or declare directions as free, with free = '
                 f"{_names(directions & (over[k] > 1))}"
             )
 

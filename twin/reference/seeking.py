@@ -27,10 +27,10 @@ _NEAR = 0.2
 """Distance from degeneracy (1 at usual states) below which the steps of a walk are turned away from a singularity."""
 
 _SHORTEST = 1e-5
-"""Step below which a walk ends."""
+"""Tangent step (rad, or units of `LENGTH_SCALE`) below which a walk ends."""
 
 _DIFFERENCE = 1e-5
-"""Tangent step of the difference quotients."""
+"""Tangent step (rad, or units of `LENGTH_SCALE`) of the difference quotients."""
 
 _ZERO = 1e-10
 """Fraction of the usual size below which a value counts as zero."""

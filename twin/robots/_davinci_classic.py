@@ -39,14 +39,24 @@ def linkage(
 ) -> tuple[Parameter, ...]:
     """Return the lengths of a linkage as parameters, from its vectors in the pitch plane (y, z) in mm."""
     return (
-        mm("reach", reach, provenance, f"{source}: pivot B to the RCM, and both couplers"),
-        mm("setback", -crank[0], provenance, f"{source}: pin C behind the shaft"),
-        mm("rise", crank[1], provenance, f"{source}: pin C above the RCM"),
+        mm("reach", reach, provenance, f"{source}: distance from pivot B to the RCM, and length of both couplers"),
+        mm("setback", -crank[0], provenance, f"{source}: distance of pin C behind the shaft"),
+        mm("rise", crank[1], provenance, f"{source}: height of pin C above the RCM"),
         mm("crank", hypot(*crank), "DERIVED", "length of both cranks, from setback and rise"),
-        mm("second_y", second[0], provenance, f"{source}: pivot B2 from B; behind it, ASSUMED"),
-        mm("second_z", second[1], provenance, f"{source}: pivot B2 from B, height"),
+        mm(
+            "second_y",
+            second[0],
+            provenance,
+            f"{source}: distance of pivot B2 from B along y; that B2 is behind B is ASSUMED",
+        ),
+        mm("second_z", second[1], provenance, f"{source}: height of pivot B2 above B"),
         mm("second", hypot(*second), "DERIVED", "distance of the pivots of the yaw link"),
-        mm("apart_y", apart[0], provenance, f"{source}: second coupler from the first, along y"),
-        mm("apart_z", apart[1], provenance, f"{source}: second coupler from the first, height; its sign is ASSUMED"),
+        mm("apart_y", apart[0], provenance, f"{source}: distance of the second coupler from the first, along y"),
+        mm(
+            "apart_z",
+            apart[1],
+            provenance,
+            f"{source}: height of the second coupler above the first; its sign is ASSUMED",
+        ),
         mm("apart", hypot(*apart), "DERIVED", "distance of the pins of the rail"),
     )

@@ -58,10 +58,15 @@ def margins(q3, q5, origin, shaft_long, crank):
 def parameters(origin: float, shaft_long: float, tool: str, note: str = "") -> tuple[Parameter, ...]:
     """Return the lengths (mm) of shaft and wrist as parameters, with the instrument's number and a note on `origin`."""
     return (
-        mm("origin", origin, "CITED", f"{DVRK}: origin of the insertion above the RCM at q3 = 0{note}"),
-        mm("shaft_long", shaft_long, "CITED", f"{TOOL}, {tool}: origin of the insertion to the wrist's pitch axis"),
-        mm("a5", 9.1, "CITED", f"{TOOL}, {tool}: pitch axis to yaw axis"),
-        mm("tip", 10.2, "CITED", "jhu-dvrk/dvrk_model, tool 400006: yaw axis to the tip of the jaws"),
+        mm("origin", origin, "CITED", f"{DVRK}: height of the insertion origin above the RCM at q3 = 0{note}"),
+        mm(
+            "shaft_long",
+            shaft_long,
+            "CITED",
+            f"{TOOL}, {tool}: distance from the insertion origin to the wrist's pitch axis",
+        ),
+        mm("a5", 9.1, "CITED", f"{TOOL}, {tool}: distance from pitch axis to yaw axis"),
+        mm("tip", 10.2, "CITED", "jhu-dvrk/dvrk_model, tool 400006: distance from yaw axis to the tip of the jaws"),
     )
 
 

@@ -79,8 +79,13 @@ FORMULA = Formula(
     title="da Vinci Classic endoscope arm (ECM)",
     source=f"{DVRK}; linkage: jhu-dvrk/dvrk_model",
     parameters=(
-        mm("origin", 382.2, "CITED", f"{DVRK}: origin of the insertion above the RCM at q3 = 0"),
-        mm("shaft_long", 382.9, "CITED", f"{DVRK}: origin of the insertion to the tip; dvrk_model has 383.64"),
+        mm("origin", 382.2, "CITED", f"{DVRK}: height of the insertion origin above the RCM at q3 = 0"),
+        mm(
+            "shaft_long",
+            382.9,
+            "CITED",
+            f"{DVRK}: distance from the insertion origin to the tip; dvrk_model has 383.64",
+        ),
         *linkage(340.4, (-103.001, 286.805), (-162.43, -9.8), (-5.471, 37.452), "CITED", "jhu-dvrk/dvrk_model, ECM"),
     ),
     joints=tuple(ActiveJoint(f"q{i}", "prismatic" if i == 3 else "revolute") for i in range(1, 5)),

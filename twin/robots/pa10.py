@@ -94,9 +94,14 @@ FORMULA = Formula(
     title="Mitsubishi PA10-7C with an instrument through a trocar",
     source=f"{PAPER}, Table 1; lengths: {_INRIA}",
     parameters=(
-        mm("RL3", 450.0, "CITED", f"{_INRIA}: shoulder to elbow"),
-        mm("RL5", 480.0, "CITED", f"{_INRIA}: elbow to wrist, PA10-7C; the older PA-10 has 500"),
-        mm("RL7", 70.0, "CITED", "OpenBionics modelMitsubishiPA10: wrist to flange, PA10-7C; the older has 80"),
+        mm("RL3", 450.0, "CITED", f"{_INRIA}: distance from shoulder to elbow"),
+        mm("RL5", 480.0, "CITED", f"{_INRIA}: distance from elbow to wrist, PA10-7C; the older PA-10 has 500"),
+        mm(
+            "RL7",
+            70.0,
+            "CITED",
+            "OpenBionics modelMitsubishiPA10: distance from wrist to flange, PA10-7C; the PA-10 has 80",
+        ),
         mm("RL8", 330.0, "ASSUMED", "length of the instrument beyond the flange; it has no value in the paper's table"),
         Parameter(
             "swivel",

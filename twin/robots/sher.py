@@ -103,7 +103,7 @@ def tilt_forward(q5, AB, BC, CD, DA, DP, AQ, QR, phi1, phi2, phi3, phi4, x_max, 
 
 @equation.variant("drawn", of=tilt_forward, why=_DRAWN)
 def tilt_forward_drawn(y_AR):
-    """Return y_AR with the rail of R above A, as in the drawing of [A]."""
+    """Return y_AR for a rail of R above A, as in the drawing of [A]."""
     y_AR = -y_AR
     return y_AR
 
@@ -177,7 +177,7 @@ def tilt_inverse(theta, AB, BC, CD, DA, DP, AQ, QR, phi1, phi2, phi3, phi4, x_ma
 
 @equation.variant("drawn", of=tilt_inverse, why=_DRAWN)
 def tilt_inverse_drawn(y_AR):
-    """Return y_AR with the rail of R above A, as in the drawing of [A]."""
+    """Return y_AR for a rail of R above A, as in the drawing of [A]."""
     y_AR = -y_AR
     return y_AR
 
@@ -334,9 +334,9 @@ FORMULA = Formula(
         _mm("r_b", 60.6927, "radius of the base joint circle; only r_b - r_p has an effect"),
         _mm("r_p", 34.4773, "radius of the platform joint circle"),
         _mm("l", 68.0, "length of a rod between its joint centres"),
-        _mm("d1", 56.01, "{p} -> {r} along z, l1 of the paper"),
-        _mm("d2", 192.7, "{r} -> {a} along x"),
-        _mm("d3", 25.5, "{r} -> {a} along z"),
+        _mm("d1", 56.01, "distance from {p} to {r} along z, l1 in the paper"),
+        _mm("d2", 192.7, "distance from {r} to {a} along x"),
+        _mm("d3", 25.5, "distance from {r} to {a} along z"),
         _mm("AB", 28.0, "ground link of the four-bar"),
         _mm("BC", 78.5, "link B to C"),
         _mm("CD", 15.0, "coupler, which carries the tool holder"),

@@ -246,16 +246,23 @@ FORMULA = Formula(
     title="SILS 6-DOF parallel robot, three limbs R-PRR-PRS",
     source="Ro. J. Techn. Sci. - Appl. Mech. 68(1), 3-18, 2023, DOI 10.59277/RJTS-AM.2023.1.01",
     parameters=(
-        _length("l_0", 50.0, "PUBLISHED", f"{_EQ3}, printed l_o: rail axis to the strut and bar pivots, along e_r"),
-        _length("l_1", 182.0, "PUBLISHED", f"{_EQ3}: strut length, and bar pivot to apex joint"),
-        _length("l_2", 392.0, "PUBLISHED", f"{_EQ3}: apex joint to ball centre; the bar is l_1 + l_2 long"),
+        _length(
+            "l_0", 50.0, "PUBLISHED", f"{_EQ3}, printed l_o: distance from rail axis to strut and bar pivots, along e_r"
+        ),
+        _length("l_1", 182.0, "PUBLISHED", f"{_EQ3}: length of the strut, and distance from bar pivot to apex joint"),
+        _length(
+            "l_2",
+            392.0,
+            "PUBLISHED",
+            f"{_EQ3}: distance from apex joint to ball centre; the bar has the length l_1 + l_2",
+        ),
         _length("l_p", 135.0, "PUBLISHED", f"{_EQ3}: side of the equilateral triangle S1 S2 S3"),
         _length("L_V", 657.0, "PUBLISHED", f"{_EQ3}: height of the horizontal rail 2"),
         _length(
             "L_H",
             612.0,
             "ASSUMED",
-            f"{_EQ3} values L_B = 612 mm and eq. (2) uses L_H, which has no value: both taken as the distance of "
+            f"{_EQ3} gives L_B = 612 mm; eq. (2) uses L_H, which has no value. Both are taken as the distance of "
             "rail 3 from rail 1",
         ),
     ),

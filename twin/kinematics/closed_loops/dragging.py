@@ -322,7 +322,7 @@ class _Walk:
         return Dragged(self.look.q, self.look.u, self.stops(), singular, more)
 
     def _step(self, first: Look, total: Array, goal: Array) -> Array | None:
-        """Do one step that reduces the distance and return its joint motion (n,) in m, or None if there is none."""
+        """Do one step that reduces the distance; return its scaled joint motion (n,) in m, or None if none is found."""
         dragger, now = self.dragger, self.look
         scale, miss = dragger._scale, goal - now.p
         # Smallest joint motion from `first`; with the mean Jacobian of both ends, the error is of second order.
