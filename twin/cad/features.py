@@ -112,8 +112,8 @@ def _same(a: Face, b: Face) -> bool:
 def _distance(face: Face, near: Array) -> float:
     """Return the distance in m from `near` to a sphere's centre, a cylinder's axis, or a plane.
 
-    The distance to the middle of the face along its plane or axis is added with weight 0.001, so that of two bores on
-    one axis the nearer one is chosen.
+    The distance to the middle of the face along its plane or axis is added with weight 0.001. As a result, the nearer
+    of two bores on one axis is chosen.
     """
     x, y, z = (near - face.point).tolist()
     if face.kind == "sphere":

@@ -138,7 +138,9 @@ class Compiled(ABC):
         """
         J = self.jacobian_many(_one(T), _one(q))[0]
         if not np.isfinite(J).all():
-            raise KinematicsError(f"{self.formula.name}: no Jacobian at this pose: singular or out of reach.")
+            raise KinematicsError(
+                f"{self.formula.name}: the Jacobian does not exist at this pose: the pose is singular or out of reach."
+            )
         return J
 
     def jacobian_many(self, Ts: ArrayLike | None = None, qs: ArrayLike | None = None) -> Array:

@@ -271,9 +271,9 @@ class Mechanism:
     def auxiliary(self) -> tuple[Joint, ...]:
         """Active joints that cannot move the tool: the jaw of an instrument, another arm on the same base.
 
-        A joint moves the tool if it is on the tree's path from the base to the tool, or shares a loop or a coupling
-        with a joint that moves the tool. The loop of a closing joint is its fundamental cycle in the tree; joints
-        between the base and that cycle are not part of the loop.
+        A joint moves the tool if it is on the tree's path from the base to the tool. It also moves the tool if it
+        shares a loop or a coupling with a joint that moves the tool. The loop of a closing joint is its fundamental
+        cycle in the tree; joints between the base and that cycle are not part of the loop.
         """
         tool = next((f.body for f in self.frames if f.name == self.tool), None)
         if tool is None:

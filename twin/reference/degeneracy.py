@@ -32,9 +32,9 @@ class Degeneracy:
     A redundant mechanism can always move with its tool at rest. Its motion therefore counts as degenerate only if the
     named points of its bodies are also at rest.
 
-    The position of the tool alone may have as many degrees of freedom as the mechanism (a planar arm with two links,
-    three joints that carry a point). A motion then counts as degenerate if the tool's position is at rest, even if the
-    tool rotates. For example, a stretched planar arm can still rotate its tool at the limit of its reach.
+    The position of the tool alone may have as many degrees of freedom as the mechanism (a planar arm with two links, or
+    three joints that position a point). A motion then counts as degenerate if the tool's position is at rest, even if
+    the tool rotates. For example, a stretched planar arm can still rotate its tool at the limit of its reach.
 
     Attributes:
         freedom: degrees of freedom of the mechanism at regular states.

@@ -68,7 +68,12 @@ FORMULA = Formula(
         mm("setback", 92.2, "CITED", f"{PHYSICAL}: distance of pivot C behind the shaft"),
         mm("rise", 181.0, "CITED", f"{PHYSICAL}: height of pivot C above the RCM"),
         mm("crank", hypot(92.2, 181.0), "DERIVED", "length of the crank, from setback and rise"),
-        mm("slide_origin", 361.0, "CITED", f"{PHYSICAL}: origin of the first telescope 180 above pivot C"),
+        mm(
+            "slide_origin",
+            361.0,
+            "CITED",
+            f"{PHYSICAL}: height of the first telescope's origin above the RCM, 180 mm above pivot C",
+        ),
         mm(
             "slide_back",
             56.0,

@@ -10,8 +10,8 @@ Every printed row is one assignment with the symbols of the paper. The odd and e
 other (q1 is on both sides of its row); they are written in this form, and the compiler solves them.
 
 Limb i is rotated about its rail (direction e_a) by alpha_i; e_r points from the rail to the ball; t = e_a x e_r.
-From its carriage, the bar has the direction sin(beta) e_r - sigma cos(beta) e_a, and the strut has the direction
-sin(beta) e_r + sigma cos(beta) e_a, with sigma = +1, -1, +1 for limbs 1, 2, 3.
+From its carriage, the bar has the direction sin(beta) e_r - sigma cos(beta) e_a. From its carriage, the strut has the
+direction sin(beta) e_r + sigma cos(beta) e_a. Here sigma is +1, -1, +1 for limbs 1, 2, 3.
 """
 
 from __future__ import annotations
@@ -216,7 +216,7 @@ def type2(X_S1, Y_S1, Z_S1, X_S2, Y_S2, Z_S2, X_S3, Y_S3, Z_S3, alpha1, alpha2, 
 
 
 def _axes(alpha1, alpha2, alpha3):
-    """Return (e_a, e_r) of each limb; alpha turns about +Z, +Y and -Z."""
+    """Return (e_a, e_r) of each limb; alpha is a rotation about +Z, +Y and -Z (limbs 1, 2, 3)."""
     return (
         (vertcat(0, 0, 1), vertcat(cos(alpha1), sin(alpha1), 0)),
         (vertcat(0, 1, 0), vertcat(cos(alpha2), 0, -sin(alpha2))),

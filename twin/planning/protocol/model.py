@@ -54,7 +54,7 @@ class Tolerances:
 class PatientPlace:
     """Place of a patient: `body` of cad/patients, with its `port` at the RCM of the protocol.
 
-    The patient is rotated by `turn` in rad about z of base. `replaces` names links that are not displayed together with
+    The patient is rotated by `turn` (rad) about z of base. `replaces` names links that are not displayed together with
     the patient. `trocar` names the trocar at the port, if there are several.
     """
 
