@@ -24,7 +24,7 @@ from twin.model.mechanism import Inertia, Mesh
 SUFFIXES = (".stl", ".obj", ".glb", ".gltf", ".3mf", ".ply")
 
 _PLAUSIBLE = (0.5 * MM, 20.0)
-"""Smallest and largest plausible extent of a robot part in m; outside, the declared unit is probably wrong."""
+"""Smallest and largest plausible extent of a robot part in m; for others, the declared unit is probably wrong."""
 
 _UP = {"z": np.eye(3), "y": np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])}
 

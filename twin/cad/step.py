@@ -31,7 +31,7 @@ VISUAL_TOLERANCE = 0.1 * MM
 """Chord tolerance in m of the displayed meshes; their normals differ by at most 0.5 rad."""
 
 PROP_TOLERANCE = 0.5 * MM
-"""Chord tolerance in m of the props of a scene; a headset then draws a third as many triangles."""
+"""Chord tolerance in m of the props of a scene; this gives a third as many triangles as `VISUAL_TOLERANCE`."""
 
 MASS_TOLERANCE = 0.005 * MM
 """Chord tolerance in m of the meshes for mass computation; their volume is slightly too small for convex parts."""

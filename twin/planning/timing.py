@@ -46,7 +46,7 @@ _REFINE = 1.01
 
 
 _TRIES = 20
-"""Maximum number of attempts to slow down; one is sufficient for a path without kinks."""
+"""Maximum number of attempts to slow down; one attempt is sufficient for a path without kinks."""
 
 
 _SLOWEST = 1e3

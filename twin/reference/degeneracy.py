@@ -20,7 +20,7 @@ _RANK = 1e-6
 """Relative size above which a singular value counts for the rank at regular states."""
 
 _PATIENCE = 8
-"""Maximum number of iterations to close the loops after a step; a step that needs more is too long."""
+"""Maximum number of iterations to close the loops after a step; a step that needs more iterations is too long."""
 
 KINDS = ("loops", "drives", "tool")
 """Kinds of degeneracy, in the order of the columns of `Degeneracy.of`."""

@@ -31,7 +31,7 @@ from twin.reference.model import ReferenceModel
 from twin.reference.states import Assembly
 
 _IDLE = 1e-12
-"""Inertia in kg m2 or kg below which a joint counts as moving no mass; far below any part, far above rounding."""
+"""Inertia in kg m2 or kg below which a joint counts as moving no mass; parts have far more, rounding errors less."""
 
 _FLAT = 1e-9
 """Singular values below this fraction of the largest one count as zero."""
