@@ -101,7 +101,7 @@ def test_a_missing_unit_is_an_error(tmp_path):
     with pytest.raises(CadError) as caught:
         read_step(path)
     assert str(caught.value) == (
-        f"{path} states no length unit; a STEP without one cannot be scaled. Export it again in mm."
+        f"{path} states no length unit; a STEP file without a unit cannot be scaled. Export it again in mm."
     )
 
 

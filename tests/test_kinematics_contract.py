@@ -203,7 +203,7 @@ def test_pose_that_is_not_rigid_is_refused(sils):
     with pytest.raises(KinematicsError, match="Check that it is a rigid pose in metres"):
         kin.inverse(T)
     assert np.isnan(kin.inverse_many(T[None])).all()
-    with pytest.raises(KinematicsError, match="no Jacobian at this pose"):
+    with pytest.raises(KinematicsError, match="the Jacobian does not exist at this pose"):
         kin.jacobian(np.eye(4) + np.diag([0, 0, 0, 0]) + 9 * np.eye(4, k=3))
 
 

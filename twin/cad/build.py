@@ -37,7 +37,7 @@ class CadModel:
 
     Attributes:
         mechanism: bodies, joints and loops, rest poses as in the CAD.
-        findings: parts that do not meet, open meshes, single-precision placements.
+        findings: results of the checks for parts that do not meet, open meshes and single-precision placements.
         description: the content of the TOML file.
         measured: every feature by body and name, in drawn coordinates (those of the STEP file, in m).
         dimensions: the dimensions from which the drawing was made, with provenance.
@@ -53,12 +53,12 @@ class CadModel:
 
     @property
     def placement_loss(self) -> float:
-        """Possible error in m of joint frames due to single-precision placements; 0 if there are none."""
+        """Possible error in m of joint frames due to single-precision placements; 0 without such placements."""
         return max((f.size or 0.0 for f in self.findings if f.code == "cad.placement_precision"), default=0.0) * UM
 
 
 def inputs(description_path: Path, description: Description | None = None) -> list[Path]:
-    """Return the files of a robot: its TOML file and the CAD files named there; `description`: the TOML content."""
+    """Return the files of a robot: its TOML file and the CAD files named there; `description`: its content or None."""
     description = description or load(description_path)
     files = [description_path]
     files += [description_path.parent / description.step] if description.step else []
@@ -66,7 +66,7 @@ def inputs(description_path: Path, description: Description | None = None) -> li
 
 
 def fingerprint(description_path: Path, description: Description | None = None, read: Read | None = None) -> str:
-    """Return the hash of all `inputs`; `read` returns the bytes of description and STEP, default: from disk."""
+    """Return the hash of all `inputs`; `read` returns the bytes of the TOML and STEP files (default: from disk)."""
     read = read or Once()
     description = description or load(description_path, read)
     digest = hashlib.sha256()
@@ -85,7 +85,7 @@ def fingerprint(description_path: Path, description: Description | None = None, 
 
 
 def read_props(description_path: Path) -> Mechanism:
-    """Return the props of a scene, without masses, from cad/<scene>/<props>.toml; errors as in `read_mechanism`."""
+    """Return the props of a scene, without masses, from cad/<scene>/<props>.toml; raise as `read_mechanism`."""
     return read_mechanism(description_path, with_mass=False, tolerance=PROP_TOLERANCE).mechanism
 
 
@@ -100,7 +100,7 @@ def read_mechanism(
 
     Args:
         description_path: cad/<robot>/<robot>.toml.
-        with_mass: also compute the masses, on a finer mesh; takes about a second more.
+        with_mass: whether to compute masses, from a finer mesh; this takes about one more second.
         tolerance: chord tolerance of the triangles in m.
         read: function that returns the bytes of TOML and STEP files; default: from disk, each file once.
 
@@ -180,7 +180,7 @@ def _shapes(
 ) -> tuple[dict[str, list[Mesh]], dict[str, Inertia]]:
     """Return the meshes and, if requested, the inertia of each body, both in the body frame.
 
-    `fine` maps the `id` of a part to the same part with finer triangles, from which masses are computed.
+    `fine` maps `id(part)` to the same part with finer triangles, from which masses are computed.
     """
     meshes: dict[str, list[Mesh]] = {name: [] for name in d.body}
     masses: dict[str, list[Inertia]] = {name: [] for name in d.body}
@@ -209,7 +209,7 @@ def _shapes(
 
 
 def _exact(step: StepModel | None, fine: StepModel | None) -> dict[int, Part]:
-    """Return the finer part by `id` of each part, matched by order, because names may repeat in foreign files."""
+    """Return {id(part): finer part}; parts are matched by order, because names in the file may repeat."""
     return {} if step is None or fine is None else {id(p): f for p, f in zip(step.parts, fine.parts, strict=True)}
 
 
@@ -315,7 +315,7 @@ def _joint(
 
 
 def _names(spec: FrameSpec) -> list[str]:
-    """Return the features that define a joint frame: its axis or centre, and the feature at its place on the axis."""
+    """Return the features that define origin and z axis of a frame, with feature `at`, which locates the origin."""
     out: list[str] = []
     for value in (spec.origin, spec.at, spec.z):
         out += value if isinstance(value, list) else [value] if value else []

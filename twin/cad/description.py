@@ -50,9 +50,9 @@ class FrameSpec(Table):
     Measured frame: `origin` is a sphere centre, the centroid of several sphere centres, or a point on a cylinder axis.
     The point on the axis is its intersection with the plane `at`, or the point nearest to the axis or centre of feature
     `at`. `z` is the direction of a feature, or the normal of three sphere centres in counter-clockwise order. x or y
-    points towards a feature (`x_towards`, `y_towards`; for a list: towards its centroid), or along a direction
-    (`x_along`). `offset_mm` shifts the frame along its z by a distance that no face defines. If faces do not define all
-    directions, `angles_deg` gives the missing ones: all three, or, if `z` is given, only the direction of x.
+    points towards a feature (`x_towards`, `y_towards`; for a list: towards the centroid of its features), or along a
+    direction (`x_along`). `offset_mm` shifts the frame along its z by a distance that no face defines. If faces do not
+    define all directions, `angles_deg` gives the missing ones: all three, or, if `z` is given, only the direction of x.
 
     Given frame: `position_mm` and `angles_deg` (angles about z, y, x: R = Rz Ry Rx), in drawn coordinates.
     """
@@ -134,7 +134,7 @@ class Material(Table):
 
 
 class LimitSpec(Table):
-    """Limits shared by the named joints: mm, mm/s, mm/s2 for prismatic, deg, deg/s, deg/s2 for revolute joints."""
+    """Limits shared by the named joints, in mm, mm/s, mm/s2 (prismatic) or deg, deg/s, deg/s2 (revolute)."""
 
     joints: list[Identifier]
     limits_mm: Range | None = None
@@ -284,7 +284,7 @@ class TransmissionSpec(Table):
 
 
 class PairGap(Table):
-    """Minimum distance between two prismatic joints on a common rail, coordinate `upper` minus `lower`."""
+    """Minimum of the difference `upper` - `lower` between the coordinates of two prismatic joints on a common rail."""
 
     lower: Identifier
     upper: Identifier
@@ -310,7 +310,7 @@ class RequirementSpec(Table):
 
 
 class Tolerance(Table):
-    """Tolerances of face positions (gross) and of the two sides of a joint (meeting)."""
+    """Tolerances of the positions of faces (gross), and between the two sides of a joint (meeting)."""
 
     gross_mm: float = Field(gt=0)
     gross_deg: float = Field(gt=0)

@@ -63,7 +63,7 @@ class Suspect:
 
     @property
     def score(self) -> int:
-        """Pieces of evidence for the suspect minus pieces against it."""
+        """Number of pieces of evidence for the suspect, minus the number against it."""
         return len(self.for_it) - len(self.against_it)
 
 
@@ -102,10 +102,10 @@ def _apart(d: Description, at: Drawn) -> list[str]:
 
 
 def _plainest(suspects: list[Suspect], placed: set[tuple[str, str]]) -> list[Suspect]:
-    """Return for each part the suspects with the fewest features, and the larger suspects that can be distinguished.
+    """Return for each part the suspects with the fewest features, and further suspects that can be distinguished.
 
-    The comparison with the equations can distinguish a larger suspect if one of its additional features places a frame
-    or a point.
+    The comparison with the equations can distinguish a further suspect if one of its additional features defines a
+    frame or a point.
     """
     few = {s.body: min(len(o.features) or 99 for o in suspects if o.body == s.body) for s in suspects}
     plain = [s for s in suspects if not s.features or len(s.features) == few[s.body]]
@@ -114,7 +114,7 @@ def _plainest(suspects: list[Suspect], placed: set[tuple[str, str]]) -> list[Sus
 
 
 def _placed(d: Description) -> set[tuple[str, str]]:
-    """Return the features, as (body, name), that place frames and points."""
+    """Return the features, as (body, name), that define frames and points."""
     frames = {(f.body, n) for f in d.frame.values() for n in _names(f.at)}
     points = {(p.body, n) for p in d.point.values() for n in (p.origin, p.at) if n}
     return frames | points
@@ -135,9 +135,10 @@ def _names(spec: FrameSpec) -> list[str]:
 
 
 def _candidates(cad: CadModel, bad: list[str]) -> Iterator[tuple[str, tuple[str, ...], str]]:
-    """Yield (part, features, joint): features that may be wrong together, or () and a joint with a given frame.
+    """Yield candidates (part, features, joint).
 
-    With () and joint "", the placement of the whole part may be wrong.
+    (part, features, ""): the features may be wrong together. (part, (), joint): the given frame of the joint may be
+    wrong. (part, (), ""): the placement of the whole part may be wrong.
     """
     d = cad.description
     seen: set[tuple[str, tuple[str, ...]]] = set()

@@ -27,7 +27,7 @@ _ALIKE = 0.001 * MM
 
 @dataclass(frozen=True)
 class Measured:
-    """A measured feature: its face, its unit direction with the sign from the description, and the part of the face."""
+    """A measured feature: its face, its unit direction with the sign from the description, and the part it is on."""
 
     name: str
     face: Face
@@ -112,8 +112,8 @@ def _same(a: Face, b: Face) -> bool:
 def _distance(face: Face, near: Array) -> float:
     """Return the distance in m from `near` to a sphere's centre, a cylinder's axis, or a plane.
 
-    The distance to the middle of the face along its plane or axis is added with weight 0.001, so that of two bores on
-    one axis the nearer one is chosen.
+    The distance to the middle of the face along its plane or axis is added with weight 0.001. As a result, the nearer
+    of two bores on one axis is chosen.
     """
     x, y, z = (near - face.point).tolist()
     if face.kind == "sphere":

@@ -1,4 +1,4 @@
-"""Lengths of single parts that are parameters of the equations, measured between two faces of one body.
+"""Lengths within one body that are also parameters of the equations, measured between two faces of the body.
 
 If a pin is misplaced, the two sides of a joint do not meet; these lengths show which of the two bodies is wrong.
 """

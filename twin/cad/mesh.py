@@ -1,4 +1,4 @@
-"""Triangle meshes: files with a declared unit, check for closed surfaces, and mass properties from the density.
+"""Triangle meshes: read files with a declared unit, find open surfaces, and compute mass properties.
 
 Mesh files do not state a unit (except 3MF, whose unit must equal the declared one), so the unit must be declared; an
 implausible size is a finding.
@@ -24,7 +24,7 @@ from twin.model.mechanism import Inertia, Mesh
 SUFFIXES = (".stl", ".obj", ".glb", ".gltf", ".3mf", ".ply")
 
 _PLAUSIBLE = (0.5 * MM, 20.0)
-"""Smallest and largest plausible extent of a robot part in m; outside, the declared unit is probably wrong."""
+"""Smallest and largest plausible extent of a robot part in m; for others, the declared unit is probably wrong."""
 
 _UP = {"z": np.eye(3), "y": np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])}
 
@@ -97,7 +97,7 @@ def open_mesh(name: str) -> Finding:
     return warning(
         "cad.open_mesh",
         name,
-        f"'{name}' is not watertight: its volume is undefined and it is left out of the mass",
+        f"'{name}' is not watertight: its volume is undefined, so its mass is not counted",
         suggestion="close the surface in the CAD, or export a solid",
     )
 

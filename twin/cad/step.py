@@ -31,7 +31,7 @@ VISUAL_TOLERANCE = 0.1 * MM
 """Chord tolerance in m of the displayed meshes; their normals differ by at most 0.5 rad."""
 
 PROP_TOLERANCE = 0.5 * MM
-"""Chord tolerance in m of the props of a scene, which then have a third of the triangles for a headset to draw."""
+"""Chord tolerance in m of the props of a scene; this gives a third as many triangles as `VISUAL_TOLERANCE`."""
 
 MASS_TOLERANCE = 0.005 * MM
 """Chord tolerance in m of the meshes for mass computation; their volume is slightly too small for convex parts."""
@@ -122,7 +122,9 @@ def length_unit(path: Path, read: Read = read_bytes) -> float:
     named_units = found & {0.0254, 0.3048}
     found = named_units or found
     if not found:
-        raise CadError(f"{path} states no length unit; a STEP without one cannot be scaled. Export it again in mm.")
+        raise CadError(
+            f"{path} states no length unit; a STEP file without a unit cannot be scaled. Export it again in mm."
+        )
     if len(found) > 1:
         raise CadError(f"{path} mixes length units ({', '.join(f'{u:g} m' for u in sorted(found))}); use one.")
     return found.pop()
@@ -152,7 +154,7 @@ def read_step(
 
 
 def _glb(path: Path, tolerance: float, angle: float, read: Read = read_bytes) -> bytes:
-    """Return the STEP as GLB with exact faces, from the user's cache if the same file was read before.
+    """Return the STEP file as GLB with exact faces, from the user's cache if the same file was read before.
 
     `tolerance` is in mm, because OpenCASCADE converts every file to mm. Reading takes seconds in every command, so the
     result is cached by file content and reader version. The cache may be deleted at any time.

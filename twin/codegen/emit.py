@@ -47,7 +47,7 @@ _ROUND = 1.5 * 2.0**52
 """Constant that, added to a number, gives a double with the nearest integer in its lowest bits."""
 
 _AHEAD = 4
-"""Distance of memory prefetches ahead of the computation, in vectors."""
+"""Number of vectors by which memory prefetches are ahead of the computation."""
 
 _TURNS = 1e9
 """Absolute value in rad above which sine and cosine return NaN, because the argument is not precise enough."""

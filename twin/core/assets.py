@@ -17,7 +17,7 @@ from twin.core.foreign.once import Once
 from twin.core.foreign.text import read_text
 
 _BESIDE = ("dimensions", "inertia", "exhibit", "scene")
-"""Files allowed in a robot's cad/ folder besides the description."""
+"""Names, without suffix, of TOML files in a robot's cad/ folder that are not the description."""
 
 NO_EQUATIONS = "FORMULA = None"
 """Line in formula.py that marks the empty template."""
@@ -110,7 +110,7 @@ def scenes() -> list[str]:
 
 
 def scene_file(scene: str | Path) -> Path | None:
-    """Return the scene.toml of a built-in scene, a scene file, or a scene folder; None if it is not a scene."""
+    """Return the scene.toml of a built-in scene, a scene file, or a scene folder; None if `scene` is none of these."""
     if str(scene) in scenes():
         return data_folder() / "cad" / str(scene) / "scene.toml"
     path = Path(scene)
@@ -119,7 +119,7 @@ def scene_file(scene: str | Path) -> Path | None:
 
 
 def studies(name: str) -> list[Path]:
-    """Return the study files trajectories/<name>/study/*.toml of a built-in name that need not be a robot."""
+    """Return the built-in study files trajectories/<name>/study/*.toml; `name` need not be the name of a robot."""
     if name in names() or "/" in name or name in ("", ".", ".."):
         return []
     return sorted((data_folder() / "trajectories" / name / "study").glob("*.toml"))
@@ -170,7 +170,7 @@ def files(robot: str | Path) -> RobotFiles:
 
 
 def hidden(robot: str | Path) -> Path | None:
-    """Return the robot folder in the current folder that has the name of a built-in robot, or None."""
+    """Return the robot folder in the working directory that has the same name as this built-in robot, or None."""
     there = str(robot) in names() and _descriptions(Path(robot))
     return Path(robot).resolve() if there else None
 

@@ -23,7 +23,7 @@ from pathlib import Path
 from twin.core.errors import OutputError
 
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
-"""System error numbers: disk full, quota exceeded, file too large."""
+"""System error numbers for a full disk, an exceeded quota, and a file that is too large."""
 
 _PREFIX, _SUFFIX = ".twin-", ".tmp"
 _OWN = re.compile(r"\.twin-[a-z0-9_]{8}\.tmp")

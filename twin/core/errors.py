@@ -44,7 +44,7 @@ class CodeRefusedError(TwinError):
 
 
 class KinematicsError(TwinError):
-    """The equations have no solution: out of reach, at a singularity, or the solver did not converge.
+    """The equations are malformed or have no solution (out of reach, singular), or the solver did not converge.
 
     Attributes:
         best: the best iterate, in the form of the expected result; None if there is none.
@@ -72,7 +72,7 @@ class AssemblyError(TwinError):
 
 
 class ProtocolError(TwinError):
-    """A protocol cannot be carried out; the message names the phase, the position on its path and the amount."""
+    """A protocol cannot be carried out; the message names the phase, the position on its path, and the excess."""
 
 
 class TimingError(TwinError):

@@ -1,4 +1,4 @@
-"""Optional packages of single commands; the error message for a missing package contains the install command."""
+"""Optional packages, required by some commands; the error message for a missing package has the install command."""
 
 from __future__ import annotations
 

@@ -21,7 +21,7 @@ class Finding:
 
     Attributes:
         code: dotted, constant identifier for scripts ("rcm.missed", "cad.meeting", ...).
-        severity: "info", "warning", "disagreement" (the two sides differ), "error" (could not check).
+        severity: "info", "warning", "disagreement" (two values differ), "error" (could not check).
         message: one sentence with the subject, the value and the limit.
         where: name of the point, joint, loop, prim or file.
         when: pose, phase or time.
@@ -61,7 +61,7 @@ def finding(
     cause: str = "",
     word: str = "limit",
 ) -> Finding:
-    """Return a finding whose message is "<what>: <size> (limit <limit>)"; `disagreement` etc. set the severity.
+    """Return a finding whose message is "<what>: <size> (limit <limit>)"; `disagreement` and others set the severity.
 
     Args:
         severity: see `Finding`.

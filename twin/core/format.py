@@ -24,9 +24,9 @@ _SIGNS = {"um": "µm", "deg": "°", "ohm": "Ω", "percent": "%"}
 def quantity(value: float | None, unit: str, digits: int | None = None) -> str:
     """Return an SI value as text, in a unit that suits its size.
 
-    Lengths, speeds and accelerations are converted to m, mm, µm, nm or pm, angles to degrees; smaller lengths are shown
-    as "< 1 pm". Other units stay unchanged. Default number of significant digits: four from 1 mm or 1 degree up, three
-    below. None and NaN are shown as a dash.
+    Lengths, speeds and accelerations are converted to m, mm, µm, nm or pm, angles to degrees; lengths below 1 pm are
+    shown as "< 1 pm". Other units stay unchanged. By default, values of at least 1 mm or 1 degree have four significant
+    digits, smaller values three. None and NaN are shown as a dash.
     """
     missing = _missing(value)
     if missing is not None or value is None:

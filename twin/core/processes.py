@@ -42,7 +42,7 @@ class Apart:
     The process ignores Ctrl-C from its start, through an inherited signal mask.
 
     Args:
-        function: function at the top level of a module of twin; it is called with its end of the pipe, then the
+        function: function at the top level of a module of twin; it is called with the child's end of the pipe, then the
             arguments. Function and arguments are pickled.
         arguments: arguments of the function.
 

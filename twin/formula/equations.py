@@ -98,9 +98,8 @@ class Equations:
             why: the change in this variant, and its reason.
 
         Raises:
-            KinematicsError: `of` is not an equation of this file. If a row of the variant does not exist in `of`, an
-                error with file and line is raised only when the variant is first used, because the file is parsed only
-                then.
+            KinematicsError: `of` is not an equation of this file. The file is parsed when the variant is first used;
+                only then is an error with file and line raised for a row that does not exist in `of`.
         """
         found = [i for i, e in enumerate(self._made) if any(f is of for f in e.variants.values())]
         if not found:

@@ -31,7 +31,7 @@ _REGULAR, _ROUNDING = 1e8, 1e-15
 """(condition number below which numeric matrices are inverted, size below which entries are rounded to zero)."""
 
 _BLOCK = 32
-"""Number of samples in one mapped call; larger blocks are no faster, and cost time for small batches."""
+"""Number of samples in one mapped call; larger blocks are no faster, and are slower for small batches."""
 
 
 def choose(formula: Formula, variants: Mapping[str, str] | str | None) -> dict[str, str]:

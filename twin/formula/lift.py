@@ -1,4 +1,4 @@
-"""Versions of NumPy and math for symbols: run a plain function with globals that accept `Scalar`.
+"""Versions of NumPy and math that accept symbols (`Scalar`), to run a plain function on symbols.
 
 The user's file imports NumPy. Most NumPy functions accept arrays of objects. This module adds the other cases: numbers
 and symbols in one array, arrays of zeros to fill with symbols, conditions, `math.sin`, inverses of small matrices.
@@ -48,7 +48,7 @@ def scope(home: dict[str, Any]) -> dict[str, Any]:
 
 
 def lifted(value: Any) -> Any:
-    """Return the version for symbols of NumPy, math, or one of their functions; other values unchanged."""
+    """Return the version for symbols of NumPy, math, or one of their functions; return other values unchanged."""
     if isinstance(value, ModuleType):
         return _MODULES.get(value.__name__, value)
     if isinstance(value, np.ufunc) or getattr(value, "__module__", "") in ("numpy", "numpy.linalg"):

@@ -173,7 +173,7 @@ def _arguments(function: FunctionType) -> tuple[str, ...]:
 
 
 def _coordinates(taken: set[str], asked: set[str]) -> Coordinates:
-    """Return the coordinates: position, and Rz Ry Rx angles (if a function uses these) or else a rotation vector.
+    """Return the coordinates: position, and either Rz Ry Rx angles (if a function uses them) or a rotation vector.
 
     A rotation vector describes every orientation; the angles are singular at theta = ±90 deg.
     """

@@ -82,7 +82,7 @@ class PlainRows(ABC):
         """Return the outputs for the values of the symbols."""
 
     def arguments(self, symbols: Mapping[str, Any], convert: Callable[[Any], Any], join: Callable[..., Any]) -> dict:
-        """Return the arguments from the symbols; `convert` converts one symbol, `join` makes an array of symbols."""
+        """Return the arguments from the symbols; `convert` converts one symbol, `join` builds an array."""
         out = {}
         for n in self.argument_names:
             if n == POSE:

@@ -23,9 +23,9 @@ _SAME_POSE = 1e-6
 """Difference in m and rad below which two poses count as one assembly."""
 
 _TRAVEL = 0.5
-"""Maximum distance of Newton's solution from the seed: rad, or translation divided by the characteristic length.
+"""Maximum travel (see `Program.newton`) from the seed to the solution of Newton's method.
 
-A solution at a larger distance might be on another branch. In this case the solver approaches q in small steps.
+A solution with a larger travel might be on another branch. In this case the solver approaches q in small steps.
 """
 
 

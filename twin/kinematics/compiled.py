@@ -138,7 +138,9 @@ class Compiled(ABC):
         """
         J = self.jacobian_many(_one(T), _one(q))[0]
         if not np.isfinite(J).all():
-            raise KinematicsError(f"{self.formula.name}: no Jacobian at this pose: singular or out of reach.")
+            raise KinematicsError(
+                f"{self.formula.name}: the Jacobian does not exist at this pose: the pose is singular or out of reach."
+            )
         return J
 
     def jacobian_many(self, Ts: ArrayLike | None = None, qs: ArrayLike | None = None) -> Array:
@@ -218,7 +220,7 @@ class Compiled(ABC):
         return bool(np.abs(back - Ts).max() <= POSE_TOL)
 
     def need_six_joints(self) -> None:
-        """Raise `KinematicsError` if no pose can be computed from q: not six joints, and no forward equation."""
+        """Raise `KinematicsError` if q does not determine the pose: not six joints and no forward equation."""
         if not self.closed_forward and len(self.formula.joints) != 6:
             raise KinematicsError(
                 f"{self.formula.name}: {len(self.formula.joints)} joints do not determine the 6 numbers of a pose; "

@@ -53,7 +53,7 @@ class Margins:
     """
 
     def __init__(self, kin: Kinematics, passive: Mapping[str, bool], points: tuple[str, ...]) -> None:
-        """Set up from equations, passive joints of the mechanism {name: whether an angle}, and its named points."""
+        """Set up the rows from equations, the mechanism's passive joints {name: whether an angle} and named points."""
         f = kin.formula
         self._kin = kin
         self._passive = {p: passive[p] for p in f.passive if p in passive}
@@ -82,7 +82,7 @@ class Margins:
     def valid(self, s: States, passive: bool) -> NDArray[np.bool_]:
         """Return (k,) bool: whether the equations reproduce each state; with `passive`, also its passive joint values.
 
-        Where they do not, the equations are on another branch.
+        If a state is not reproduced, the equations are on another branch.
         """
         kin = self._kin
         with np.errstate(all="ignore"):

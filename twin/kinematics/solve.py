@@ -22,7 +22,7 @@ from twin.kinematics.tasks import Joints, Pose, Task, Tip, Trocar, is_length
 __all__ = ["Joints", "Pose", "Solution", "Task", "Tip", "Trocar", "descend", "seeds", "solve"]
 
 TOLERANCE = 1e-10
-"""Norm of the dimensionless residual below which a task counts as solved; 8e-12 m for SILS."""
+"""Norm of the dimensionless residual below which a task counts as solved; for the robot SILS, this is 8e-12 m."""
 
 _LIMIT_TOL = 1e-9
 """Excess over a joint limit in m or rad that is ignored as a rounding error."""

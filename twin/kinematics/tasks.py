@@ -77,8 +77,9 @@ def Trocar(  # noqa: N802
     """Return the task of guiding a shaft through a trocar, with the tip beyond the trocar.
 
     With w = p - tip (p: the trocar) and the shaft direction a (towards the tip), the residual is w + |w| a. For a small
-    error, its length is the distance from trocar to shaft axis in m. With the tip on the wrong side of the trocar, its
-    length is 2 |w|, so that this side is not a solution (the usual residual a x w is zero on both sides).
+    error, its length is the distance from trocar to shaft axis in m. If the tip is on the wrong side of the trocar, the
+    length of the residual is 2 |w|, so that this side is not a solution. The usual residual a x w is zero on both
+    sides.
 
     Args:
         p_base: trocar (3,) in m.

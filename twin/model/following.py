@@ -1,7 +1,7 @@
-"""Joints that follow another one: what couplings of two joints say, each follower by a joint that follows none itself.
+"""Joints that follow another joint through couplings; each leader follows no other joint.
 
-Formats and engines that let a joint mimic another one accept no chains: where a band turns a joint by the one before,
-which follows a motor, both are stated to follow the motor.
+File formats and engines with mimic joints do not allow chains of them. If one joint follows a second joint, which
+follows a driven joint, both are therefore stated as followers of the driven joint.
 """
 
 from __future__ import annotations
@@ -14,12 +14,12 @@ from twin.model.mechanism import Mechanism
 
 @dataclass(frozen=True)
 class Following:
-    """A joint with the coordinate multiplier * leader + offset.
+    """A joint whose coordinate is multiplier * (coordinate of the leader) + offset.
 
     Attributes:
         joint: name of the joint that follows; it is not driven.
-        leader: name of the joint that it follows, which follows no other.
-        multiplier: of the leader's coordinate.
+        leader: name of the joint that it follows; the leader follows no other joint.
+        multiplier: factor of the leader's coordinate.
         offset: in m or rad.
     """
 
@@ -30,13 +30,13 @@ class Following:
 
 
 def following(mechanism: Mechanism, among: Container[str]) -> dict[str, Following]:
-    """Return the joint that each coupling makes follow, by name of the coupling.
+    """Return the follower that each coupling adds, by name of the coupling.
 
-    Couplings of more than two joints are left out, and those that couple no further joint, as of two driven ones.
+    A coupling is omitted if it has more than two joints, or adds no follower (for example, if both joints are driven).
 
     Args:
         mechanism: the robot.
-        among: names of joints that may follow and be followed; couplings of others are left out.
+        among: names of joints that may lead or follow; couplings with other joints are omitted.
     """
     known = {j.name: (j.name, 1.0, 0.0) for j in mechanism.active}
     left = [c for c in mechanism.couplings if len(c.joints) == 2 and all(n in among for n in c.joints)]

@@ -271,9 +271,9 @@ class Mechanism:
     def auxiliary(self) -> tuple[Joint, ...]:
         """Active joints that cannot move the tool: the jaw of an instrument, another arm on the same base.
 
-        A joint moves the tool if it is on the tree's path from the base to the tool, or shares a loop or a coupling
-        with a joint that moves the tool. The loop of a closing joint is its fundamental cycle in the tree; joints
-        between the base and that cycle are not part of the loop.
+        A joint moves the tool if it is on the tree's path from the base to the tool. It also moves the tool if it
+        shares a loop or a coupling with a joint that moves the tool. The loop of a closing joint is its fundamental
+        cycle in the tree; joints between the base and that cycle are not part of the loop.
         """
         tool = next((f.body for f in self.frames if f.name == self.tool), None)
         if tool is None:
@@ -287,7 +287,7 @@ class Mechanism:
         return tuple(j for j in self.active if j not in driven) if driven else ()
 
     def extra_joints(self, names: Iterable[str]) -> tuple[tuple[int, str, bool, float], ...]:
-        """Return (index in q, name, whether an angle, value of `_drawn`) of each auxiliary joint not in `names`."""
+        """Return (index in q, name, whether an angle, drawn coordinate) of each auxiliary joint not in `names`."""
         known = set(names)
         left = [j for j in self.auxiliary if j.name not in known]
         return tuple((self.active.index(j), j.name, j.is_angle, self._drawn(j)) for j in left)
@@ -371,7 +371,7 @@ class Mechanism:
             if key not in known:
                 color = _hex(mesh.color_rgba)
                 made_of = mesh.finish.material.removesuffix(f"_{color}") or "color"
-                # a number is added for a different finish, or for colours that are equal in 8 bits
+                # A number is added if only the finish differs, or if different colours are equal in 8 bits.
                 names = (f"{made_of}_{color}", *(f"{made_of}_{n}_{color}" for n in range(2, len(taken) + 3)))
                 name = next(n for n in names if n not in taken)
                 taken.add(name)
@@ -396,7 +396,7 @@ class Mechanism:
         tool, it = self.frame(self.tool), self.frame(name)
         if tool.body != it.body:
             raise MechanismError(
-                f"frame '{name}' is on body '{it.body}', the tool is on '{tool.body}': the frame moves relative to it"
+                f"frame '{name}' is on body '{it.body}', the tool is on '{tool.body}': it moves relative to the tool"
             )
         return spatial.inverse(tool.T_body_frame) @ it.T_body_frame
 
@@ -427,7 +427,7 @@ class Mechanism:
 
     @cached_property
     def _inward(self) -> dict[str, Joint]:
-        """Tree joint whose child is the body, by body name."""
+        """Tree joint that has a body as its child, by name of the body."""
         return {j.child: j for j in self.tree}
 
     def posture(self, name: str) -> Array:

@@ -62,7 +62,7 @@ class StereoTable(Table):
 class CameraTable(Table):
     """A camera on a robot frame: it looks along the frame's z axis, with -y up, rotated by `roll_deg` about z.
 
-    With `stereo` it has two lenses, half the baseline to either side of the frame's origin.
+    With `stereo`, it has two lenses, one on each side of the frame's origin at half the baseline.
     """
 
     robot: Identifier
@@ -327,7 +327,7 @@ def load_scene(path: Path) -> Scene:
     for k, robot in enumerate(table.robot):
         if robot.protocol is None and table.console is None:
             raise error_at(
-                path, ("robot", k), "protocol is missing: a robot without one needs a [console] in the scene"
+                path, ("robot", k), "protocol is missing: a robot without a protocol needs a [console] in the scene"
             )
         for trocar, port in _ports(robot).items():
             if port not in table.port:

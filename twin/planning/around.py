@@ -13,7 +13,7 @@ from twin.planning.smooth import Smooth, fit, line
 from twin.planning.space import Space
 
 _ROUNDS = ((0.15, 60), (0.4, 200), (1.0, 600))
-"""Searches in their order: (extension of the box beyond start and goal, relative to the limits; number of samples)."""
+"""Searches, in order: (extension of the box beyond start and goal, relative to the limits; number of samples)."""
 
 _SHORTCUTS = 60
 """Number of pairs of points of a path between which a straight path is tried."""

@@ -95,7 +95,7 @@ class Anchor:
 
 
 def margins_at(kinematics: PathKinematics, Ts: Array, q: Array, anchor: Anchor) -> Margins:
-    """Return `pose_margins` and margins (k,) against a change of singularity sign or working mode of `anchor`."""
+    """Return `pose_margins` and margins (k,), negative where a sign or the working mode differs from `anchor`."""
     out = pose_margins(kinematics, Ts, q)
     solved = np.all(np.isfinite(q), axis=1)
     if not (anchor.signs or anchor.branch is not None) or not solved.any():

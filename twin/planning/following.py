@@ -1,9 +1,10 @@
 """Paths that the mechanism determines: paths of its driven joints, or lines in its free directions.
 
-A robot with fewer than six freedoms cannot reach every pose, and cannot follow every straight line between two poses.
-Therefore only as many directions as it has freedoms are controlled, positions before rotations; the others follow from
-the mechanism. At a waypoint with a pose, the tool must agree in every direction that the protocol does not declare
-free; otherwise the waypoint is unreachable and the protocol is wrong.
+A robot with fewer than six degrees of freedom cannot reach every pose, and cannot follow every straight line between
+two poses. Therefore the number of controlled directions equals the number of degrees of freedom, and positions have
+priority over rotations; the other directions follow from the mechanism. At a waypoint with a pose, the tool must agree
+in every direction that the protocol does not declare free; otherwise the waypoint is unreachable and the protocol is
+wrong.
 """
 
 from __future__ import annotations
@@ -211,7 +212,7 @@ class Follower:
         )
 
     def _directions(self, lever: Array) -> np.ndarray:
-        """Return a mask (6,) of the controlled directions: as many as the mechanism has freedoms, positions first."""
+        """Return a mask (6,) of the controlled directions: one for each degree of freedom, positions first."""
         J = self._carrier.jacobians(self._state, lever)
         J = np.concatenate([J[:, :3] / _LENGTH, J[:, 3:]], axis=1)
         largest = np.linalg.norm(J, axis=2).max()
@@ -235,8 +236,8 @@ class Follower:
         if over[k].max() > 1:
             raise ProtocolError(
                 f"{where} cannot be carried out: at {100 * k / (len(Ts) - 1):.0f} % of the phase, the tool is "
-                f"{_words(off[k], directions & (over[k] > 1))} from its path, outside the freedoms of the robot. Use a "
-                f'phase with type = "joints", or declare directions as free, with free = '
+                f"{_words(off[k], directions & (over[k] > 1))} from its path, because the robot cannot move "
+                f'in all directions. Use a phase with type = "joints", or declare directions as free, with free = '
                 f"{_names(directions & (over[k] > 1))}"
             )
 

@@ -26,8 +26,8 @@ def way(
 ) -> Path:
     """Return the path of the driven joints in a free phase.
 
-    Like every phase, it respects joint and motor limits, the distances of carriages on one rail, and the reach, and it
-    stays on the same side of every singularity and in the working mode in which it starts.
+    Like every phase, it respects joint and motor limits, the distances of carriages on one rail, and the reach. It
+    stays on the same side of every singularity, and in its initial working mode.
 
     Args:
         phase: the phase, with clearance, seed and scene.

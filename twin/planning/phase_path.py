@@ -22,7 +22,7 @@ _NO_LENGTH = 1e-9
 """Change in m and rad below which a phase counts as having no length."""
 
 _ROUGH = 1e-6
-"""Largest accepted truncation error (m, rad) of a joint's series; a larger one means that the path is not smooth."""
+"""Largest accepted truncation error (m, rad) of a joint's series; a larger error means that the path is not smooth."""
 
 
 @dataclass(frozen=True)

@@ -22,7 +22,7 @@ from twin.planning.timing import Timing, time_path
 from twin.planning.trajectory import PathKinematics, PhaseSpan, Trajectory
 
 _LOOKED = 9
-"""Number of poses per phase that are tested against the robot's freedoms before planning."""
+"""Number of poses per phase for which `plan` tests first whether they are within the robot's degrees of freedom."""
 
 
 @dataclass(frozen=True)
@@ -156,7 +156,7 @@ def _leg(path: PhasePath, protocol: Protocol, kinematics: PathKinematics, dt: fl
 
 
 def _joint_limits(path: PhasePath, protocol: Protocol, kinematics: PathKinematics) -> tuple[Array, Array]:
-    """Return the largest speeds and accelerations (n,) of the driven joints in m or rad per s and s2.
+    """Return the maximum speeds and accelerations (n,) of the driven joints, in m or rad per s and per s2.
 
     In a phase defined by joint values, a joint without limits of its own has those of the phase type. The tool may be
     at rest in such a phase (a gripper's jaw moves), so that the limits of the tool would not apply.
@@ -190,7 +190,7 @@ def _norm_rate(d1: Array, d2: Array) -> tuple[Array, Array]:
 def _assemble(
     protocol: Protocol, kinematics: PathKinematics, T_tool_frame: Array, legs: list[_Leg], dt: float
 ) -> Trajectory:
-    """Join the planned phases; a sample shared by two phases is that of the earlier one."""
+    """Join the planned phases; a sample shared by two phases is taken from the earlier phase."""
     spans: list[PhaseSpan] = []
     waypoints: dict[str, list[int]] = {protocol.start: [0]}
     start = 0

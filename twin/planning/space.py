@@ -28,7 +28,7 @@ class Space(Interface):
         ...
 
     def free(self, q: Array) -> np.ndarray:
-        """Return whether (k,) joint values q (k, n) are free of collisions."""
+        """Return (k,) bool: whether joint values q (k, n) are free of collisions."""
         ...
 
     def steer(self, a: Array, b: Array) -> Path:

@@ -1,8 +1,8 @@
 """Compute the time-optimal timing of a path within limits.
 
 Solvers have absolute tolerances, with which moves of micrometres would fail or lose accuracy. Every problem is
-therefore made dimensionless first (time relative to the shortest possible duration, coordinates relative to their
-acceleration limit), so that a move of 1 um is the same problem as a move of 1 m. The built-in solver (`topp`) is used
+therefore made dimensionless first: time is relative to the shortest possible duration, coordinates to their
+acceleration limit. A move of 1 um is then the same problem as a move of 1 m. The built-in solver (`topp`) is used
 first; if it fails, the package toppra is used, and the result names it. Between grid points the limits may still be
 exceeded a little. Each result is therefore checked within every grid interval, the grid is refined, and the remaining
 excess is removed by slowing down the whole motion slightly.
@@ -46,7 +46,7 @@ _REFINE = 1.01
 
 
 _TRIES = 20
-"""Maximum number of attempts to slow down; one is sufficient for a path without kinks."""
+"""Maximum number of attempts to slow down; one attempt is sufficient for a path without kinks."""
 
 
 _SLOWEST = 1e3
@@ -265,7 +265,7 @@ def by_toppra(grid: Array, first: Array, second: Array, speed: Array) -> Array:
         rates = instance.compute_parameterization(0.0, 0.0)[1]
     if rates is None or not np.all(np.isfinite(rates)):
         code = instance.problem_data.return_code
-        raise TimingError(f"no timing: {getattr(code, 'value', code)}")
+        raise TimingError(f"the solver returned {getattr(code, 'value', code)}")
     return np.asarray(rates)
 
 

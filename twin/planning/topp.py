@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from twin.codegen import Kernel
 
 _FREE = 1e12
-"""Squared rate used instead of a missing limit: a million times the mean rate, squared."""
+"""Squared rate that replaces a missing limit; the rate is a million times the mean rate."""
 
 _FLAT = 1e-24
 """Minimum coefficient of y, the squared rate at the next grid point; since y <= `_FREE`, a row changes by <= 1e-12."""
@@ -36,7 +36,7 @@ _SLACK = 1e-9
 """Fraction of the limits that the backward pass leaves unused, so that rounding cannot stop the forward pass."""
 
 _EXCESS = 1e-6
-"""Fraction by which a row of the result may exceed its limit; more is a failure."""
+"""Fraction by which a row of the result may exceed its limit; a larger excess is a failure."""
 
 _STEPS = 100
 

@@ -105,7 +105,7 @@ def motors_of(mechanism: Mechanism) -> Motors:
 
 
 Keep = Callable[[Array, Array], np.ndarray]
-"""Function: T_base_tool (k, 4, 4), q (k, n) -> whether (k,) they are allowed."""
+"""Function: T_base_tool (k, 4, 4), q (k, n) -> (k,) bool: whether each state is allowed."""
 
 
 @dataclass(frozen=True)
@@ -131,7 +131,8 @@ class PathKinematics:
             searched; None: not available.
         auxiliary: values of the auxiliary joints as drawn, in m or rad, by name; `inverse` returns these.
         takes: T_base_tool (k, 4, 4) -> whether the robot can certainly assume all these poses; None: always true. If
-            false (fewer than six freedoms, no equations), the mechanism determines the path; see `following`.
+            false (fewer than six degrees of freedom, or no equations), the mechanism determines the path; see
+            `following`.
     """
 
     joint_names: tuple[str, ...]
@@ -341,7 +342,8 @@ class Trajectory:
     def on(self, model: Any, times: Array) -> Any:
         """Return the `Run` of a `ReferenceModel` at times (k,) in s: at the poses, or at joint values if `followed`.
 
-        An interpolated pose may violate the freedoms of a robot with fewer than six; interpolated joint values do not.
+        A robot with fewer than six degrees of freedom may be unable to assume an interpolated pose; it can assume
+        interpolated joint values.
         """
         q = self.joints(times)
         return model.run(q) if self.followed else model.run_poses(self.poses(times), near=q)

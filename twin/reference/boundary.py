@@ -1,8 +1,8 @@
 """Check reach margins and singularity measures at their zeros, where the mechanism must be degenerate.
 
 A reach margin is zero at the limit of the workspace and positive inside. A singularity measure is zero where the
-mechanism is singular. The mechanism has no values to compare with such a row (margin or measure), but its zeros can be
-checked. A search moves the mechanism to a zero of each row. There, the Jacobians show whether the mechanism is
+mechanism is singular. No value of the mechanism corresponds to such a row (margin or measure), but the zeros of the row
+can be checked. A search moves the mechanism to a zero of each row. There, the Jacobians show whether the mechanism is
 degenerate.
 """
 
@@ -64,7 +64,7 @@ class Stated(Protocol):
         ...
 
     def valid(self, s: Run, passive: bool) -> Mask:
-        """Return whether (k,) the equations give the active joint values and, with `passive`, the passive ones."""
+        """Return (k,) bool: whether the equations give the active and, with `passive`, the passive joint values."""
         ...
 
     def refuses(self, Ts_base_tool: Array) -> Array:
@@ -259,7 +259,7 @@ class Boundary:
                 "describe the mechanism"
             )
             return self._row(i, "not judged", text, zeros[k])
-        what = "the mechanism can move on" if s.kinds[i] == "reach" else "the mechanism is regular"
+        what = "the mechanism can move further" if s.kinds[i] == "reach" else "the mechanism is regular"
         kept = f"the smallest singular value is {100 * min(left[k], 1):.2g} % of its usual value"
         text = f"it vanishes at a state where {what}: {kept}"
         return self._row(i, "disagrees", text, zeros[k], float(left[k]))
@@ -308,7 +308,7 @@ class Boundary:
 
 
 def summary(rows: list[Judged]) -> str:
-    """Return the number of checked rows as text, and the unchecked rows with the reason."""
+    """Return, as text, the number of checked rows, and the unchecked rows with their reasons."""
     left = [r for r in rows if r.status == "not judged"]
     text = f"{len(rows) - len(left)} of {len(rows)}"
     return text + (f"; not judged: {'; '.join(f'{r.name}: {r.why}' for r in left)}" if left else "")

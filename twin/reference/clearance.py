@@ -157,7 +157,7 @@ def _contacts(
 
 
 _EVERY = 5
-"""Interval of the samples at which parts of jointed bodies are checked; their relative motion is slow."""
+"""Interval, in samples, of the checks of parts of jointed bodies; their relative motion is slow."""
 
 
 def _way(a: Shape, b: Shape, link_poses: Mapping[str, Array], since: int = 0) -> Array:

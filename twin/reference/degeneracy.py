@@ -20,7 +20,7 @@ _RANK = 1e-6
 """Relative size above which a singular value counts for the rank at regular states."""
 
 _PATIENCE = 8
-"""Maximum number of iterations to close the loops after a step; a step that needs more is too long."""
+"""Maximum number of iterations to close the loops after a step; a step that needs more iterations is too long."""
 
 KINDS = ("loops", "drives", "tool")
 """Kinds of degeneracy, in the order of the columns of `Degeneracy.of`."""
@@ -32,9 +32,9 @@ class Degeneracy:
     A redundant mechanism can always move with its tool at rest. Its motion therefore counts as degenerate only if the
     named points of its bodies are also at rest.
 
-    The position of the tool alone may have as many degrees of freedom as the mechanism (a planar arm with two links,
-    three joints that carry a point). A motion then counts as degenerate if the tool's position is at rest, even if the
-    tool rotates. For example, a stretched planar arm can still rotate its tool at the limit of its reach.
+    The position of the tool alone may have as many degrees of freedom as the mechanism (a planar arm with two links, or
+    three joints that position a point). A motion then counts as degenerate if the tool's position is at rest, even if
+    the tool rotates. For example, a stretched planar arm can still rotate its tool at the limit of its reach.
 
     Attributes:
         freedom: degrees of freedom of the mechanism at regular states.
@@ -80,7 +80,7 @@ class Degeneracy:
         return self._jacobians(states)[1][:, :6] @ (self.motions(states) / self.scale[:, None])
 
     def moved(self, states: Array, steps: Array) -> tuple[Array, NDArray[np.bool_]]:
-        """Return (states (k, nq) after tangent steps (k, nv), loops closed again; whether (k,) the loops closed)."""
+        """Return (states (k, nq) after tangent steps (k, nv), (k,) bool: whether the loops could be closed again)."""
         tree = self.model.tree
 
         def residual(X: Array, _: Index) -> tuple[Array, Array]:

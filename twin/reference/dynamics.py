@@ -31,10 +31,10 @@ from twin.reference.model import ReferenceModel
 from twin.reference.states import Assembly
 
 _IDLE = 1e-12
-"""Inertia in kg m2 or kg below which a joint counts as moving no mass; far below any part, far above rounding."""
+"""Inertia in kg m2 or kg below which a joint counts as moving no mass; parts have far more, rounding errors less."""
 
 _FLAT = 1e-9
-"""Relative singular value that counts as zero."""
+"""Singular values below this fraction of the largest one count as zero."""
 
 State = ArrayLike | Assembly
 """A state: active joint values q (n,) in m or rad, or a solved assembly (to choose an assembly mode)."""

@@ -10,7 +10,7 @@ from twin.model.mechanism import Mechanism
 
 
 def one(mechanism: Mechanism, q: Array) -> Array:
-    """Return q as an array (n,) of active joint values in m or rad, checked.
+    """Check active joint values q in m or rad, and return them as an array (n,).
 
     Raises:
         MechanismError: q has the wrong length or is not finite.
@@ -25,7 +25,7 @@ def one(mechanism: Mechanism, q: Array) -> Array:
 
 
 def along(mechanism: Mechanism, q: Array) -> Array:
-    """Return q as an array (k, n) of active joint values in m or rad along a motion, checked.
+    """Check active joint values q in m or rad along a motion, and return them as an array (k, n).
 
     Raises:
         MechanismError: q has the wrong shape or is not finite; the message names the sample.

@@ -104,8 +104,9 @@ class Loops:
     def drift(self, poses: Array, twists: Array, biases: Array) -> Array:
         """Return the second time derivative (k, m) of the residual at constant velocities, with the loops closed.
 
-        The rows contain the offset o = R0' (p1 - p0) and the rotation R = R0' R1 in the axes of the joint frame on the
-        parent, which rotate with w0. R'' = (hat(w') + hat(w)^2) R, with the relative angular velocity w in these axes.
+        The rows contain the offset o = R0' (p1 - p0) and the rotation R = R0' R1, in the axes of the joint frame on the
+        parent. These axes rotate with the angular velocity w0. R'' = (hat(w') + hat(w)^2) R, with the relative angular
+        velocity w in these axes.
 
         Args:
             poses: (k, joints, 4, 4) joint poses from `Tree.update`.

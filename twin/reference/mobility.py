@@ -10,7 +10,7 @@ from twin.core.spatial import Array, Index
 from twin.reference.loops import AXES, Loops
 
 _FLAT = 1e-9
-"""Singular value that counts as zero, relative to the largest one of all constraints: those of one loop may be zero."""
+"""Singular values below this fraction of the largest one of all constraints count as zero."""
 
 _SHARE = 1e-6
 """Coefficient in a linear dependency of constraint rows, above which a row counts as repeated."""

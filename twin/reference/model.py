@@ -51,7 +51,7 @@ _RANK = 1e-6
 """Relative singular value of the tool Jacobian below which the tool cannot move in a direction."""
 
 _FLAT = 1e-9
-"""Relative singular value that counts as zero."""
+"""Singular values below this fraction of the largest one count as zero."""
 
 _STRIDES = (0.01, 0.1)
 """Largest change per step (m for slides, rad for rotations) if independent states are solved together."""
@@ -63,7 +63,7 @@ Progress = Callable[[float], None]
 """Progress callback: called with the fraction done."""
 
 Move = Callable[[Array, Array], tuple[Array, Array]]
-"""A move: (start (k, nq), targets (k, ...)) -> (states (k, nq), whether (k,) they converged)."""
+"""A move: (start (k, nq), targets (k, ...)) -> (states (k, nq), (k,) bool: whether each converged)."""
 
 
 class ReferenceModel:
@@ -288,13 +288,13 @@ class ReferenceModel:
         return self.tree.loops.evaluate(X, *self.tree.update(X, closing_only=True))
 
     def _move_driven(self, X: Array, q: Array) -> tuple[Array, Array]:
-        """Return (states near X (k, nq) with active joint values q (k, n), whether (k,) they converged)."""
+        """Return (states near X (k, nq) with active joint values q (k, n), (k,) bool: whether each converged)."""
         X = X.copy()
         X[:, self._active_q] = q
         return minimise(self.tree, X, self.loops_only, self.tree.passive)
 
     def _move_posed(self, X: Array, Ts: Array) -> tuple[Array, Array]:
-        """Return (states near X (k, nq) with the tool at poses Ts (k, 4, 4), whether (k,) they converged)."""
+        """Return (states near X (k, nq) with the tool at poses Ts (k, 4, 4), (k,) bool: whether each converged)."""
         return minimise(self.tree, X, posed(self.tree, Ts), np.arange(self.tree.model.nv))
 
     def _reach(self, x: Array, target: Array, move: Move) -> Array:

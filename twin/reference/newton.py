@@ -34,7 +34,7 @@ Residual = Callable[[Array, Index], tuple[Array, Array]]
 def minimise(
     tree: Tree, X: Array, residual: Residual, columns: Index, iterations: int = _MAX_ITERATIONS
 ) -> tuple[Array, Array]:
-    """Return (configurations (k, nq) near X that minimise the residual, whether (k,) they converged).
+    """Return (configurations (k, nq) near X that minimise the residual, (k,) bool: whether each converged).
 
     Args:
         tree: tree of the mechanism, which adds steps to configurations.

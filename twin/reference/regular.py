@@ -37,7 +37,8 @@ class Regularity:
 
     Attributes:
         rank, usual: rank at the state, and largest rank of this and nearby states.
-        margin: singular value number `usual` at the state, divided by the largest one; 0 if the rank is lower.
+        margin: singular value with index `usual` (counted from 1, largest first) at the state, divided by the largest
+            one; 0 if the rank is lower.
     """
 
     rank: int

@@ -17,7 +17,7 @@ Values = Callable[[Array], Array]
 Mask = NDArray[np.bool_]
 
 Valid = Callable[[Array], Mask]
-"""Validity test: states (k, nq) -> whether (k,) the functions are valid there."""
+"""Validity test: states (k, nq) -> (k,) bool: whether the functions are valid there."""
 
 _ITERATIONS = 40
 _STRIDE, _STRIDE_LONGEST = 0.1, 0.5
@@ -27,16 +27,16 @@ _NEAR = 0.2
 """Distance from degeneracy (1 at usual states) below which the steps of a walk are turned away from a singularity."""
 
 _SHORTEST = 1e-5
-"""Step below which a walk ends."""
+"""Tangent step (rad, or units of `LENGTH_SCALE`) below which a walk ends."""
 
 _DIFFERENCE = 1e-5
-"""Tangent step of the difference quotients."""
+"""Tangent step (rad, or units of `LENGTH_SCALE`) of the difference quotients."""
 
 _ZERO = 1e-10
 """Fraction of the usual size below which a value counts as zero."""
 
 NEARLY = 1e-4
-"""Fraction of the usual size below which a minimum counts as a zero (a square root of squares only touches zero)."""
+"""Fraction of the usual size below which a minimum counts as a zero (some measures touch 0 without a sign change)."""
 
 
 @dataclass(frozen=True)

@@ -62,7 +62,7 @@ _GJK = 1e-5
 """Accepted error in m by which a computed hull distance may be too large."""
 
 Keep = Callable[[Array, Array], np.ndarray]
-"""Additional test of states: T_base_tool (k, 4, 4), q (k, n) -> whether (k,) they are allowed."""
+"""Additional test of states: T_base_tool (k, 4, 4), q (k, n) -> (k,) bool: whether each state is allowed."""
 
 
 @dataclass(frozen=True)
@@ -232,7 +232,7 @@ class JointSpace:
         return limits, np.array([_ANGLE if j.is_angle else 1.0 for j in active])
 
     def free(self, q: Array) -> np.ndarray:
-        """Return whether (k,) joint values q (k, n) are within the limits, with closed loops and the clearance."""
+        """Return (k,) bool: whether joint values q (k, n) are within limits, with closed loops and the clearance."""
         q = np.asarray(q, float).reshape(-1, len(self.weights))
         ok = self._within(q)
         for k in np.flatnonzero(ok):
@@ -292,7 +292,7 @@ class JointSpace:
         return np.all((q >= self.limits[:, 0]) & (q <= self.limits[:, 1]), axis=1)
 
     def _allowed(self, X: Array, q: Array) -> np.ndarray:
-        """Return whether (k,) `keep` allows configurations (k, nq) with driven joint values q (k, n)."""
+        """Return (k,) bool: whether `keep` allows configurations (k, nq) with driven joint values q (k, n)."""
         if self._keep is None:
             return np.ones(len(X), bool)
         tree = self._model.tree

@@ -1,4 +1,4 @@
-"""Shared by the equations of several robots: rows of a Denavit-Hartenberg table, parameters in mm, pose coordinates."""
+"""Functions for the equations of several robots: rows of a Denavit-Hartenberg table, parameters, pose coordinates."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ def row(alpha, d, theta, r):
 
 
 def mm(name: str, mm: float, provenance: Provenance, note: str) -> Parameter:
-    """Return a length with its provenance."""
+    """Return a length, given in mm, as a parameter with its provenance."""
     return Parameter(name, mm * MM, "mm", mm, provenance, note)
 
 
 def trocar(x: float, y: float, z: float) -> tuple[Parameter, ...]:
-    """Return the position of the trocar in mm in frame 0; a protocol may place it elsewhere."""
+    """Return the trocar's coordinates in frame 0, given in mm, as parameters; a protocol may change them."""
     note = "trocar in frame 0, as in the CAD; a protocol may place it elsewhere (trocar_mm)"
     return tuple(mm(f"trocar_{a}", v, "ASSUMED", note) for a, v in zip("xyz", (x, y, z), strict=True))
 

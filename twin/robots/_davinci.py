@@ -1,7 +1,8 @@
-"""Shared by the arms of the da Vinci: yaw, pitch and insertion about the RCM.
+"""Functions for all da Vinci arms: yaw and pitch about the RCM, and insertion through it.
 
-Base frame of dVRK: origin at the RCM, z up. With all joints at zero the shaft points along -z; yaw turns about -y,
-pitch about -x. No joint is at the RCM: the linkage keeps it fixed, and the equations do not need the linkage.
+The base frame is that of dVRK: its origin is at the RCM, and z points up. With all joints at zero, the shaft points
+along -z. Yaw is a rotation about -y, pitch about -x. No joint is at the RCM; the linkage keeps the RCM fixed, but the
+equations do not need the linkage.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ DVRK = "jhu-dvrk/sawIntuitiveResearchKit, share/kinematic"
 
 
 def to_insertion(q1, q2, q3, origin):
-    """Return frame 3: z along the shaft, `origin` (m) above the RCM at q3 = 0."""
+    """Return the pose (4, 4) of frame 3: z is along the shaft; at q3 = 0 the frame is `origin` (m) above the RCM."""
     return row(pi / 2, 0, q1 + pi / 2, 0) @ row(-pi / 2, 0, q2 - pi / 2, 0) @ row(pi / 2, 0, 0, q3 - origin)
 
 
@@ -25,22 +26,22 @@ def about_rcm(p):
 
 
 def shaft_frame(q1, q2):
-    """Return R03 (3, 3), its last column along the shaft."""
+    """Return the rotation (3, 3) of frame 3 in base; its last column is the shaft direction."""
     return to_insertion(q1, q2, 0, 0)[0:3, 0:3]
 
 
 def in_base(q1, q2, *points):
-    """Return points (3,) of the rail, given as they stand at yaw and pitch zero, in base."""
+    """Return points (3,) of the rail in base, from their positions in base at yaw 0 and pitch 0."""
     turn = symbolic.rotation_y(-q1) @ symbolic.rotation_x(-q2)
     return tuple(turn @ p for p in points)
 
 
 def on_yaw_link(q1, *points):
-    """Return points (3,) of the yaw link, given as they stand at yaw zero, in base."""
+    """Return points (3,) of the yaw link in base, from their positions in base at yaw 0."""
     return tuple(symbolic.rotation_y(-q1) @ p for p in points)
 
 
 def depth(P, origin, shaft_long):
-    """Yaw, pitch and insertion at which the shaft ends in P (3,), which is beyond the RCM."""
+    """Return yaw, pitch and insertion at which the shaft ends at P (3,), a point beyond the RCM."""
     q1, q2, beyond = about_rcm(P)
     return q1, q2, beyond + origin - shaft_long

@@ -1,6 +1,6 @@
-"""Shared by the arms of the da Vinci Classic: the double parallelogram that holds the RCM.
+"""Functions for the da Vinci Classic arms: the double parallelogram that keeps the RCM fixed.
 
-The pins B and B2 stand on the yaw link, C and C2 on the rail. They are computed so that the linkage can be checked.
+Pins B and B2 are on the yaw link, C and C2 on the rail. They are computed so that the linkage can be checked.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ def linkage_angles(q2):
 
 
 def linkage_pins(q1, q2, reach, setback, rise, second_y, second_z, apart_y, apart_z):
-    """Return pins B, B2 of the yaw link and C, C2 of the rail in base, each (3,): C is the moved end of the crank."""
+    """Return pins B, B2 of the yaw link and C, C2 of the rail in base, each (3,); C is the moving end of the crank."""
     b, c = vertcat(0, -reach, 0), vertcat(0, -setback, rise)
     still = on_yaw_link(q1, b, b + vertcat(0, second_y, second_z))
     return *still, *in_base(q1, q2, c, c + vertcat(0, apart_y, apart_z))
@@ -39,14 +39,24 @@ def linkage(
 ) -> tuple[Parameter, ...]:
     """Return the lengths of a linkage as parameters, from its vectors in the pitch plane (y, z) in mm."""
     return (
-        mm("reach", reach, provenance, f"{source}: pivot B to the RCM, and both couplers"),
-        mm("setback", -crank[0], provenance, f"{source}: pin C behind the shaft"),
-        mm("rise", crank[1], provenance, f"{source}: pin C above the RCM"),
-        mm("crank", hypot(*crank), "DERIVED", "length of both cranks, of setback and rise"),
-        mm("second_y", second[0], provenance, f"{source}: pivot B2 from B; behind it, ASSUMED"),
-        mm("second_z", second[1], provenance, f"{source}: pivot B2 from B, height"),
+        mm("reach", reach, provenance, f"{source}: distance from pivot B to the RCM, and length of both couplers"),
+        mm("setback", -crank[0], provenance, f"{source}: distance of pin C behind the shaft"),
+        mm("rise", crank[1], provenance, f"{source}: height of pin C above the RCM"),
+        mm("crank", hypot(*crank), "DERIVED", "length of both cranks, from setback and rise"),
+        mm(
+            "second_y",
+            second[0],
+            provenance,
+            f"{source}: distance of pivot B2 from B along y; that B2 is behind B is ASSUMED",
+        ),
+        mm("second_z", second[1], provenance, f"{source}: height of pivot B2 above B"),
         mm("second", hypot(*second), "DERIVED", "distance of the pivots of the yaw link"),
-        mm("apart_y", apart[0], provenance, f"{source}: second coupler from the first, along y"),
-        mm("apart_z", apart[1], provenance, f"{source}: second coupler from the first, height; its sign is ASSUMED"),
+        mm("apart_y", apart[0], provenance, f"{source}: distance of the second coupler from the first, along y"),
+        mm(
+            "apart_z",
+            apart[1],
+            provenance,
+            f"{source}: height of the second coupler above the first; its sign is ASSUMED",
+        ),
         mm("apart", hypot(*apart), "DERIVED", "distance of the pins of the rail"),
     )

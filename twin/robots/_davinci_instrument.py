@@ -1,7 +1,8 @@
-"""Shared by the instrument arms of the da Vinci: roll and a two-axis wrist behind the insertion, as dVRK has them.
+"""Functions for the da Vinci instrument arms: roll and a two-axis wrist after the insertion, as in dVRK.
 
-{tool} is the control point of dVRK: on the wrist's yaw axis, z along the closed jaws. The tip lies `tip` further along
-z. The jaw does not move the tool and is in no equation. Robots register these functions as their equations.
+Frame {tool} is at the control point of dVRK, on the wrist's yaw axis; its z is along the closed jaws. The tip is at
+distance `tip` (m) along z. The jaw does not move the tool and is in no equation. Robots register these functions as
+their equations.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ TOOL = "jhu-dvrk/sawIntuitiveResearchKit, share/tool"
 
 
 def wrist(T_base_tool, a5):
-    """P_w: at distance a5 from the yaw axis, perpendicular to it, on the side of the RCM."""
+    """Return P_w, the point of the wrist's pitch axis at distance a5 from the wrist's yaw axis, towards the RCM."""
     R, p = T_base_tool[0:3, 0:3], T_base_tool[0:3, 3]
     back = -R.T @ p
     n = vertcat(0, back[1], back[2])
@@ -27,12 +28,12 @@ def wrist(T_base_tool, a5):
 
 
 def arm(P_w, origin, shaft_long):
-    """Yaw, pitch and insertion; the wrist is below the RCM."""
+    """Return yaw, pitch and insertion of the assembly with the wrist below the RCM."""
     return depth(P_w, origin, shaft_long)
 
 
 def wrist_angles(T_base_tool, q1, q2):
-    """Roll, wrist pitch within a quarter turn, wrist yaw."""
+    """Return roll, wrist pitch (within ±90 deg) and wrist yaw."""
     along = symbolic.rotation_x(-pi / 2) @ symbolic.rotation_z(pi / 2)  # last frame of the table -> {tool}
     X = shaft_frame(q1, q2).T @ T_base_tool[0:3, 0:3] @ along.T
     q4 = atan2(X[1, 2], X[0, 2])
@@ -50,17 +51,22 @@ def ends(T_base_tool, q1, q2, q3, origin, shaft_long, tip):
 
 
 def margins(q3, q5, origin, shaft_long, crank):
-    """Distance of the wrist beyond the RCM divided by the crank's length; cosine of the wrist's pitch."""
+    """Return the wrist's distance beyond the RCM divided by the crank's length, and the cosine of the wrist pitch."""
     return (q3 + shaft_long - origin) / crank, cos(q5)
 
 
 def parameters(origin: float, shaft_long: float, tool: str, note: str = "") -> tuple[Parameter, ...]:
     """Return the lengths (mm) of shaft and wrist as parameters, with the instrument's number and a note on `origin`."""
     return (
-        mm("origin", origin, "CITED", f"{DVRK}: origin of the insertion above the RCM at q3 = 0{note}"),
-        mm("shaft_long", shaft_long, "CITED", f"{TOOL}, {tool}: origin of the insertion to the wrist's pitch axis"),
-        mm("a5", 9.1, "CITED", f"{TOOL}, {tool}: pitch axis to yaw axis"),
-        mm("tip", 10.2, "CITED", "jhu-dvrk/dvrk_model, tool 400006: yaw axis to the tip of the jaws"),
+        mm("origin", origin, "CITED", f"{DVRK}: height of the insertion origin above the RCM at q3 = 0{note}"),
+        mm(
+            "shaft_long",
+            shaft_long,
+            "CITED",
+            f"{TOOL}, {tool}: distance from the insertion origin to the wrist's pitch axis",
+        ),
+        mm("a5", 9.1, "CITED", f"{TOOL}, {tool}: distance from pitch axis to yaw axis"),
+        mm("tip", 10.2, "CITED", "jhu-dvrk/dvrk_model, tool 400006: distance from yaw axis to the tip of the jaws"),
     )
 
 
@@ -72,13 +78,15 @@ JOINTS = tuple(ActiveJoint(f"q{i}", "prismatic" if i == 3 else "revolute") for i
 _ALARM = "alarm ASSUMED: no published threshold"
 
 MEASURES = (
-    Measure("depth", "depth", "type1", 0.1, f"wrist at the RCM: yaw and pitch do not move it; {_ALARM}"),
-    Measure("wrist", "straight", "type1", 0.1, f"wrist bent by a quarter turn: roll and yaw in line; {_ALARM}"),
+    Measure("depth", "depth", "type1", 0.1, f"the wrist is at the RCM: yaw and pitch do not move it; {_ALARM}"),
+    Measure(
+        "wrist", "straight", "type1", 0.1, f"the wrist is bent by 90 deg: its roll and yaw axes are parallel; {_ALARM}"
+    ),
 )
 
 ASPECTS = (
-    Aspect("depth", 1, "wrist beyond the RCM, on the patient's side"),
-    Aspect("straight", 1, "wrist bent by less than a quarter turn"),
+    Aspect("depth", 1, "the wrist is beyond the RCM, on the patient's side"),
+    Aspect("straight", 1, "the wrist is bent by less than 90 deg"),
 )
 
 SEEDS = (

@@ -1,4 +1,4 @@
-"""All assemblies of the SILS robot at given carriages: the ball centres on three circles about the rails.
+"""Find all assemblies of the SILS robot for given carriages: each ball centre is on a circle about its rail.
 
 Each limb fixes the distance rho_i of its ball from the rail and its position a_i along it. Three angles alpha_i remain
 unknown, and the three sides of the platform determine them. DERIVED; no published equation.
@@ -14,15 +14,15 @@ from twin.core import spatial
 from twin.core.spatial import Array
 
 _GRID = 2048
-"""Angles alpha_1 that are scanned; two assemblies nearer than 0.2 deg in alpha_1 may be missed as a pair."""
+"""Number of angles alpha_1 that are scanned; two assemblies within 0.2 deg of alpha_1 may both be missed."""
 
 _SIGMA = np.array([1.0, -1.0, 1.0])
 
 
 def branches(q: Array, p: Mapping[str, float], variants: Mapping[str, str]) -> list[Array]:
-    """Return the poses (4, 4) of all assemblies at q (6,), for a rigid platform; unsorted, before Newton iterations.
+    """Return the poses (4, 4) of all assemblies at q (6,) for a rigid platform, unsorted, without Newton steps.
 
-    Bars that lean inwards beyond the pivot (rho < l_0) are left out: the carriages cannot reach such states.
+    Assemblies with a bar that leans inwards beyond its pivot (rho < l_0) are omitted, because they are unreachable.
     """
     if variants["eq2"] == "literal":
         return []  # its carriage gap does not give rho back in closed form
@@ -75,7 +75,7 @@ def branches(q: Array, p: Mapping[str, float], variants: Mapping[str, str]) -> l
 
 
 def _edges(grid: Array, inside) -> Array:
-    """Return the angles at which `inside` changes between neighbours of the grid, on the inner side."""
+    """Return the angles between grid points at which `inside` changes, each on the side where `inside` is true."""
     flags = inside(grid)
     i = np.flatnonzero(flags[:-1] != flags[1:])
     good, bad = np.where(flags[i], grid[i], grid[i + 1]), np.where(flags[i], grid[i + 1], grid[i])

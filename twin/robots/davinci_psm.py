@@ -1,11 +1,12 @@
-"""Instrument arm (PSM) of the da Vinci Classic: yaw, pitch, insertion about the RCM, then roll and a two-axis wrist.
+"""Instrument arm (PSM) of the da Vinci Classic: yaw and pitch about the RCM, insertion, roll, and a two-axis wrist.
 
-The paper's Table 1 is a standard Denavit-Hartenberg table without offsets, and its a5 has no value. dVRK writes the
-same arm in modified form, with every number; that reading is the default. Table 1 becomes equal to it with 90 deg added
-to q2 and q5, q3 moved by shaft_long - origin, a5 of dVRK, and fixed turns of base and tool.
+Table 1 of the paper is a standard Denavit-Hartenberg table without offsets and without a value of a5. dVRK has a table
+of the same arm in modified form, with all numbers; this is the default variant. Table 1 becomes equal to the table of
+dVRK with these changes: 90 deg is added to q2 and q5, shaft_long - origin is added to q3, a5 has the value of dVRK, and
+base and tool have fixed rotations.
 
-{tool} is the control point of dVRK: on the wrist's yaw axis, z along the closed jaws. The tip lies `tip` further along
-z. The jaw does not move the tool and is in no equation.
+Frame {tool} is at the control point of dVRK, on the wrist's yaw axis; its z is along the closed jaws. The tip is at
+distance `tip` (m) along z. The jaw does not move the tool and is in no equation.
 """
 
 from __future__ import annotations
@@ -39,10 +40,10 @@ equation = Equations("DERIVED from the table of dVRK", variant="derived")
     gives="T_base_tool",
     source=f"{PAPER}, Table 1",
     variant="modified",
-    why=f"Modified Denavit-Hartenberg form with the offsets and lengths of {DVRK}: so the shaft passes the RCM.",
+    why=f"Modified Denavit-Hartenberg form with offsets and lengths of {DVRK}: then the shaft passes through the RCM.",
 )
 def table1(q1, q2, q3, q4, q5, q6, a5, origin, shaft_long):
-    """Chain of the modified table of dVRK, rows 1 to 6, and its turn of the last frame along the jaws."""
+    """Return the pose of the tool: rows 1 to 6 of dVRK's modified table, then the fixed rotation of z to the jaws."""
     T_03 = to_insertion(q1, q2, q3, origin)
     T_36 = row(0, 0, q4, shaft_long) @ row(-pi / 2, 0, q5 - pi / 2, 0) @ row(-pi / 2, a5, q6 - pi / 2, 0)
     T_base_tool = T_03 @ T_36 @ row(-pi / 2, 0, pi / 2, 0)
@@ -52,10 +53,10 @@ def table1(q1, q2, q3, q4, q5, q6, a5, origin, shaft_long):
 @equation.variant(
     "corrected",
     of=table1,
-    why="Table 1 in its own standard form, with the missing offsets of q2, q3, q5 and rotations of base and tool.",
+    why="Table 1 in standard form as in the paper, with the missing offsets of q2, q3, q5, and of base and tool.",
 )
 def table1_corrected(q1, q2, q3, q4, q5, q6, a5, origin, shaft_long):
-    """Rows of Table 1 with offsets, between the axes of dVRK's base and tool."""
+    """Return the pose of the tool from Table 1 with offsets, with base and tool frames as in dVRK."""
     T_03 = (
         standard(0, -pi / 2, 0, q1) @ standard(0, -pi / 2, 0, q2 + pi / 2) @ standard(0, 0, q3 + shaft_long - origin, 0)
     )
@@ -67,10 +68,10 @@ def table1_corrected(q1, q2, q3, q4, q5, q6, a5, origin, shaft_long):
 @equation.variant(
     "printed",
     of=table1,
-    why="As printed: standard form, no offset at any joint, no fixed rotations. a5 has no value: dVRK's is used.",
+    why="As printed: standard form without joint offsets and fixed rotations. a5 has no value; dVRK's value is used.",
 )
 def table1_printed(q1, q2, q3, q4, q5, q6, a5):
-    """Rows of Table 1 as printed."""
+    """Return the pose of the tool from Table 1 as printed."""
     T_03 = standard(0, -pi / 2, 0, q1) @ standard(0, -pi / 2, 0, q2) @ standard(0, 0, q3, 0)
     T_36 = standard(0, pi / 2, 0, q4) @ standard(a5, -pi / 2, 0, q5) @ standard(0, -pi / 2, 0, q6)
     T_base_tool = T_03 @ T_36
@@ -86,14 +87,14 @@ equation("inverse", "rotation relative to the shaft -> q4, q5, q6", gives="q4 q5
 def places(
     T_base_tool, q1, q2, q3, origin, shaft_long, reach, setback, rise, second_y, second_z, apart_y, apart_z, tip
 ):
-    """Pins of the linkage, the RCM, wrist, fulcrum and tip."""
+    """Return the pins of the linkage, the RCM, the wrist's pitch and yaw axes, and the tip in base, each (3,)."""
     pins = linkage_pins(q1, q2, reach, setback, rise, second_y, second_z, apart_y, apart_z)
     return *pins, *instrument.ends(T_base_tool, q1, q2, q3, origin, shaft_long, tip)
 
 
 @equation("helper", "pitch -> passive pins", gives=LINKAGE)
 def pins(q2):
-    """Angles of the pins of both parallelograms."""
+    """Return the angles of the pins of both parallelograms."""
     return linkage_angles(q2)
 
 

@@ -1,10 +1,10 @@
-"""Instrument arm (PSM) of the da Vinci Si: yaw, pitch, insertion about the RCM, then roll and a two-axis wrist.
+"""Instrument arm (PSM) of the da Vinci Si: yaw and pitch about the RCM, insertion, roll, and a two-axis wrist.
 
-The table is dVRK's for the Si, in modified Denavit-Hartenberg form: that of the Classic arm with a longer shaft. What
-differs is inside: one crank and one coupler, which bands keep parallel, and an insertion of two telescopes that go half
-of it each. Their lengths are those of dVRK's table of the whole linkage (PSM_Si_physical).
+The table is dVRK's for the Si, in modified Denavit-Hartenberg form: the table of the Classic arm with a longer shaft.
+The mechanism differs: it has one crank and one coupler, which bands keep parallel, and two telescopes, each with half
+of the insertion. The lengths are those of dVRK's table of the whole linkage (PSM_Si_physical).
 
-{tool} is the control point of dVRK: on the wrist's yaw axis, z along the closed jaws.
+Frame {tool} is at the control point of dVRK, on the wrist's yaw axis; its z is along the closed jaws.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ equation = Equations("DERIVED from the table of dVRK", variant="derived")
 
 @equation("forward", "joints -> pose", gives="T_base_tool", source=f"{DVRK}, psm-si", variant="modified")
 def table(q1, q2, q3, q4, q5, q6, a5, origin, shaft_long):
-    """Chain of the modified table, rows 1 to 6, and its turn of the last frame along the jaws."""
+    """Return the pose of the tool: rows 1 to 6 of the modified table, then the fixed rotation of z to the jaws."""
     T_03 = to_insertion(q1, q2, q3, origin)
     T_36 = row(0, 0, q4, shaft_long) @ row(-pi / 2, 0, q5 - pi / 2, 0) @ row(-pi / 2, a5, q6 - pi / 2, 0)
     T_base_tool = T_03 @ T_36 @ row(-pi / 2, 0, pi / 2, 0)
@@ -42,7 +42,7 @@ equation("inverse", "rotation relative to the shaft -> q4, q5, q6", gives="q4 q5
 
 @equation("helper", "points in base", gives=[f"at_{n}" for n in _POINTS])
 def places(T_base_tool, q1, q2, q3, origin, shaft_long, reach, drop, setback, rise, slide_back, slide_origin, tip):
-    """Pivot B of the yaw link, pivot C of the rail, origin of the first telescope, the RCM, wrist, fulcrum and tip."""
+    """Return points in base: pivots B and C, origin of the first telescope, RCM, wrist's pitch and yaw axes, tip."""
     b = on_yaw_link(q1, vertcat(0, -reach, -drop))
     moved = in_base(q1, q2, vertcat(0, -setback, rise), vertcat(0, -slide_back, slide_origin - q3 / 2))
     return *b, *moved, *instrument.ends(T_base_tool, q1, q2, q3, origin, shaft_long, tip)
@@ -50,7 +50,7 @@ def places(T_base_tool, q1, q2, q3, origin, shaft_long, reach, drop, setback, ri
 
 @equation("helper", "pitch, insertion -> passive joints", gives=_PASSIVE)
 def bands(q2, q3):
-    """Pivots A and C, which the bands turn back and forth by the pitch; both telescopes, half of the insertion each."""
+    """Return the angles of pivots A and C, minus and plus the pitch, and half of the insertion for each telescope."""
     return -q2, q2, q3 / 2, q3 / 2
 
 
@@ -62,19 +62,29 @@ FORMULA = Formula(
     source=f"{DVRK}, psm-si and PSM_Si_physical; {instrument.TOOL}, 420006",
     parameters=(
         *instrument.parameters(482.6, 467.0, "420006", ", estimated there; PSM_Si_physical adds up to 482.5"),
-        mm("reach", 338.72, "CITED", f"{PHYSICAL}: pivot B to the RCM, along the yaw axis"),
-        mm("drop", 71.2, "CITED", f"{PHYSICAL}: pivot B below the yaw axis"),
-        mm("coupler", hypot(338.72, 71.2), "DERIVED", "length of the coupler, of reach and drop"),
-        mm("setback", 92.2, "CITED", f"{PHYSICAL}: pivot C behind the shaft"),
-        mm("rise", 181.0, "CITED", f"{PHYSICAL}: pivot C above the RCM"),
-        mm("crank", hypot(92.2, 181.0), "DERIVED", "length of the crank, of setback and rise"),
-        mm("slide_origin", 361.0, "CITED", f"{PHYSICAL}: origin of the first telescope 180 above pivot C"),
-        mm("slide_back", 56.0, "ASSUMED", "rods of the first telescope behind the shaft: what fits"),
+        mm("reach", 338.72, "CITED", f"{PHYSICAL}: distance from pivot B to the RCM, along the yaw axis"),
+        mm("drop", 71.2, "CITED", f"{PHYSICAL}: distance of pivot B below the yaw axis"),
+        mm("coupler", hypot(338.72, 71.2), "DERIVED", "length of the coupler, from reach and drop"),
+        mm("setback", 92.2, "CITED", f"{PHYSICAL}: distance of pivot C behind the shaft"),
+        mm("rise", 181.0, "CITED", f"{PHYSICAL}: height of pivot C above the RCM"),
+        mm("crank", hypot(92.2, 181.0), "DERIVED", "length of the crank, from setback and rise"),
+        mm(
+            "slide_origin",
+            361.0,
+            "CITED",
+            f"{PHYSICAL}: height of the first telescope's origin above the RCM, 180 mm above pivot C",
+        ),
+        mm(
+            "slide_back",
+            56.0,
+            "ASSUMED",
+            "distance of the first telescope's rods behind the shaft, chosen so that they fit",
+        ),
         mm(
             "slide_up",
             121.6,
             "DERIVED",
-            "origin of the second telescope above that of the first: origin - slide_origin",
+            "height of the second telescope's origin above that of the first: origin - slide_origin",
         ),
     ),
     joints=instrument.JOINTS,

@@ -1,10 +1,10 @@
-"""Hibou: turret and two-link arm in a vertical plane, two passive joints, endoscope through the trocar, tilting tip.
+"""Hibou: a turret, a two-link arm in a vertical plane, two passive joints, and an endoscope with a tilting tip.
 
-The paper gives the structure (7 revolute joints, 5 driven and 2 passive, trocar between 5 and 6) but no dimension.
-Everything else is ASSUMED: the table below in Khalil and Kleinfinger's form.
+The paper gives the structure (7 revolute joints, 5 driven and 2 passive, and the trocar between joints 5 and 6), but no
+dimensions. Everything else is ASSUMED, including the table below in Khalil and Kleinfinger's form.
 
 The five driven joints determine the position P_7 of the shaft's end, the roll of the image and the tilt of the tip. The
-direction of the shaft follows from P_7 and the trocar: a pose with another direction has no solution.
+direction of the shaft follows from P_7 and the trocar; a pose with another shaft direction has no solution.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from twin.formula.equations import Equations
 from twin.robots._authoring import ASSUMED, DERIVED, PAPER, ZYX, mm, row, trocar
 
 _OFF = 1e-6
-"""Maximum error of an entry of the rotation matrix up to which a pose counts as within the five freedoms."""
+"""Maximum error of an entry of the rotation matrix at which a pose counts as within the five degrees of freedom."""
 _POINTS = ("outer", "inner", "tip", "trocar")
 
 equation = Equations(DERIVED, variant="derived")
@@ -26,7 +26,7 @@ equation = Equations(DERIVED, variant="derived")
 
 @equation("inverse", "pose and trocar -> end of the shaft, its direction, outer point W", gives="P_7 u W")
 def shaft(T_base_tool, r6, r8, trocar_x, trocar_y, trocar_z):
-    """End of the shaft, direction from it to the trocar, outer point; NaN where the trocar is beyond the shaft."""
+    """Return the end P_7 of the shaft, the direction from P_7 to the trocar, and W; NaN if the shaft is too short."""
     P_7 = T_base_tool[0:3, 3] - r8 * T_base_tool[0:3, 2]
     to = vertcat(trocar_x, trocar_y, trocar_z) - P_7
     length = norm_2(to)
@@ -36,7 +36,7 @@ def shaft(T_base_tool, r6, r8, trocar_x, trocar_y, trocar_z):
 
 @equation("inverse", "W -> q1, q2, q3", gives="q1 q2 q3")
 def arm(W, a, b, h):
-    """Turret, shoulder and elbow, with the elbow up (q3 positive)."""
+    """Return the angles of turret, shoulder and elbow, with the elbow up (q3 positive)."""
     rr, zz = sqrt(W[0] ** 2 + W[1] ** 2), W[2] - h
     q3 = acos((rr**2 + zz**2 - a**2 - b**2) / (2 * a * b))
     return atan2(W[1], W[0]), atan2(-zz, rr) - atan2(b * sin(q3), a + b * cos(q3)), q3
@@ -48,7 +48,7 @@ def _to_elbow(q1, q2, q3, a, h):
 
 @equation("inverse", "shaft -> passive q4, q5", gives="q4 q5")
 def gimbal(u, q1, q2, q3, a, h):
-    """Passive joint angles for which the shaft passes through the trocar."""
+    """Return the passive joint angles at which the shaft passes through the trocar."""
     s = _to_elbow(q1, q2, q3, a, h)[0:3, 0:3].T @ -u
     return atan2(s[1], s[0]), asin(s[2])
 
@@ -59,7 +59,7 @@ def _to_outer(q1, q2, q3, q4, q5, a, b, h):
 
 @equation("inverse", "rotation relative to the shaft -> q6, q7", gives="q6 q7 within")
 def scope(T_base_tool, q1, q2, q3, q4, q5, a, b, h):
-    """Roll and tilt; NaN if the pose has a rotation about the third axis, which no joint can make."""
+    """Return roll, tilt and margin; NaN if the pose requires a rotation about a third axis, which has no joint."""
     R = _to_outer(q1, q2, q3, q4, q5, a, b, h)[0:3, 0:3] @ symbolic.rotation_x(pi / 2)
     N = R.T @ T_base_tool[0:3, 0:3]  # = Rz(q6) Ry(q7)
     q7 = atan2(-N[2, 0], N[2, 2])
@@ -68,7 +68,7 @@ def scope(T_base_tool, q1, q2, q3, q4, q5, a, b, h):
 
 @equation("forward", "driven arm and trocar -> shaft", gives="u_out")
 def outer(q1, q2, q3, a, b, h, r6, trocar_x, trocar_y, trocar_z):
-    """Direction from the trocar to the outer point W of the driven arm; NaN if the shaft is too short."""
+    """Return the direction from the trocar to the outer point W of the driven arm; NaN if the shaft is too short."""
     W = (_to_elbow(q1, q2, q3, a, h) @ vertcat(b, 0, 0, 1))[0:3]
     u = W - vertcat(trocar_x, trocar_y, trocar_z)
     length = norm_2(u)
@@ -77,20 +77,20 @@ def outer(q1, q2, q3, a, b, h, r6, trocar_x, trocar_y, trocar_z):
 
 @equation("forward", "joints -> pose", gives="T_base_tool")
 def chain(q1, q2, q3, q6, q7, u_out, a, b, h, r6, r8):
-    """Multiply the whole table, with the passive joints that the trocar determines."""
+    """Return the pose of the tool: all rows of the table, with the passive joints from the trocar."""
     T = _to_outer(q1, q2, q3, *gimbal(u_out, q1, q2, q3, a, h), a, b, h)
     return T @ row(pi / 2, 0, q6, r6) @ row(-pi / 2, 0, q7, 0) @ row(pi / 2, 0, 0, r8)
 
 
 @equation("helper", "points in base", gives=[f"at_{n}" for n in _POINTS])
 def places(T_base_tool, P_7, W, trocar_x, trocar_y, trocar_z):
-    """Outer point, end of the shaft, tip, and the trocar."""
+    """Return the outer point, the end of the shaft, the tip and the trocar in base, each (3,)."""
     return W, P_7, T_base_tool[0:3, 3], vertcat(trocar_x, trocar_y, trocar_z)
 
 
 @equation("helper", "reach and singularity", gives="stretch fold rest s3 c5 aside")
 def margins(W, P_7, q3, q5, a, b, h, r6, trocar_x, trocar_y, trocar_z):
-    """Remaining reach of the arm and length of the shaft in m; singularity measures."""
+    """Return the remaining reach of arm and shaft in m, then the singularity measures."""
     D = norm_2(W - vertcat(0, 0, h))
     left = r6 - norm_2(vertcat(trocar_x, trocar_y, trocar_z) - P_7)
     aside = sqrt(W[0] ** 2 + W[1] ** 2) / (a + b)
@@ -105,11 +105,11 @@ FORMULA = Formula(
     title="Hibou: five driven and two passive joints, endoscope through a trocar",
     source=f"{PAPER}, figure 2: structure; dimensions {ASSUMED}",
     parameters=(
-        mm("h", 350, "ASSUMED", "shoulder over the base"),
-        mm("a", 300, "ASSUMED", "upper arm: reaches over half a table"),
-        mm("b", 300, "ASSUMED", "forearm, as the upper arm"),
-        mm("r6", 300, "ASSUMED", "shaft between outer point and tip joint, as common laparoscopes"),
-        mm("r8", 30, "ASSUMED", "tip joint to camera"),
+        mm("h", 350, "ASSUMED", "height of the shoulder above the base"),
+        mm("a", 300, "ASSUMED", "length of the upper arm, to reach over half of the table"),
+        mm("b", 300, "ASSUMED", "length of the forearm, equal to the upper arm"),
+        mm("r6", 300, "ASSUMED", "length of the shaft from outer point to tip joint, as in common laparoscopes"),
+        mm("r8", 30, "ASSUMED", "distance from tip joint to camera"),
         *trocar(400, 0, 300),
     ),
     joints=tuple(ActiveJoint(f"q{i}", "revolute") for i in (1, 2, 3, 6, 7)),
@@ -120,10 +120,10 @@ FORMULA = Formula(
     passive=("q4", "q5"),
     reach={"arm": "stretch", "arm, folded": "fold", "shaft": "rest", "five joints": "within"},
     measures=(
-        Measure("elbow", "s3", "type1", 0.1, f"arm stretched or folded; {_ALARM}"),
-        Measure("gimbal", "c5", "type2", 0.2, f"two passive axes in line; {_ALARM}"),
-        Measure("turret", "aside", "type1", 0.05, f"outer point above the turret; {_ALARM}"),
+        Measure("elbow", "s3", "type1", 0.1, f"the arm is stretched or folded; {_ALARM}"),
+        Measure("gimbal", "c5", "type2", 0.2, f"two passive axes are in line; {_ALARM}"),
+        Measure("turret", "aside", "type1", 0.05, f"the outer point is above the turret; {_ALARM}"),
     ),
-    aspects=(Aspect("s3", 1, "elbow up"),),
+    aspects=(Aspect("s3", 1, "the elbow is up"),),
     seeds=((0.40, 0.0, 0.13, 90 * DEG, 0.0, 180 * DEG),),
 )

@@ -1,11 +1,13 @@
-"""Mitsubishi PA10-7C with an instrument along its last axis: S-R-S arm in modified Denavit-Hartenberg form.
+"""Mitsubishi PA10-7C with an instrument along its last axis: an S-R-S arm in modified Denavit-Hartenberg form.
 
 Table 1 of the paper on the virtual surgery robot gives the chain in Khalil and Kleinfinger's form, T = Rx(alpha) Tx(d)
-Rz(theta) Tz(r), but no length. Lengths are those of the INRIA model of the arm. Frame 0 lies at the shoulder, z up;
-with all joints zero the arm is straight up. {tool} is frame 8, at the tip, z out of it.
+Rz(theta) Tz(r), but no lengths. Lengths are those of the INRIA model of the arm. Frame 0 is at the shoulder, with z up;
+if all joints are zero, the arm points straight up. Frame {tool} is frame 8, at the tip; its z points forward along the
+shaft.
 
-Seven joints for six freedoms: the elbow swivels about the line from shoulder to wrist. The inverse takes the swivel as
-a parameter (0: elbow up, in the vertical plane through that line) and returns one of the eight postures.
+Seven joints control six degrees of freedom, so the elbow can swivel about the line from shoulder to wrist. The swivel
+angle is a parameter of the inverse (0: elbow up, in the vertical plane through this line). The inverse returns one of
+eight solutions.
 """
 
 from __future__ import annotations
@@ -27,20 +29,20 @@ equation = Equations("DERIVED from Table 1", variant="derived")
 
 @equation("forward", "joints -> pose", gives="T_base_tool", source=f"{PAPER}, Table 1", variant="published")
 def table1(q1, q2, q3, q4, q5, q6, q7, RL3, RL5, RL7, RL8):
-    """Chain of the modified DH table, frames 1 to 8."""
+    """Return the pose of the tool: the product of rows 1 to 8 of the modified Denavit-Hartenberg table."""
     T = row(0, 0, q1, 0) @ row(-pi / 2, 0, q2, 0) @ row(pi / 2, 0, q3, RL3) @ row(-pi / 2, 0, q4, 0)
     return T @ row(pi / 2, 0, q5, RL5) @ row(-pi / 2, 0, q6, 0) @ row(pi / 2, 0, q7, RL7) @ row(0, 0, 0, RL8)
 
 
 @equation("inverse", "pose -> wrist P_m", gives="P_m", source=f"{PAPER}, trocar model", variant="published")
 def wrist(T_base_tool, RL7, RL8):
-    """Wrist P_m, on the shaft behind the tip."""
+    """Return the wrist P_m, which is on the shaft axis behind the tip."""
     return T_base_tool[0:3, 3] - (RL7 + RL8) * T_base_tool[0:3, 2]
 
 
 @equation("inverse", "wrist and swivel -> elbow P_c", gives="P_c", source="DERIVED: |P_c| = RL3, |P_m - P_c| = RL5")
 def elbow(P_m, RL3, RL5, swivel):
-    """Elbow P_c on its circle about the line from shoulder to wrist; swivel 0 is the upper point."""
+    """Return the elbow P_c on its circle about the line from shoulder to wrist; swivel 0 is the highest point."""
     D = norm_2(P_m)
     n = P_m / D
     a = (RL3**2 - RL5**2 + D**2) / (2 * D)
@@ -52,7 +54,7 @@ def elbow(P_m, RL3, RL5, swivel):
 
 @equation("inverse", "elbow and wrist -> q1..q4", gives="q1 q2 q3 q4")
 def arm_angles(P_c, P_m, RL3, RL5):
-    """q1..q4 from elbow and wrist, with q1 on the wrist's side and q4 not negative."""
+    """Return q1 to q4 from elbow and wrist, with q1 towards the wrist and q4 >= 0."""
     side = if_else(P_c[0] * P_m[0] + P_c[1] * P_m[1] < 0, -1, 1)
     q1 = atan2(side * P_c[1], side * P_c[0])
     q2 = atan2(side * sqrt(P_c[0] ** 2 + P_c[1] ** 2), P_c[2])
@@ -62,7 +64,7 @@ def arm_angles(P_c, P_m, RL3, RL5):
 
 @equation("inverse", "shaft -> q5..q7", gives="q5 q6 q7")
 def wrist_angles(T_base_tool, q1, q2, q3, q4):
-    """q5..q7 from the direction of the shaft and the turn about it, with q6 not negative."""
+    """Return q5 to q7 from the direction of the shaft and the rotation about the shaft, with q6 >= 0."""
     R04 = symbolic.rotation_z(q1) @ symbolic.rotation_y(q2) @ symbolic.rotation_z(q3) @ symbolic.rotation_y(q4)
     R = R04.T @ T_base_tool[0:3, 0:3]  # = Rz(q5) Ry(q6) Rz(q7)
     q5, q6 = atan2(R[1, 2], R[0, 2]), atan2(sqrt(R[0, 2] ** 2 + R[1, 2] ** 2), R[2, 2])
@@ -72,14 +74,14 @@ def wrist_angles(T_base_tool, q1, q2, q3, q4):
 
 @equation("helper", "points of the arm in base", gives=[f"at_{n}" for n in _POINTS], source="DERIVED")
 def places(T_base_tool, P_c, P_m, RL8):
-    """Shoulder, elbow, wrist, flange and tip in base."""
+    """Return shoulder, elbow, wrist, flange and tip in base, each (3,)."""
     tip = T_base_tool[0:3, 3]
     return vertcat(0, 0, 0), P_c, P_m, tip - RL8 * T_base_tool[0:3, 2], tip
 
 
 @equation("helper", "reach and singularity", gives="stretch fold s2 s4 s6 aside", source="DERIVED")
 def margins(q2, q4, q6, P_m, RL3, RL5):
-    """Reach in m, sines that vanish at singularities, and the distance of the wrist from the vertical axis."""
+    """Return reach margins in m, sines that vanish at singularities, and the wrist's relative distance from z."""
     D = norm_2(P_m)
     aside = sqrt(P_m[0] ** 2 + P_m[1] ** 2)
     return RL3 + RL5 - D, D - sqrt((RL3 - RL5) ** 2), sin(q2), sin(q4), sin(q6), aside / (RL3 + RL5)
@@ -92,17 +94,22 @@ FORMULA = Formula(
     title="Mitsubishi PA10-7C with an instrument through a trocar",
     source=f"{PAPER}, Table 1; lengths: {_INRIA}",
     parameters=(
-        mm("RL3", 450.0, "CITED", f"{_INRIA}: shoulder to elbow"),
-        mm("RL5", 480.0, "CITED", f"{_INRIA}: elbow to wrist, PA10-7C; the older PA-10 has 500"),
-        mm("RL7", 70.0, "CITED", "OpenBionics modelMitsubishiPA10: wrist to flange, PA10-7C; the older has 80"),
-        mm("RL8", 330.0, "ASSUMED", "instrument beyond the flange: in the paper's table without a value"),
+        mm("RL3", 450.0, "CITED", f"{_INRIA}: distance from shoulder to elbow"),
+        mm("RL5", 480.0, "CITED", f"{_INRIA}: distance from elbow to wrist, PA10-7C; the older PA-10 has 500"),
+        mm(
+            "RL7",
+            70.0,
+            "CITED",
+            "OpenBionics modelMitsubishiPA10: distance from wrist to flange, PA10-7C; the PA-10 has 80",
+        ),
+        mm("RL8", 330.0, "ASSUMED", "length of the instrument beyond the flange; it has no value in the paper's table"),
         Parameter(
             "swivel",
             0.0,
             "deg",
             0.0,
             "ASSUMED",
-            "elbow in the vertical plane through shoulder and wrist, above them; the paper leaves it open",
+            "0: the elbow is in the vertical plane through shoulder and wrist, above them; the paper gives no value",
         ),
     ),
     joints=tuple(ActiveJoint(f"q{i}", "revolute") for i in range(1, 8)),
@@ -112,14 +119,18 @@ FORMULA = Formula(
     points={n: f"at_{n}" for n in _POINTS},
     reach={"arm": "stretch", "arm, folded": "fold"},
     measures=(
-        Measure("shoulder", "s2", "type1", 0.03, f"upper arm upright: q1 and q3 turn about one axis; {_ALARM}"),
-        Measure("elbow", "s4", "type1", 0.1, f"arm stretched; {_ALARM}"),
-        Measure("wrist", "s6", "type1", 0.1, f"q5 and q7 in line; {_ALARM}"),
-        Measure("swivel_zero", "aside", "type1", 0.05, f"wrist above the shoulder: the swivel has no zero; {_ALARM}"),
+        Measure(
+            "shoulder", "s2", "type1", 0.03, f"the upper arm is vertical: the axes of q1 and q3 are in line; {_ALARM}"
+        ),
+        Measure("elbow", "s4", "type1", 0.1, f"the arm is stretched; {_ALARM}"),
+        Measure("wrist", "s6", "type1", 0.1, f"the axes of q5 and q7 are in line; {_ALARM}"),
+        Measure(
+            "swivel_zero", "aside", "type1", 0.05, f"the wrist is above the shoulder: swivel 0 is undefined; {_ALARM}"
+        ),
     ),
     aspects=(
-        Aspect("s4", 1, "q4 positive: elbow as in the CAD"),
-        Aspect("s6", 1, "q6 positive: wrist as in the CAD"),
+        Aspect("s4", 1, "q4 is positive: the elbow is as in the CAD"),
+        Aspect("s6", 1, "q6 is positive: the wrist is as in the CAD"),
     ),
     seeds=(
         (0.55, 0.40, 0.0, 0.0, 175 * DEG, 0.0),

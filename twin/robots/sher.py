@@ -1,12 +1,14 @@
-"""SHER 3.0, the Steady-Hand Eye Robot: delta stage q1..q3, roll q4 = psi, four-bar tilt driven by the stroke q5 = s.
+"""SHER 3.0, the Steady-Hand Eye Robot: delta stage (q1 to q3), roll (q4 = psi), four-bar tilt with stroke q5 = s.
 
-The paper (eqs (1)-(3)) prints the chain T_t^b = T_p^b T_r^p T_a^r T_t^a but no length. Lengths and the two linkages are
-those of the published derivation, github.com/zhaob5/sher3-kinematics (MIT), "[A]" below, written here in closed form.
+The paper (eqs (1)-(3)) prints the chain T_t^b = T_p^b T_r^p T_a^r T_t^a, but no lengths. Lengths and the two linkages
+are those of the published derivation, github.com/zhaob5/sher3-kinematics (MIT), "[A]" below, written here in closed
+form.
 
-Frames: {b} base, z up along the slides, origin at the centre of the base joint circle at q = 0. {p} at the centre of
-the platform joint circle; it never rotates. {r} on the roll axis, x along it. {a} at pin A, linkage plane x-y. {t} at
-P, the intended RCM, y along the tool towards its handle: the tool points along -y. {t} is the tool frame. Five joints
-control five freedoms: the position of P and the direction of the tool; the rotation about the tool follows.
+Frame {b} is the base: z is up along the slides, and the origin is the centre of the base joint circle at q = 0. Frame
+{p} is at the centre of the platform joint circle and never rotates. Frame {r} is on the roll axis, with x along this
+axis. Frame {a} is at pin A, with the linkage in its x-y plane. Frame {t} is the tool frame: it is at P, the intended
+RCM, and y points along the tool towards its handle, so the tool points along -y. Five joints control five degrees of
+freedom: the position of P and the direction of the tool. They determine the rotation about the tool.
 """
 
 from __future__ import annotations
@@ -27,8 +29,8 @@ _A = "sher3-kinematics (MIT, JHU LCSR 2025)"
 _PAPER = "paper on the SHER 3.0 simulation"
 _LEGS = tuple(f"u{i}{k}{n}" for i in (1, 2, 3) for k in "ab" for n in (1, 2))
 _PINS = ("pin_r", "e_a", "e_b", "e_d", "e_c", "pin_q")
-_DRAWN = "R runs 10 mm above A, as the drawing of [A] shows it. At s = 0 P is then (160.1, -45.9) mm in {a}."
-_BELOW = "R runs 10 mm below A (y_AR = -10). Only then is P (145.2, -45.4) mm at s = 0, as [A] publishes."
+_DRAWN = "R moves 10 mm above A, as in the drawing of [A]. At s = 0, P is then at (160.1, -45.9) mm in {a}."
+_BELOW = "R moves 10 mm below A (y_AR = -10). Only then is P at (145.2, -45.4) mm at s = 0, as published in [A]."
 
 equation = Equations()
 
@@ -42,7 +44,7 @@ _AZIMUTHS = (60 * DEG, 180 * DEG, 300 * DEG)
 
 
 def _legs(r_x, r_y, r_z, r_b, r_p, heights):
-    """Return l_i = r - c_i of the three legs: from lower to upper joint centre of the rods' middle line."""
+    """Return the vectors l_i = r - c_i of the legs, from lower to upper joint centre, midway between both rods."""
     rho = r_b - r_p
     r = vertcat(r_x, r_y, r_z)
     return [r - vertcat(rho * cos(a), rho * sin(a), q) for a, q in zip(_AZIMUTHS, heights, strict=True)]
@@ -58,7 +60,7 @@ def _legs(r_x, r_y, r_z, r_b, r_p, heights):
     source=f"DERIVED from the geometry of {_A}: its elimination divides by differences that can vanish",
 )
 def delta_forward(q1, q2, q3, r_b, r_p, l):  # noqa: E741 - the symbol of the source
-    """Platform centre from the slides: the upper of the two points at distance l from three centres."""
+    """Return the platform centre from the slides: the upper of the two points at distance l from three centres."""
     rho = r_b - r_p
     c1, c2, c3 = (vertcat(rho * cos(a), rho * sin(a), q) for a, q in zip(_AZIMUTHS, (q1, q2, q3), strict=True))
     d = norm_2(c2 - c1)
@@ -87,7 +89,7 @@ def _crank(x_AR, y_AR, AQ, QR):
     why=_BELOW,
 )
 def tilt_forward(q5, AB, BC, CD, DA, DP, AQ, QR, phi1, phi2, phi3, phi4, x_max, y_AR):
-    """Tilt angle and P in {a} from the stroke: slider-crank R-Q-A, then four-bar A-B-C-D."""
+    """Return tilt angle and P in {a} from the stroke, by the slider-crank R-Q-A, then the four-bar A-B-C-D."""
     al = _crank(x_max - q5, y_AR, AQ, QR)
     th1 = pi - phi2 - al
     BD = sqrt(AB**2 + DA**2 - 2 * AB * DA * cos(phi1 - th1))
@@ -101,20 +103,20 @@ def tilt_forward(q5, AB, BC, CD, DA, DP, AQ, QR, phi1, phi2, phi3, phi4, x_max, 
 
 @equation.variant("drawn", of=tilt_forward, why=_DRAWN)
 def tilt_forward_drawn(y_AR):
-    """With the rail of R above A, as the drawing of [A] shows it."""
+    """Return y_AR for a rail of R above A, as in the drawing of [A]."""
     y_AR = -y_AR
     return y_AR
 
 
 @equation("forward", "T_p^b", gives="T_b_p", source=f"{_PAPER}, eq. (1)")
 def eq1(r_x, r_y, r_z):
-    """T_p^b: the platform never rotates."""
+    """Return T_p^b; the platform never rotates."""
     return symbolic.pose(symbolic.rotation_x(0), vertcat(r_x, r_y, r_z))
 
 
 @equation("forward", "T_r^p", gives="T_p_r", source=f"{_PAPER}, eq. (2)")
 def eq2(q4, d1):
-    """T_r^p = Trans(z, d1) Rot(x, psi)."""
+    """Return T_r^p = Trans(z, d1) Rot(x, psi)."""
     return symbolic.pose(symbolic.rotation_x(q4), vertcat(0, 0, d1))
 
 
@@ -124,10 +126,10 @@ def eq2(q4, d1):
     gives="T_r_a",
     source=f"{_PAPER}, eq. (3)",
     name="eq3",
-    why="Rot(x, 90 deg) at its end, as [A] has it: only then is the linkage upright at psi = 0, as every figure shows.",
+    why="Rot(x, 90 deg) is added at the end, as in [A]; only so is the linkage upright at psi = 0, as in all figures.",
 )
 def eq3_corrected(d2, d3):
-    """T_a^r = Trans(x, d2) Trans(z, d3) Rot(x, 90 deg)."""
+    """Return T_a^r = Trans(x, d2) Trans(z, d3) Rot(x, 90 deg)."""
     T_r_a = symbolic.pose(symbolic.rotation_x(pi / 2), vertcat(d2, 0, d3))
     return T_r_a
 
@@ -135,17 +137,17 @@ def eq3_corrected(d2, d3):
 @equation.variant(
     "printed",
     of=eq3_corrected,
-    why="As printed: no rotation, although the paper's frame {a} implies one. The linkage then lies in the x-y plane.",
+    why="As printed: no rotation, although the paper's frame {a} implies one. The linkage is then in the x-y plane.",
 )
 def eq3_printed(d2, d3):
-    """T_a^r = Trans(x, d2) Trans(z, d3), as printed."""
+    """Return T_a^r = Trans(x, d2) Trans(z, d3), as printed."""
     T_r_a = symbolic.pose(symbolic.rotation_x(0), vertcat(d2, 0, d3))
     return T_r_a
 
 
 @equation("forward", "T_t^b", gives="T_base_tool", source=f"{_PAPER}, eq. (1)")
 def chain(T_b_p, T_p_r, T_r_a, th, P_x, P_y):
-    """T_t^b = T_p^b T_r^p T_a^r T_t^a with T_t^a = Trans(P) Rot(z, th)."""
+    """Return T_t^b = T_p^b T_r^p T_a^r T_t^a with T_t^a = Trans(P) Rot(z, th)."""
     return T_b_p @ T_p_r @ T_r_a @ symbolic.pose(symbolic.rotation_z(th), vertcat(P_x, P_y, 0))
 
 
@@ -160,7 +162,7 @@ def chain(T_b_p, T_p_r, T_r_a, th, P_x, P_y):
     why=_BELOW,
 )
 def tilt_inverse(theta, AB, BC, CD, DA, DP, AQ, QR, phi1, phi2, phi3, phi4, x_max, y_AR):
-    """Stroke and P in {a} from the tilt angle: four-bar backwards, then the slider-crank."""
+    """Return stroke and P in {a} from the tilt angle, by the inverse of the four-bar, then of the slider-crank."""
     th2 = theta - pi / 2 + phi4 + phi3
     a = CD * cos(th2) - AB * cos(phi1)
     b = AB * sin(phi1) - CD * sin(th2)
@@ -175,7 +177,7 @@ def tilt_inverse(theta, AB, BC, CD, DA, DP, AQ, QR, phi1, phi2, phi3, phi4, x_ma
 
 @equation.variant("drawn", of=tilt_inverse, why=_DRAWN)
 def tilt_inverse_drawn(y_AR):
-    """With the rail of R above A, as the drawing of [A] shows it."""
+    """Return y_AR for a rail of R above A, as in the drawing of [A]."""
     y_AR = -y_AR
     return y_AR
 
@@ -184,13 +186,13 @@ def tilt_inverse_drawn(y_AR):
     "inverse", "pose -> roll q4, platform centre r", gives="q4 r_x r_y r_z", source=f"{_PAPER}, eqs (1)-(3) inverted"
 )
 def roll_inverse(x, y, z, psi, P_x, P_y, d1, d2, d3):
-    """Roll and platform centre: the inverse chain from the tool."""
+    """Return roll and platform centre from the coordinates of the tool."""
     return psi, x - P_x - d2, y + sin(psi) * (P_y + d3), z - cos(psi) * (P_y + d3) - d1
 
 
 @equation("inverse", "platform centre -> slides q1..q3", gives="q1 q2 q3", source=f"{_A}, geometry of the delta stage")
 def delta_inverse(r_x, r_y, r_z, r_b, r_p, l):  # noqa: E741
-    """Slides from the platform centre, platform above the carriages."""
+    """Return the slides from the platform centre, with the platform above the carriages."""
     rho = r_b - r_p
     return tuple(r_z - sqrt(l**2 - (r_x - rho * cos(a)) ** 2 - (r_y - rho * sin(a)) ** 2) for a in _AZIMUTHS)
 
@@ -200,7 +202,7 @@ def delta_inverse(r_x, r_y, r_z, r_b, r_p, l):  # noqa: E741
 
 @equation("helper", "tilt angle -> angles of the links", gives="th1 th2 al")
 def tilt_angles(theta, AB, CD, DA, DP, AQ, phi2, phi3, phi4, phi1, BC):
-    """Return th1, th2, al from the tilt angle, for points, passive joints and margins."""
+    """Return the link angles th1, th2, al from the tilt angle; points, passive joints and margins use them."""
     th2 = theta - pi / 2 + phi4 + phi3
     a = CD * cos(th2) - AB * cos(phi1)
     b = AB * sin(phi1) - CD * sin(th2)
@@ -226,7 +228,7 @@ def _in_plane(th1, th2, al, AB, CD, DA, AQ, QR, phi1, y_AR):
     "helper", "pins, P and platform centre in base", gives=["at_p", "at_platform", *(f"at_{k}" for k in "abcdqr")]
 )
 def points(T_base_tool, psi, r_x, r_y, r_z, th1, th2, al, AB, CD, DA, AQ, QR, phi1, y_AR, d1, d2, d3):
-    """P, the platform centre, and the pins in {b}, all in the plane of the tool."""
+    """Return P, the platform centre, and the pins in {b}; pins are given in the plane of the tool."""
     T_b_a = eq1(r_x, r_y, r_z) @ eq2(psi, d1) @ eq3_corrected(d2, d3)
     pins = {"a": (0, 0), **_in_plane(th1, th2, al, AB, CD, DA, AQ, QR, phi1, y_AR)}
     placed = [(T_b_a @ vertcat(x, y, 0, 1))[0:3] for x, y in pins.values()]
@@ -235,7 +237,7 @@ def points(T_base_tool, psi, r_x, r_y, r_z, th1, th2, al, AB, CD, DA, AQ, QR, ph
 
 @equation("helper", "angles of rods and pins", gives=(*_LEGS, *_PINS), name="passive")
 def passive_joints(r_x, r_y, r_z, q1, q2, q3, r_b, r_p, th1, th2, al, AB, CD, DA, AQ, QR, phi1, y_AR):
-    """Angles of cross and rod of each leg (both rods of a pair are equal), then of the pins of the tilt linkage."""
+    """Return the angles of cross and rod of each leg (equal for both rods), then of the pins of the tilt linkage."""
     out = []
     for a, leg in zip(_AZIMUTHS, _legs(r_x, r_y, r_z, r_b, r_p, (q1, q2, q3)), strict=True):
         out_, along = cos(a) * leg[0] + sin(a) * leg[1], -sin(a) * leg[0] + cos(a) * leg[1]
@@ -250,7 +252,7 @@ def passive_joints(r_x, r_y, r_z, q1, q2, q3, r_b, r_p, th1, th2, al, AB, CD, DA
 
 @equation("helper", "reach and singularity", gives="leg1 leg2 leg3 toggle slide volume sin_c cos_r up1 up2 up3")
 def margins(r_x, r_y, r_z, q1, q2, q3, r_b, r_p, l, th1, al, AB, BC, CD, DA, AQ, QR, phi1, y_AR):  # noqa: E741
-    """Reach margins of rods, four-bar, slider-crank in m (below 0: out of reach), and measures: 0 at a singularity."""
+    """Return reach margins of rods, four-bar and slider-crank in m (negative: out of reach), then measures."""
     rho = r_b - r_p
     lateral = [l - hypot(r_x - rho * cos(a), r_y - rho * sin(a)) for a in _AZIMUTHS]
     legs = _legs(r_x, r_y, r_z, r_b, r_p, (q1, q2, q3))
@@ -329,25 +331,25 @@ FORMULA = Formula(
     title="SHER 3.0, Steady-Hand Eye Robot: delta stage, roll, four-bar tilt",
     source=f"{_PAPER}, eqs (1)-(7); lengths and linkages: {_A}, github.com/zhaob5/sher3-kinematics",
     parameters=(
-        _mm("r_b", 60.6927, "radius of the base joint circle; only r_b - r_p enters"),
+        _mm("r_b", 60.6927, "radius of the base joint circle; only r_b - r_p has an effect"),
         _mm("r_p", 34.4773, "radius of the platform joint circle"),
-        _mm("l", 68.0, "rod between its joint centres"),
-        _mm("d1", 56.01, "{p} -> {r} along z, l1 of the paper"),
-        _mm("d2", 192.7, "{r} -> {a} along x"),
-        _mm("d3", 25.5, "{r} -> {a} along z"),
+        _mm("l", 68.0, "length of a rod between its joint centres"),
+        _mm("d1", 56.01, "distance from {p} to {r} along z, l1 in the paper"),
+        _mm("d2", 192.7, "distance from {r} to {a} along x"),
+        _mm("d3", 25.5, "distance from {r} to {a} along z"),
         _mm("AB", 28.0, "ground link of the four-bar"),
         _mm("BC", 78.5, "link B to C"),
-        _mm("CD", 15.0, "coupler, carries the tool holder"),
-        _mm("DA", 73.5, "input link, one bell crank with AQ"),
-        _mm("DP", 94.49, "D to P, rigid with CD"),
+        _mm("CD", 15.0, "coupler, which carries the tool holder"),
+        _mm("DA", 73.5, "input link; DA and AQ form one bell crank"),
+        _mm("DP", 94.49, "distance from D to P; DP is rigidly fixed to CD"),
         _mm("AQ", 32.5, "arm of the bell crank towards the slider"),
         _mm("QR", 42.0, "link from the slider"),
         _mm("x_max", 60.48, "distance of R behind A at s = 0"),
-        _mm("y_AR", -10.0, "height of R over A; the drawing shows the opposite sign, see tilt_forward"),
+        _mm("y_AR", -10.0, "height of R above A; in the drawing the sign is opposite, see tilt_forward"),
         _deg("phi1", 90.0, "direction of A->B from x_a"),
-        _deg("phi2", 138.0, "between AD and AQ"),
-        _deg("phi3", 103.93, "at D, from P to C"),
-        _deg("phi4", 31.06, "at P, between tool axis and PD"),
+        _deg("phi2", 138.0, "angle between AD and AQ"),
+        _deg("phi3", 103.93, "angle at D, from P to C"),
+        _deg("phi4", 31.06, "angle at P, between tool axis and PD"),
     ),
     joints=(
         *(ActiveJoint(f"q{i}", "prismatic") for i in (1, 2, 3)),
@@ -373,14 +375,26 @@ FORMULA = Formula(
             "volume",
             "type2",
             0.1,
-            f"the rods lie in one plane: the platform is not constrained; {_ALARM}",
+            f"the rods are in one plane: they do not hold the platform; {_ALARM}",
         ),
-        Measure("four_bar_toggle", "sin_c", "type2", 0.15, f"BC and CD in line: the tool turns by itself; {_ALARM}"),
         Measure(
-            "slider_across", "cos_r", "type1", 0.05, f"QR perpendicular to its rail: no effect of the slider; {_ALARM}"
+            "four_bar_toggle",
+            "sin_c",
+            "type2",
+            0.15,
+            f"BC and CD are in line: the tool can rotate while the crank is locked; {_ALARM}",
+        ),
+        Measure(
+            "slider_across",
+            "cos_r",
+            "type1",
+            0.05,
+            f"QR is perpendicular to its rail: the slider has no effect; {_ALARM}",
         ),
         *(
-            Measure(f"rod_level_{i}", f"up{i}", "type1", 0.3, f"rod horizontal: its slide has no effect; {_ALARM}")
+            Measure(
+                f"rod_level_{i}", f"up{i}", "type1", 0.3, f"the rod is horizontal: its slide has no effect; {_ALARM}"
+            )
             for i in (1, 2, 3)
         ),
     ),

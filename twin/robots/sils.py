@@ -9,9 +9,9 @@ z_p up from the platform, R = Rz(psi) Ry(theta) Rx(phi).
 Every printed row is one assignment with the symbols of the paper. The odd and even rows of eq. (2) refer to each
 other (q1 is on both sides of its row); they are written in this form, and the compiler solves them.
 
-Limb i turns about its rail (direction e_a) by alpha_i; e_r points from the rail to the ball, t = e_a x e_r.
-The bar runs from its carriage along sin(beta) e_r - sigma cos(beta) e_a, the strut from its carriage along
-sin(beta) e_r + sigma cos(beta) e_a, sigma = +1, -1, +1.
+Limb i is rotated about its rail (direction e_a) by alpha_i; e_r points from the rail to the ball; t = e_a x e_r.
+From its carriage, the bar has the direction sin(beta) e_r - sigma cos(beta) e_a. From its carriage, the strut has the
+direction sin(beta) e_r + sigma cos(beta) e_a. Here sigma is +1, -1, +1 for limbs 1, 2, 3.
 """
 
 from __future__ import annotations
@@ -47,11 +47,11 @@ _BALLS = ("X_S1", "Y_S1", "Z_S1", "X_S2", "Y_S2", "Z_S2", "X_S3", "Y_S3", "Z_S3"
     gives=_BALLS,
     source=f"{_PAPER}, eq. (1)",
     name="eq1",
-    why="X and Y of S1 and S3: last factor c_theta -> c_phi. Only then is S_i = E + R a_i with constant a_i; all three "
-    "sides are then l_p at every pose.",
+    why="In X and Y of S1 and S3, the last factor c_theta is now c_phi. Only then is S_i = E + R a_i with constant a_i, and all "
+    "three sides are l_p at every pose.",
 )
 def eq1_corrected(X_E, Y_E, Z_E, psi, theta, phi, l_p):
-    """Ball centres of a rigid equilateral platform: c_theta -> c_phi at the end of four rows."""
+    """Return the ball centres of a rigid equilateral platform: c_theta is replaced by c_phi at the end of four rows."""
     c_psi, c_theta, c_phi = cos(psi), cos(theta), cos(phi)
     s_psi, s_theta, s_phi = sin(psi), sin(theta), sin(phi)
     X_S1 = X_E + sqrt(3) / 6 * l_p * c_psi * c_theta - l_p / 2 * c_psi * s_theta * s_phi + l_p / 2 * s_psi * c_phi  # fmt: skip  # (1)
@@ -69,10 +69,10 @@ def eq1_corrected(X_E, Y_E, Z_E, psi, theta, phi, l_p):
 @equation.variant(
     "printed",
     of=eq1_corrected,
-    why="As printed. S1 S3 is then not l_p long unless |theta| = |phi|: the platform is not rigid.",
+    why="As printed. The platform is then not rigid: the side S1 S3 is l_p only if |theta| = |phi|.",
 )
 def eq1_printed(X_E, Y_E, l_p, c_psi, c_theta, s_psi, s_theta, s_phi):
-    """Ball centres as printed: the last factor of X and Y of S1 and S3 is c_theta."""
+    """Return the ball centres as printed: the last factor of X and Y of S1 and S3 is c_theta."""
     X_S1 = X_E + sqrt(3) / 6 * l_p * c_psi * c_theta - l_p / 2 * c_psi * s_theta * s_phi + l_p / 2 * s_psi * c_theta  # fmt: skip  # (1)
     Y_S1 = Y_E + sqrt(3) / 6 * l_p * s_psi * c_theta - l_p / 2 * s_psi * s_theta * s_phi - l_p / 2 * c_psi * c_theta  # fmt: skip  # (1)
     X_S3 = X_E + sqrt(3) / 6 * l_p * c_psi * c_theta + l_p / 2 * c_psi * s_theta * s_phi - l_p / 2 * s_psi * c_theta  # fmt: skip  # (1)
@@ -89,13 +89,13 @@ def eq1_printed(X_E, Y_E, l_p, c_psi, c_theta, s_psi, s_theta, s_phi):
     gives="q1 q2 q3 q4 q5 q6",
     source=f"{_PAPER}, eq. (2)",
     name="eq2",
-    why="Radicals repaired; in the odd rows (l_1 + l_2) -> (l_2 - l_1), the same as an index misprint q_odd for q_even "
-    "on the left. Only then is the strut l_1 long at every pose, and the carriages of Table 2 lie within the frame. "
-    "That "
-    "odd carriages hold the strut and even ones the bar (R-PRR-PRS read in order) is inferred, not published.",
+    why="The radicals are corrected. In the odd rows, (l_1 + l_2) is now (l_2 - l_1); this is equivalent to a misprint of "
+    "q_odd for q_even on the left. Only then does the strut have the length l_1 at every pose, and the carriages of "
+    "Table 2 are within the frame. From the order in R-PRR-PRS it is inferred, not published, that odd carriages hold "
+    "the strut and even carriages the bar.",
 )
 def eq2_corrected(X_S1, Y_S1, Z_S1, X_S2, Y_S2, Z_S2, X_S3, Y_S3, Z_S3, q1, q2, q3, q4, q5, q6, l_0, l_1, l_2, L_H, L_V):  # fmt: skip
-    """Joints of a mechanism with struts of length l_1: (l_1 + l_2) -> (l_2 - l_1) in the odd rows."""
+    """Return the joints for struts of length l_1: (l_1 + l_2) is replaced by (l_2 - l_1) in the odd rows."""
     q1 = 1 / (2 * l_1) * (l_2 - l_1) * (q2 - q1) + Z_S1  # (2)
     q2 = 1 / (l_1 + l_2) * ((l_1 + l_2) * q1 + 2 * l_1 * sqrt(-X_S1**2 - Y_S1**2 - l_0**2 + (l_1 + l_2)**2 + 2 * l_0 * sqrt(X_S1**2 + Y_S1**2)))  # fmt: skip  # (2)
     q3 = 1 / (2 * l_1) * (l_2 - l_1) * (q4 - q3) + Y_S2  # (2)
@@ -108,12 +108,12 @@ def eq2_corrected(X_S1, Y_S1, Z_S1, X_S2, Y_S2, Z_S2, X_S3, Y_S3, Z_S3, q1, q2, 
 @equation.variant(
     "printed",
     of=eq2_corrected,
-    why="Radicals repaired: all terms under the root, where they sum to (l_1+l_2)^2 - (rho-l_0)^2, the reach condition "
-    "of the bar. Odd rows as printed: they put the odd carriage where the even one belongs, and imply struts of 244 to "
-    "396 mm instead of l_1.",
+    why="The radicals are corrected: all terms are under the root, where their sum is (l_1+l_2)^2 - (rho-l_0)^2, the reach "
+    "condition of the bar. The odd rows are as printed: each odd carriage is at the place of the even one, and struts "
+    "have lengths of 244 to 396 mm instead of l_1.",
 )
 def eq2_printed(Z_S1, Y_S2, Z_S3, q1, q2, q3, q4, q5, q6, l_1, l_2):
-    """Joints with all terms under the radical, the odd rows as printed."""
+    """Return the joints with all terms under the radical, and the odd rows as printed."""
     q1 = 1 / (2 * l_1) * (l_1 + l_2) * (q2 - q1) + Z_S1  # (2)
     q3 = 1 / (2 * l_1) * (l_1 + l_2) * (q4 - q3) + Y_S2  # (2)
     q5 = 1 / (2 * l_1) * (l_1 + l_2) * (q6 - q5) + Z_S3  # (2)
@@ -123,12 +123,12 @@ def eq2_printed(Z_S1, Y_S2, Z_S3, q1, q2, q3, q4, q5, q6, l_1, l_2):
 @equation.variant(
     "literal",
     of=eq2_printed,
-    why="Radicals exactly as in our text of the paper: the root ends before 2 l_0 sqrt(...) (q2, q4, q6) and before "
+    why="The radicals are exactly as in our text of the paper: the root ends before 2 l_0 sqrt(...) (q2, q4, q6) and before "
     "-(L_V - Z_S2)^2, -(L_H - Y_S3)^2 (q4, q6). Carriage gaps are then wrong by up to 0.55 m. This may be an error "
-    "of transcription; therefore it is a separate variant.",
+    "of transcription; therefore this is a separate variant.",
 )
 def eq2_literal(X_S1, Y_S1, X_S2, Z_S2, X_S3, Y_S3, q1, q3, q5, l_0, l_1, l_2, L_H, L_V):
-    """Joints with the radicals exactly as in the text that we have: the roots end too early."""
+    """Return the joints with the radicals exactly as in our text of the paper, where the roots end too early."""
     q2 = 1 / (l_1 + l_2) * ((l_1 + l_2) * q1 + 2 * l_1 * sqrt(-X_S1**2 - Y_S1**2 - l_0**2 + (l_1 + l_2)**2) + 2 * l_0 * sqrt(X_S1**2 + Y_S1**2))  # fmt: skip  # (2)
     q4 = 1 / (l_1 + l_2) * ((l_1 + l_2) * q3 - 2 * l_1 * sqrt(-X_S2**2 - l_0**2 + (l_1 + l_2)**2) - (L_V - Z_S2)**2 + 2 * l_0 * sqrt((L_V - Z_S2)**2 + X_S2**2))  # fmt: skip  # (2)
     q6 = 1 / (l_1 + l_2) * ((l_1 + l_2) * q5 + 2 * l_1 * sqrt(-X_S3**2 - l_0**2 + (l_1 + l_2)**2) - (L_H - Y_S3)**2 + 2 * l_0 * sqrt((L_H - Y_S3)**2 + X_S3**2))  # fmt: skip  # (2)
@@ -146,10 +146,10 @@ _LIMB = ("rho", "h", "alpha", "beta", "reach", "cos_beta", "sin_beta", "radius")
     gives=[f"{name}{i}" for i in (1, 2, 3) for name in _LIMB],
 )
 def limbs(X_S1, Y_S1, Z_S1, X_S2, Y_S2, Z_S2, X_S3, Y_S3, Z_S3, l_0, l_1, l_2, L_H, L_V):
-    """Angles and margins of each limb from its ball centre alone.
+    """Return angles and margins of each limb, computed from its ball centre alone.
 
-    rho: distance ball to rail axis. h: ball to bar pivot, along the rail. alpha, beta: angles of limb and bar.
-    These hold for every variant of eq. (2), which only computes the carriages.
+    rho is the distance from ball to rail axis; h is the distance from ball to bar pivot along the rail. alpha and beta
+    are the angles of limb and bar. All are the same for every variant of eq. (2), which only computes the carriages.
     """
     L = l_1 + l_2
     out = []
@@ -182,9 +182,10 @@ _PASSIVE = (
     "helper", "limb angles -> passive joints", gives=_PASSIVE, source="DERIVED; numbering ASSUMED", name="passive"
 )
 def passive_joints(alpha1, alpha2, alpha3, beta1, beta2, beta3):
-    """Passive joint angles; those of bar and strut are about t, measured from e_r.
+    """Return the passive joint angles; the angles of bar and strut are about t, measured from e_r.
 
-    With y = t x e_r = -e_a, the bar lies at atan2(sigma cos(beta), sin(beta)), the strut at minus that.
+    With y = t x e_r = -e_a, the angle of the bar is atan2(sigma cos(beta), sin(beta)); that of the strut is its
+    negative.
     """
     out = [alpha1, alpha2, alpha3]
     for sigma, beta in ((1, beta1), (-1, beta2), (1, beta3)):
@@ -194,7 +195,7 @@ def passive_joints(alpha1, alpha2, alpha3, beta1, beta2, beta3):
 
 @equation("helper", "ball centres -> apex joints", gives="A1 A2 A3")
 def apexes(X_S1, Y_S1, Z_S1, X_S2, Y_S2, Z_S2, X_S3, Y_S3, Z_S3, alpha1, alpha2, alpha3, beta1, beta2, beta3, l_2):  # fmt: skip
-    """Apex joints, on the bars: at distance l_2 from the ball centres and l_1 from the bar pivots."""
+    """Return the apex joints on the bars, at distance l_2 from the ball centres and l_1 from the bar pivots."""
     balls = (vertcat(X_S1, Y_S1, Z_S1), vertcat(X_S2, Y_S2, Z_S2), vertcat(X_S3, Y_S3, Z_S3))
     out = []
     for S, sigma, beta, (e_a, e_r) in zip(
@@ -206,7 +207,7 @@ def apexes(X_S1, Y_S1, Z_S1, X_S2, Y_S2, Z_S2, X_S3, Y_S3, Z_S3, alpha1, alpha2,
 
 @equation("helper", "type II singularity measure", gives="D z_up")
 def type2(X_S1, Y_S1, Z_S1, X_S2, Y_S2, Z_S2, X_S3, Y_S3, Z_S3, alpha1, alpha2, alpha3, theta, phi, l_p):
-    """D, which is zero where the platform can move with all carriages at rest, and the z component of z_p."""
+    """Return D, which is 0 if the platform can move while all carriages are at rest, and the z component of z_p."""
     S1, S2, S3 = vertcat(X_S1, Y_S1, Z_S1), vertcat(X_S2, Y_S2, Z_S2), vertcat(X_S3, Y_S3, Z_S3)
     t1, t2, t3 = (cross(e_a, e_r) for e_a, e_r in _axes(alpha1, alpha2, alpha3))
     u12, u23, u13 = (S1 - S2) / l_p, (S2 - S3) / l_p, (S1 - S3) / l_p
@@ -215,7 +216,7 @@ def type2(X_S1, Y_S1, Z_S1, X_S2, Y_S2, Z_S2, X_S3, Y_S3, Z_S3, alpha1, alpha2, 
 
 
 def _axes(alpha1, alpha2, alpha3):
-    """Return (e_a, e_r) of each limb; alpha turns about +Z, +Y and -Z."""
+    """Return (e_a, e_r) of each limb; alpha is a rotation about +Z, +Y and -Z (limbs 1, 2, 3)."""
     return (
         (vertcat(0, 0, 1), vertcat(cos(alpha1), sin(alpha1), 0)),
         (vertcat(0, 1, 0), vertcat(cos(alpha2), 0, -sin(alpha2))),
@@ -245,16 +246,23 @@ FORMULA = Formula(
     title="SILS 6-DOF parallel robot, three limbs R-PRR-PRS",
     source="Ro. J. Techn. Sci. - Appl. Mech. 68(1), 3-18, 2023, DOI 10.59277/RJTS-AM.2023.1.01",
     parameters=(
-        _length("l_0", 50.0, "PUBLISHED", f"{_EQ3}, printed l_o: rail axis to the strut and bar pivots, along e_r"),
-        _length("l_1", 182.0, "PUBLISHED", f"{_EQ3}: strut length, and bar pivot to apex joint"),
-        _length("l_2", 392.0, "PUBLISHED", f"{_EQ3}: apex joint to ball centre; the bar is l_1 + l_2 long"),
+        _length(
+            "l_0", 50.0, "PUBLISHED", f"{_EQ3}, printed l_o: distance from rail axis to strut and bar pivots, along e_r"
+        ),
+        _length("l_1", 182.0, "PUBLISHED", f"{_EQ3}: length of the strut, and distance from bar pivot to apex joint"),
+        _length(
+            "l_2",
+            392.0,
+            "PUBLISHED",
+            f"{_EQ3}: distance from apex joint to ball centre; the bar has the length l_1 + l_2",
+        ),
         _length("l_p", 135.0, "PUBLISHED", f"{_EQ3}: side of the equilateral triangle S1 S2 S3"),
         _length("L_V", 657.0, "PUBLISHED", f"{_EQ3}: height of the horizontal rail 2"),
         _length(
             "L_H",
             612.0,
             "ASSUMED",
-            f"{_EQ3} values L_B = 612 mm and eq. (2) uses L_H, which has no value: both taken as the distance of "
+            f"{_EQ3} gives L_B = 612 mm; eq. (2) uses L_H, which has no value. Both are taken as the distance of "
             "rail 3 from rail 1",
         ),
     ),
@@ -276,21 +284,21 @@ FORMULA = Formula(
     passive=_PASSIVE,
     reach={f"limb {i}": f"reach{i}" for i in (1, 2, 3)},
     measures=(
-        Measure("type2", "D", "type2", 0.15, f"the platform can move with all carriages held; {_ALARM}"),
+        Measure("type2", "D", "type2", 0.15, f"the platform can move while all carriages are at rest; {_ALARM}"),
         *(
             Measure(f"{name}_{i}", f"{symbol}{i}", "type1", 0.1, f"{note}; {_ALARM}")
             for name, symbol, note in (
-                ("bar_across", "cos_beta", "h = 0: the bar is perpendicular to its rail, the carriages coincide"),
+                ("bar_across", "cos_beta", "h = 0: the bar is perpendicular to its rail, and the carriages coincide"),
                 ("bar_along", "sin_beta", "rho = l_0: the bar is parallel to its rail"),
-                ("ball_on_rail", "radius", "rho = 0: the ball is on the rail axis, the limb angle undefined"),
+                ("ball_on_rail", "radius", "rho = 0: the ball is on the rail axis, and the limb angle is undefined"),
             )
             for i in (1, 2, 3)
         ),
     ),
     aspects=(
         Aspect("X_E", 1, "the platform is in front of the portal"),
-        Aspect("z_up", 1, "z_p points up, the instrument down"),
-        Aspect("D", -1, "the aspect of all poses of Table 2"),
+        Aspect("z_up", 1, "z_p points up, and the instrument points down"),
+        Aspect("D", -1, "the sign of D at all poses of Table 2"),
     ),
     branches=branches,
     seeds=tuple((x * MM, y * MM, z * MM, a * DEG, b * DEG, c * DEG) for x, y, z, a, b, c in _TABLE2),

@@ -67,7 +67,7 @@ def _schema(model: type[BaseModel]) -> dict[str, Any]:
 
 
 def _raw_keys(item: Any, data: Any) -> tuple[Keys, Any]:
-    """Return (keys of the error in the file, its value), without the union branches that pydantic adds to the keys."""
+    """Return (keys of the faulty value in the file, the value), without the union branches that pydantic adds."""
     loc, keys, here = [*item["loc"], *item.get("ctx", {}).get("keys", ())], [], data
     for i, key in enumerate(loc):
         if _inside(here, key):

@@ -129,7 +129,7 @@ def limits(path: Path, kind: str) -> tuple[float, int]:
 
 
 def _limited(kind: str, seconds: float, memory: int, *arguments: object) -> tuple[int, bool, bytes]:
-    """Run a parser; return its exit code, whether it was killed for waiting, and the end of its output."""
+    """Run a parser; return its exit code, whether it was killed for waiting too long, and the end of its output."""
     own: dict[str, str] = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MALLOC_ARENA_MAX"), "1")
     own["MUJOCO_GL"] = "disable"  # otherwise MuJoCo starts programs to find display libraries
     python, *rest = isolated(_LIMITED + _PROGRAMS[kind], int(seconds + 1), memory, *arguments)
@@ -140,7 +140,7 @@ def _limited(kind: str, seconds: float, memory: int, *arguments: object) -> tupl
 
 
 def _wait(process: subprocess.Popen[bytes]) -> tuple[int, bool]:
-    """Return the exit code of a process, and whether it was killed for waiting."""
+    """Return the exit code of a process, and whether it was killed because it waited too long."""
     before, since, pause = "", time.monotonic(), 0.005
     try:
         while process.poll() is None:

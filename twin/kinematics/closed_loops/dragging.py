@@ -2,9 +2,9 @@
 
 The line to the target is followed in steps of fixed length, independent of speed. If the last step is shorter, the next
 call computes this step again. Each step continues in the assembly of the previous step and slides along limits; a step
-with which the loops do not close is halved. An assembly ends at two kinds of singularity: the loops no longer determine
-their passive joints (type II), or the active joints no longer determine the tool (type I). A dragged point stops before
-either singularity. A moved joint passes through type I, as a drive would.
+is halved if the loops do not close after it. An assembly ends at two kinds of singularity: the loops no longer
+determine their passive joints (type II), or the active joints no longer determine the tool (type I). A dragged point
+stops before either singularity. A moved joint passes through type I, as a drive would.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ _THERE, _PASSED = 1e-10, 1e-7
 """Distances in m at which the target, and an intermediate goal, count as reached."""
 
 _GAIN, _LAST_GAIN = 1e-3, 1e-5
-"""Minimum relative reduction of the distance by a step, to continue: (for goals on the line, for the target).
+"""Relative reduction of the distance by a step, below which the motion ends (to a goal on the line, to the target).
 
 A point that slides along limits at distance d from the target approaches the target slowly: the last x of its path
 reduce the distance by only x²/2d, which is 1 µm over the last 45 µm at d = 1 mm.
@@ -87,7 +87,7 @@ class Dragged:
     """Result of a motion.
 
     Attributes:
-        q, u: active joints (n,) and unknowns (numbers,) that were reached.
+        q, u: active joints (n,) and unknowns (numbers,) that were reached; see `Closed.states`.
         stops: bounds that block the motion.
         singular: name of the part that is singular, such as "loop r13" or "tool"; "" if there is none.
         more: whether time ran out before the target was reached.
@@ -253,7 +253,7 @@ class Dragger:
 
 
 class Grip:
-    """A grabbed point, whose final position depends on the line of the targets, not on their spacing."""
+    """A grabbed point; its final position depends on the line along which targets are given, not on their spacing."""
 
     def __init__(self, dragger: Dragger, look: Look, held: tuple[str, Array]) -> None:
         self._walk, self._hand = _Walk(dragger, look, held), look.p
@@ -299,7 +299,7 @@ class _Walk:
         self._within, self._gain, self._tries = (_THERE, _LAST_GAIN, _LAST_TRIES) if last else (_PASSED, _GAIN, _TRIES)
 
     def goes_on(self, until: float) -> bool:
-        """Move the point as near to the goal as possible; return False if time ran out."""
+        """Move the point as near to the goal as possible; return False if processor time exceeds `until`."""
         while self._tries:
             way = float(np.linalg.norm(self._goal - self.look.p))
             if way < self._within:
@@ -322,7 +322,7 @@ class _Walk:
         return Dragged(self.look.q, self.look.u, self.stops(), singular, more)
 
     def _step(self, first: Look, total: Array, goal: Array) -> Array | None:
-        """Do one step that reduces the distance and return its joint motion (n,) in m, or None if there is none."""
+        """Do one step that reduces the distance; return its scaled joint motion (n,) in m, or None if none is found."""
         dragger, now = self.dragger, self.look
         scale, miss = dragger._scale, goal - now.p
         # Smallest joint motion from `first`; with the mean Jacobian of both ends, the error is of second order.

@@ -151,7 +151,7 @@ class Equations:
         return q, states
 
     def _misfit(self, joint: Joint, stepping: bool) -> tuple[ca.SX, ca.SX, ca.SX]:
-        """Return (offset in m, misalignment in rad, cosine of the angle) in the locked directions of a loop joint."""
+        """Return (offset in m, misalignment in rad, cosine of its angle) in the locked directions of a loop joint."""
         ways = [list(self.mechanism.path(b)) for b in (joint.parent, joint.child)]
         while ways[0] and ways[1] and ways[0][0].name == ways[1][0].name:
             ways = [w[1:] for w in ways]

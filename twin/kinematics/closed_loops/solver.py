@@ -98,7 +98,7 @@ class LoopSolver:
         if not (offset < 1e-3 and tilt < 0.1):
             text = f"the loops do not close in the rest poses: {offset / MM:.3g} mm and {tilt:.3g} rad remain"
             raise AssemblyError(f"{mechanism.name}: {text}", gap=offset)
-        # If the parts of a loop do not meet in the CAD, a gap remains in every state: a finding reports this, no error.
+        # If the parts of a loop do not meet in the CAD, a gap remains in every state; this is a finding, not an error.
         self._gap, self._tilt = max(GAP, 10 * offset), max(TILT, 10 * tilt)
 
     def forward(self, q: Array, seed: Array | None = None) -> Array:

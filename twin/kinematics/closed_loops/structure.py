@@ -12,7 +12,7 @@ from twin.kinematics.closed_loops.equations import STEPS, Equations
 
 _TRIES = 32
 _NOTHING = 1e-12
-"""Residual in m or rad; an equation that does not exceed it in any state, even with open loops, is redundant."""
+"""Residual in m or rad; an equation is redundant if its residual never exceeds this value, even with open loops."""
 _FLAT = 1e-13
 """Size below which a derivative counts as zero."""
 

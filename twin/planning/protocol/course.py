@@ -1,8 +1,8 @@
 """Shapes of phases: exact poses and exact derivatives in the path parameter s in [0, 1].
 
 On a line, position and angles are linear in s. In a motion about the RCM P, angles and depth l are linear in s, and the
-tip is tip(s) = P + l(s) R(s) n with the shaft direction n fixed in the tool, so that the shaft passes exactly through P
-at every s. Phase types with other shapes define their own motion (`phases.circle`).
+tip is tip(s) = P + l(s) R(s) n. The shaft direction n is fixed in the tool; therefore the shaft passes exactly through
+P at every s. Phase types with other shapes define their own motion (`phases.circle`).
 """
 
 from __future__ import annotations

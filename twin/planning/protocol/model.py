@@ -54,7 +54,7 @@ class Tolerances:
 class PatientPlace:
     """Place of a patient: `body` of cad/patients, with its `port` at the RCM of the protocol.
 
-    The patient is rotated by `turn` in rad about z of base. `replaces` names links that are not displayed together with
+    The patient is rotated by `turn` (rad) about z of base. `replaces` names links that are not displayed together with
     the patient. `trocar` names the trocar at the port, if there are several.
     """
 
@@ -86,7 +86,7 @@ class Protocol:
             that are not given are as drawn.
         rcm: (3,) in base in m, RCM registered from the start (the instrument is already in the patient), or None.
         free: directions of the moved frame that waypoints do not prescribe and the mechanism determines. None: the
-            directions outside the robot's freedoms; every waypoint must be a pose that the robot can assume.
+            directions in which the robot cannot move; every waypoint must be a pose that the robot can assume.
         patient: place of the patient, or None; `no_patient` may then state the reason.
         findings: warnings from reading the file.
     """

@@ -187,7 +187,7 @@ class Begin:
     mode: RcmMode | None
 
     def pose(self, name: str) -> tuple[Array, Array]:
-        """Return angles (3,) in rad and position (3,) in m of a waypoint; the current ones if it has joint values.
+        """Return angles (3,) in rad and position (3,) in m of a waypoint; the current values if it has joint values.
 
         Raises:
             ProtocolError: the waypoint has no position.

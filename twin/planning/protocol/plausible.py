@@ -17,13 +17,13 @@ _TIP, _TURN = (0.2, 2000.0), (1.0, 720.0)
 """Plausible ranges of tip speed in mm/s and rotation speed in deg/s."""
 
 _RAMP = (2e-3, 30.0)
-"""Plausible range in s of the time from rest to full speed; for the time to full acceleration, a tenth of it."""
+"""Plausible range in s of the time from rest to full speed; a tenth of this range applies to full acceleration."""
 
 _DEPTH = 0.5
 """Insertion depth in mm below which the number looks like metres."""
 
 _NEAR, _FAR = 1.0, 100.0
-"""Distances in mm from the origin: below the first, a position looks like metres if another exceeds the second."""
+"""Distances in mm from the origin: a position within the first looks like metres if another is beyond the second."""
 
 
 def plausible(table: ProtocolTable, file: str) -> Iterator[Finding]:
