@@ -98,7 +98,7 @@ class Budget:
 
     @property
     def difference(self) -> float | None:
-        """Largest relative difference of the standard deviations, first-order and Monte Carlo; None if not sampled."""
+        """Largest relative difference between first-order and Monte Carlo standard deviations; None if not sampled."""
         if self.sampled is None:
             return None
         a, b = (np.sqrt(np.diag(c)) for c in (self.covariance, self.sampled))
@@ -118,7 +118,7 @@ class Tolerances:
         """
         parts = (spread.shift, spread.turn, spread.slide, spread.angle)
         if min(parts) < 0 or not max(parts) > 0 or not np.isfinite(parts).all():
-            raise TwinError("tolerances must be finite and not negative, and one of them positive")
+            raise TwinError("standard deviations must be finite and not negative, and at least one must be positive")
         self.mechanism, self.spread = mechanism, spread
         self.solver = LoopSolver(mechanism)
         self.equations = e = Equations(mechanism, with_errors=True)
@@ -326,7 +326,7 @@ class ToleranceBudget(Result):
     def word(self) -> str:
         """Text that states whether the requirement is met."""
         met = {"agree": "The requirement is met", "disagree": "The requirement is not met"}
-        return met.get(self.verdict, "Nothing is required")
+        return met.get(self.verdict, "There is no requirement")
 
     @property
     def exit_code(self) -> int:

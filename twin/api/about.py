@@ -22,7 +22,7 @@ SCENE_COMMANDS = ("info", "run", "view", "serve", "export")
 
 
 def scene_commands(scene: Scene) -> tuple[str, ...]:
-    """Return the commands that accept a scene; without protocols those that play none; with tasks also "operate"."""
+    """Return the commands that accept a scene; "run" and "export" require protocols, "operate" requires tasks."""
     return (*(SCENE_COMMANDS if scene.plays else ("info", "view", "serve")), *(("operate",) if scene.tasks else ()))
 
 

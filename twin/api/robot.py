@@ -242,7 +242,7 @@ class Robot:
     ) -> Array:
         """Return q (n,) for a pose (4, 4), or (k, n) for poses (k, 4, 4).
 
-        Without an inverse equation, each pose is solved from the previous solution, the first pose from the seed.
+        Without an inverse equation, each pose is solved from the previous solution, the first pose from `seed` (n,).
 
         Raises:
             KinematicsError: a pose is out of reach; the message names the index of the pose.

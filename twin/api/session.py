@@ -140,7 +140,7 @@ class ConsoleSession(Result):
                     "session.differs",
                     d.signal,
                     f"the replay gives different bytes from this second on{size}",
-                    suggestion="replay with the version of twin and on the kind of processor of the recording",
+                    suggestion="replay with the twin version and the processor type of the recording",
                     when=f"{d.t0:g} .. {d.t1:g} s",
                 )
             )
@@ -153,7 +153,7 @@ class ConsoleSession(Result):
                 disagreement(
                     "task.missed",
                     target.name,
-                    "this target was not touched: smallest distance of its tips",
+                    "this target was not touched; smallest distance from the tips",
                     mm(target.nearest),
                     mm(self.task.tolerance),
                     word="required",
@@ -361,7 +361,7 @@ def replay_session(
 
     Args:
         path: a session file.
-        scene: the scene of the session, as name, path or loaded scene; default: the built-in scene of the file's name.
+        scene: the scene of the session, as name, path or loaded scene; default: the built-in scene that the file names.
         progress: see `Progress`.
 
     Raises:

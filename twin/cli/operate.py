@@ -15,7 +15,10 @@ _SCALE = 0.1
 
 
 def operate(args: argparse.Namespace) -> int:
-    """Simulate the operator; print measures; write JSON, CSV and a picture; exit 1 if a goal was not reached."""
+    """Simulate the operator and print the measures; write JSON, CSV and a picture.
+
+    The exit code is 1 if a goal was not reached.
+    """
     from twin.ui.report.files import write_result
 
     if (file := assets.scene_file(args.robot)) is not None:

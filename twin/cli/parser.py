@@ -31,7 +31,7 @@ NAMES += ("workspace", "tolerance", "sweep", "doctor")
 
 
 class UsageError(Exception):
-    """Invalid arguments; `usage` is the correct form."""
+    """Invalid arguments of the command line; `usage` shows the correct form."""
 
     def __init__(self, message: str, usage: str) -> None:
         super().__init__(message)
@@ -194,7 +194,7 @@ def parser() -> argparse.ArgumentParser:
     robot(sub)
     out(sub, "./twin-out/<robot>/<protocol>/")
     chosen(sub)
-    variants(sub, "each equation that has this variant, first one at a time, then all together")
+    variants(sub, "every equation that has this variant: one report for each equation, and one for all together")
     sub.add_argument(
         "--tolerance-um",
         type=float,
@@ -306,7 +306,7 @@ def parser() -> argparse.ArgumentParser:
         help="topic of the motion scale; messages to TOPIC/set change the scale (default twin/<scene>/scale)",
     )
     sub.add_argument(
-        "--session", metavar="FILE", help="record the hands at a console, tick by tick; twin session replays them"
+        "--session", metavar="FILE", help="record the motion of the hands at a console; twin session replays the file"
     )
     sub.add_argument("--cert", metavar="FILE", help="certificate (PEM) for https, which headsets require for AR")
     sub.add_argument(

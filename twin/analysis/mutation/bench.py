@@ -129,7 +129,7 @@ class Bench:
 
     @cached_property
     def usual(self) -> set[tuple[str, str]]:
-        """(code, place) of each finding on the correct robot, except infos."""
+        """(code, place) of each finding on the correct robot, except findings of severity info."""
         return {(f.code, f.where) for f in self.correct.findings if f.severity != "info"}
 
     # -- one fault ---------------------------------------------------------------------------------------

@@ -160,7 +160,7 @@ def _clock(t: Trajectory, rng: np.random.Generator) -> Made:
     k, part = _inner(t, rng), float(rng.uniform(0.05, 0.5))
     times = t.t.copy()
     times[k] += part * (times[1] - times[0])
-    return f"sample at t = {t.t[k]:.2f} s has its time {100 * part:.0f} % of a step late", lambda: replace(t, t=times)
+    return f"time of the sample at t = {t.t[k]:.2f} s is {100 * part:.0f} % of a step late", lambda: replace(t, t=times)
 
 
 _MAKERS: dict[str, Callable[[Trajectory, np.random.Generator], Made]] = {

@@ -1,4 +1,4 @@
-"""Audit an exported scene: the folder of each robot, and the scene's stages against what the robots' files show."""
+"""Audit an exported scene: check the folder of each robot, and compare the scene's stages with the robots' files."""
 
 from __future__ import annotations
 
@@ -44,11 +44,11 @@ class Shown:
 
 
 def audit_scene(folder: Path, audited: Callable[[Path], Audited]) -> Audited:
-    """Return the contents and ledgers of all robots of a scene, with their names before those of files, and of stages.
+    """Return (contents of the robots' files, ledgers of these files and of the scene's stages) of an exported scene.
 
     Args:
         folder: the exported scene, with scene.json.
-        audited: function that audits the folder of one robot.
+        audited: function that audits the folder of one robot; the robot's name is added before its file names.
     """
     contents: list[Content] = []
     ledger = Ledger(FILE, "twin.exchange.audit scene", "1")
@@ -69,7 +69,7 @@ def audit_scene(folder: Path, audited: Callable[[Path], Audited]) -> Audited:
 
 
 def _places(folder: Path, ledger: Ledger) -> Iterator[tuple[str, str, Array, Path]]:
-    """Yield (name, protocol or "", T_world_base, folder) of each robot in scene.json; report what cannot be used."""
+    """Yield (name, protocol or "", T_world_base, folder) of each robot in scene.json; report unusable entries."""
     check_size(folder / FILE, "JSON")
     try:
         data = json.loads((folder / FILE).read_text(encoding="utf-8"))
@@ -92,9 +92,10 @@ def _places(folder: Path, ledger: Ledger) -> Iterator[tuple[str, str, Array, Pat
 
 
 def _shown(contents: Sequence[Content], protocol: str, T_world_base: Array) -> Shown:
-    """Return the motion of a protocol in a robot's files or, without one, its poses at rest.
+    """Return the motion of a protocol in a robot's files; without a protocol, the poses at rest.
 
-    Poses at rest are those of the GLB, if there is one, because the scene refers to the stage.
+    Poses at rest are read from the GLB, if there is one: the scene refers to the robot's stage, and a comparison
+    requires another file.
     """
     for name, ref in references(contents, {}).items():
         if protocol and (name == protocol or name.endswith(f"_{protocol}")):
@@ -117,7 +118,9 @@ def _audit_stage(path: Path, robots: Mapping[str, Shown]) -> Ledger:
     ledger.row("public validators", float(len(public)), "found", 0.0)
     ledger.row("every link in world, against its robot's files", worst, "m", POSITION_TOL, where=where, when=when)
     if not worst <= POSITION_TOL:
-        text = f"{where}: " + (f"{quantity(worst, 'm')} off its robot's files." if np.isfinite(worst) else "missing.")
+        text = f"{where}: " + (
+            f"it differs from its robot's files by {quantity(worst, 'm')}." if np.isfinite(worst) else "it is missing."
+        )
         ledger.add("scene.link", "disagreement", text, where=where, when=when, size=worst, unit="m", limit=POSITION_TOL)
     return ledger
 
@@ -125,7 +128,7 @@ def _audit_stage(path: Path, robots: Mapping[str, Shown]) -> Ledger:
 def deviation(stage: Path, robots: Mapping[str, Shown]) -> tuple[float, str, str]:
     """Return the largest deviation in m of a point up to 0.1 m from a link's origin, its robot and link, and its time.
 
-    It is infinite if the stage lacks a link. First, middle and last key are compared.
+    The deviation is infinite if the stage lacks a link. Only the first, middle and last key are compared.
     """
     opened = Usd.Stage.Open(str(stage))
     opened.Reload()  # USD keeps layers in memory, but the file may have changed

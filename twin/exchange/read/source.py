@@ -25,7 +25,7 @@ class Imported:
 
     Attributes:
         mechanism: bodies, joints and loops.
-        findings: on renamed, guessed, missing and omitted data.
+        findings: findings on renamed, guessed, missing and omitted data.
         efforts: maximum effort in N or N m of joints without gains in the file.
         assumed: joints with assumed drives.
         posed: whether the file states rest poses; a URDF does not.

@@ -50,9 +50,9 @@ SHER oscillate by 14 mm (measured). With an explicit integrator LAPBOT is unstab
 """
 
 STEPPING = (
-    "Ties of the loops are springs. At this time step, with this integrator (MuJoCo 3.13 or newer), the loops of the "
-    "robots that come with twin stay closed within 1 um: 10 s at rest under gravity, and along their protocols. With "
-    "an older MuJoCo use implicitfast and 0.0001 s."
+    "The constraints that close loops act as springs. At this time step, with this integrator (MuJoCo 3.13 or newer), "
+    "the loops of the robots that come with twin stay closed within 1 um: 10 s at rest under gravity, and along their "
+    "protocols. With an older MuJoCo use implicitfast and 0.0001 s."
 )
 
 CONTROLS = (

@@ -89,7 +89,7 @@ class Order:
 
     @property
     def elsewhere(self) -> tuple[Scene, ...]:
-        """Scenes whose trocar positions differ from the CAD; each needs its own file, because a file fixes trocars."""
+        """Scenes whose trocar positions differ from the CAD; each needs a separate file with its trocars."""
         drawn = self.mechanism.trocar_places
         return tuple(
             s for s in self.scenes if any(not np.array_equal(s.mechanism.trocar_at(n), p) for n, p in drawn.items())

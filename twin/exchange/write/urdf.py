@@ -107,7 +107,7 @@ def urdf_findings(mechanism: Mechanism) -> list[Finding]:
 
 
 def _mimics(mechanism: Mechanism) -> dict[str, Following]:
-    """Return what follows by the couplings that URDF can hold (two joints of the tree), by name of the coupling."""
+    """Return leader and follower of each coupling that URDF can hold (two joints of the tree), by coupling name."""
     return following(mechanism, {j.name for j in spanning(mechanism).tree if j.type in ("revolute", "prismatic")})
 
 
