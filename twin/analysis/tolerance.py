@@ -38,7 +38,7 @@ _ALONG = 12
 """Number of states evaluated along a protocol."""
 
 SHARE = 0.95
-"""Fraction of machines that must meet the requirement."""
+"""Fraction of the built robots that must meet the requirement."""
 
 
 @dataclass(frozen=True)
@@ -68,7 +68,7 @@ class Budget:
         labels: (errors,) joint or encoder of each error.
         sigma: (errors,) standard deviations in m or rad.
         covariance: (6, 6) covariance of the tool error, to first order.
-        within: (2,) error that the fraction `SHARE` of machines does not exceed, in m and rad, to first order.
+        within: (2,) error that the fraction `SHARE` of robots does not exceed, in m and rad, to first order.
         sampled, sampled_within: `covariance` and `within` by Monte Carlo; None if not requested.
         samples: number of Monte Carlo samples.
     """
@@ -282,7 +282,7 @@ class ToleranceBudget(Result):
         robot: name of the robot.
         spread: standard deviations of the errors.
         budgets: one budget for each state; Monte Carlo checks only the state with the largest error.
-        required: position error in m that the fraction `SHARE` of machines must not exceed, or None.
+        required: position error in m that the fraction `SHARE` of robots must not exceed, or None.
         requirement: provenance and note of the requirement.
     """
 
@@ -369,7 +369,7 @@ class ToleranceBudget(Result):
         for b in self.budgets:
             if b.sampled_within is not None and b.difference is not None:
                 yield (
-                    f"  Monte Carlo, {b.samples} machines in state '{b.name}': 95 % within "
+                    f"  Monte Carlo, {b.samples} robots in state '{b.name}': 95 % within "
                     f"{b.sampled_within[0] / UM:.4g} µm; standard deviations differ by {100 * b.difference:.2g} %"
                 )
         if self.required is not None and self.factor is not None:
@@ -397,8 +397,8 @@ def tolerance(
         spread: standard deviations of the errors.
         protocol: name of a protocol whose states are used; default: the robot's postures.
         required: maximum position error in m; default: the requirement of the description.
-        samples: number of random machines that check the first-order result in the worst state; 0: no check.
-        seed: seed of the random machines.
+        samples: number of robots with random errors that check the first-order result in the worst state; 0: no check.
+        seed: seed of the random errors.
         progress: see `twin.api.Progress`.
 
     Raises:
@@ -420,7 +420,7 @@ def tolerance(
         budgets.append(errors.budget(name, q))
     if samples:
         worst = int(np.argmax([b.within[0] for b in budgets]))
-        progress(f"{samples} random machines", len(states) / (len(states) + 1))
+        progress(f"{samples} robots with random errors", len(states) / (len(states) + 1))
         budgets[worst] = errors.budget(*states[worst], samples, np.random.default_rng(seed))
     stated = robot.cad.description.requirement if robot.files is not None and required is None else None
     source = f"{stated.provenance}: {stated.note}" if stated else ""

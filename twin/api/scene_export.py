@@ -1,7 +1,7 @@
 """Export a scene: a checked bundle for each robot with its base pose, and one USD stage with all robots.
 
 Files in formats other than USD contain one robot with its motion. `scene.json` contains the pose of each robot's base.
-A player places the bases, and starts all motions at the same time. A robot that a console controls has no motion: its
+A player must place the bases and start all motions together. A robot that a console controls has no motion: its
 files contain the pose at which the console takes over, and `scene.json` contains its joint values there.
 """
 

@@ -156,12 +156,12 @@ def parser() -> argparse.ArgumentParser:
         "info",
         "show a robot: joints, limits, frames, parameters with provenance; or a scene",
         "  twin info sils\n  twin info vsrs                   a scene\n"
-        "  twin info pa10 --inertia        are the stated masses and inertias possible?",
+        "  twin info pa10 --inertia        are masses and inertias physically possible?",
     )
     robot(sub)
     tool(sub)
     sub.add_argument(
-        "--inertia", action="store_true", help="check the masses and inertias in CAD, stage and tables instead"
+        "--inertia", action="store_true", help="only check the masses and inertias in CAD, stage and tables"
     )
 
     sub = add(
@@ -211,7 +211,7 @@ def parser() -> argparse.ArgumentParser:
     sub.add_argument(
         "--compare",
         metavar="NAMES",
-        help="with --sweep: also the error of simplified loop models (comma-separated list of serial, mimic)",
+        help="with --sweep: also compute the error of simplified loop models (comma-separated list of serial, mimic)",
     )
 
     sub = add(
@@ -261,7 +261,7 @@ def parser() -> argparse.ArgumentParser:
     sub.add_argument("protocol", nargs="?", help="name or path of a protocol (default: the robot's default)")
     sub.add_argument("--port", type=_port, default=8080, help="port of the page (default 8080; 0 takes any free port)")
     host(sub)
-    sub.add_argument("--no-browser", action="store_true", help="open no browser")
+    sub.add_argument("--no-browser", action="store_true", help="do not open a browser")
     tool(sub)
     sub.add_argument("--html", metavar="FILE", help="write a recording of the protocol and exit")
 
@@ -285,7 +285,7 @@ def parser() -> argparse.ArgumentParser:
         "--port", type=_port, default=8765, help="port of the server (default 8765; 0 takes any free port)"
     )
     host(sub)
-    sub.add_argument("--no-browser", action="store_true", help="open no browser")
+    sub.add_argument("--no-browser", action="store_true", help="do not open a browser")
     sub.add_argument("--record", metavar="FILE", help="record the session: requests, states and frames, as JSON")
     sub.add_argument("--replay", metavar="FILE", help="replay a recorded session instead, frame by frame")
     sub.add_argument(
@@ -387,7 +387,7 @@ def parser() -> argparse.ArgumentParser:
             "CAD"
         ),
     )
-    sub.add_argument("--curve", action="store_true", help="also sweep model errors of -20..20 %%")
+    sub.add_argument("--curve", action="store_true", help="also compute the tip error for model errors of -20..20 %%")
 
     sub = add(
         "study",

@@ -43,7 +43,7 @@ def add_sweeps(
     sub.add_argument(
         "--joints",
         action="store_true",
-        help="sample joint values instead of poses (always done without a closed-form inverse)",
+        help="sample joint values instead of poses (always done for equations without a closed-form inverse)",
     )
     _scheduler(sub)
     out(sub, "./twin-out/<robot>/workspace/")

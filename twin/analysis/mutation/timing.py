@@ -78,13 +78,13 @@ def _bump(t: Trajectory, rng: np.random.Generator) -> Made:
         j = int(rng.integers(t.q.shape[1]))
         q = t.q.copy()
         q[k, j] += size * MM  # m or rad
-        return f"joint {t.joint_names[j]} off by {size:.2f} mm or mrad at t = {t.t[k]:.2f} s", lambda: replace(t, q=q)
+        return f"joint {t.joint_names[j]} moved {size:.2f} mm or mrad at t = {t.t[k]:.2f} s", lambda: replace(t, q=q)
     tools, frames = t.Ts_base_tool.copy(), t.Ts_base_frame.copy()
     direction = rng.normal(size=3)
     for Ts in (tools, frames):
         Ts[k, :3, 3] += size * MM * direction / np.linalg.norm(direction)
     made = replace(t, Ts_base_tool=tools, Ts_base_frame=frames)
-    return f"tool off by {size:.2f} mm at t = {t.t[k]:.2f} s", lambda: made
+    return f"tool moved {size:.2f} mm at t = {t.t[k]:.2f} s", lambda: made
 
 
 def _stated(t: Trajectory, rng: np.random.Generator) -> Made:
