@@ -163,7 +163,7 @@ def _protocols(robot: api.Robot, args: argparse.Namespace) -> tuple[str, ...]:
 
 
 def _variants(robot: api.Robot, texts: Sequence[str]) -> list[dict[str, str] | None]:
-    """Return the variants by equation, or None for the defaults, of each report to write."""
+    """Return for each report to write the variants by equation, or None for the default variants."""
     chosen = asked(texts)
     if chosen is None:
         return [None]

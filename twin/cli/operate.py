@@ -11,7 +11,7 @@ from twin.core import assets
 from twin.core.errors import TwinError
 
 _SCALE = 0.1
-"""Default motion scale of a robot's operator; a console has its own."""
+"""Default motion scale of a robot's operator; a console has another default."""
 
 
 def operate(args: argparse.Namespace) -> int:

@@ -259,7 +259,7 @@ def parser() -> argparse.ArgumentParser:
     )
     sub.add_argument("robot", help="a built-in robot or scene, the path of a robot folder, a scene or a USD stage")
     sub.add_argument("protocol", nargs="?", help="name or path of a protocol (default: the robot's default)")
-    sub.add_argument("--port", type=_port, default=8080, help="port of the page (default 8080; 0 takes any free port)")
+    sub.add_argument("--port", type=_port, default=8080, help="port of the page (default 8080; 0: any free port)")
     host(sub)
     sub.add_argument("--no-browser", action="store_true", help="do not open a browser")
     tool(sub)
@@ -281,9 +281,7 @@ def parser() -> argparse.ArgumentParser:
     )
     sub.add_argument("robot", help="a built-in robot or scene, the path of a robot folder, a scene or a USD stage")
     sub.add_argument("protocol", nargs="?", help="name or path of a protocol (default: the robot's default)")
-    sub.add_argument(
-        "--port", type=_port, default=8765, help="port of the server (default 8765; 0 takes any free port)"
-    )
+    sub.add_argument("--port", type=_port, default=8765, help="port of the server (default 8765; 0: any free port)")
     host(sub)
     sub.add_argument("--no-browser", action="store_true", help="do not open a browser")
     sub.add_argument("--record", metavar="FILE", help="record the session: requests, states and frames, as JSON")
@@ -356,7 +354,7 @@ def parser() -> argparse.ArgumentParser:
     )
     sub.add_argument("file", help="a file of twin serve --session, or hands.session of twin operate")
     sub.add_argument(
-        "--scene", metavar="SCENE", help="path of the session's scene (default: the built-in scene of this name)"
+        "--scene", metavar="SCENE", help="path of the session's scene (default: the built-in scene that it names)"
     )
     sub.add_argument("--out", metavar="FOLDER", help="folder to write to (default: nothing is written)")
 

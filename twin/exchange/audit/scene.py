@@ -86,7 +86,7 @@ def _places(folder: Path, ledger: Ledger) -> Iterator[tuple[str, str, Array, Pat
         if T.shape != (4, 4) or not np.allclose(T[:3, :3] @ T[:3, :3].T, np.eye(3), atol=1e-9):
             ledger.add("scene.pose", "error", f"robot '{name}': T_world_base is not a pose (4, 4).", where=name)
         elif not path.resolve().is_relative_to(folder.resolve()) or not path.is_dir():
-            ledger.add("scene.folder", "error", f"robot '{name}': there is no folder '{own}' here.", where=name)
+            ledger.add("scene.folder", "error", f"robot '{name}': the scene has no folder '{own}'.", where=name)
         else:
             yield name, protocol, T, path
 

@@ -122,7 +122,7 @@ def possible(inertia: Inertia, link: str, findings: list[Finding]) -> Inertia | 
 
 
 def limits(lower: float | None, upper: float | None, joint: str, findings: list[Finding]) -> tuple[float, float] | None:
-    """Return (lower, upper) limits in m or rad; None if there are none.
+    """Return (lower, upper) limits in m or rad; None if the joint has no limits.
 
     Raises:
         SourceError: the lower limit is above the upper limit.

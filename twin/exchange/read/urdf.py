@@ -276,7 +276,7 @@ class _Urdf:
             if any(offsets):
                 self.findings.append(
                     warning(
-                        "gear", f"{where}: its offset is not kept: motor and joint have the same zero position.", name
+                        "gear", f"{where}: its offset is not kept; motor and joint get the same zero position.", name
                     )
                 )
             single = len(told) == len(t.findall("actuator")) == len(ratios) == 1 and ratios[0] != 0

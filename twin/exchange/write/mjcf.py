@@ -74,7 +74,7 @@ def write_mjcf(mechanism: Mechanism, folder: Path, name: str = "") -> Path:
     Args:
         mechanism: the robot with masses; masses of bodies without one are assumed (see `mjcf_findings`).
         folder: created if it is missing; the caller moves it to its final place.
-        name: file name without suffix, if a robot has several files (one for each trocar position); "": its own name.
+        name: file name without suffix, if a robot has several files (one for each trocar position); "": robot name.
 
     Raises:
         AssemblyError: the loops of the mechanism cannot be closed.

@@ -56,7 +56,7 @@ def write_urdf(mechanism: Mechanism, folder: Path, name: str = "") -> Path:
     Args:
         mechanism: the robot with masses; `spanning` chooses the joints at which loops are cut.
         folder: created if it is missing; the caller moves it to its final place.
-        name: file name without suffix, if a robot has several files (one for each trocar position); "": its own name.
+        name: file name without suffix, if a robot has several files (one for each trocar position); "": robot name.
 
     Raises:
         AssemblyError: the loops of the mechanism cannot be closed.

@@ -95,7 +95,7 @@ def write_physics(
     root = stage.OverridePrim(f"/{mechanism.name}")
     UsdPhysics.ArticulationRootAPI.Apply(root)
     root.AddAppliedSchema("PhysxArticulationAPI")
-    # No self collision: convex hulls of adjacent links overlap at joints; their contact opens loops without an error.
+    # No self collision: convex hulls of adjacent links overlap at joints; their contact opens loops unnoticed.
     root.AddAppliedSchema("NewtonArticulationRootAPI")
     _attribute(root, "physxArticulation:enabledSelfCollisions", Sdf.ValueTypeNames.Bool, False)
     _attribute(root, "newton:selfCollisionEnabled", Sdf.ValueTypeNames.Bool, False)
@@ -386,7 +386,7 @@ def _write_actuation(prim: Usd.Prim, joint: Joint, q: float | None, effort: floa
 
 
 def _refuse_what_is_lost(joint: Joint) -> None:
-    """Raise `StageError` for data that UsdPhysics cannot hold, so that no data are lost without an error."""
+    """Raise `StageError` for data that UsdPhysics cannot hold; otherwise the data would be lost unnoticed."""
     scalar = {
         "limits": joint.limits,
         "soft limits": joint.soft_limits,
