@@ -260,7 +260,7 @@ class Robot:
         return kin.forward(q, seed) if q.ndim == 1 else kin.forward_many(q, seed)
 
     def jacobian(self, q: Array, seed: Array | None = None) -> Array:
-        """Return the Jacobian (6, n): tool twist in base, linear rows first, per rate of the active joints."""
+        """Return the Jacobian (6, n) from rates of the active joints to the tool twist in base, linear rows first."""
         kin = self._kinematics
         return kin.jacobian(kin.forward(np.asarray(q, float), seed), q)
 

@@ -140,7 +140,10 @@ def export_scene(
 
 
 def _robot(place: Place) -> Robot:
-    """Return the robot of a place; without a protocol, with masses and the rest pose where a console takes control."""
+    """Return the robot of a place.
+
+    If the place has no protocol, the masses are computed, and the rest pose is that at which a console takes control.
+    """
     from twin.simulation.console_scene import start
 
     robot = load(place.robot)

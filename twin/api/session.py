@@ -226,7 +226,7 @@ class ConsoleSession(Result):
         yield ""
         scale = f"{c.scale[0]:g}" if c.scale[0] == c.scale[1] else f"{c.scale[0]:g} to {c.scale[1]:g}"
         console = [
-            ("time since an arm first followed", f"{c.time:.1f} s of {c.duration:.1f} s"),
+            ("time since an arm first followed a hand", f"{c.time:.1f} s of {c.duration:.1f} s"),
             ("clutch presses", f"{c.clutches}, for {c.clutched:.1f} s; quick taps: {c.taps}"),
             ("camera moves", f"{c.camera_moves}, for {c.camera_time:.1f} s"),
             ("device silent", f"{c.silent:.1f} s"),

@@ -32,6 +32,7 @@ class Check:
         file: path relative to the audited folder.
         tool, version: name and version of the reader.
         worst: the maximum deviation in `unit`; None if nothing can be measured.
+        unit: unit of `worst` and `tolerance`.
         tolerance: limit of `worst` in `unit`; None if there is no limit.
         verdict: "agree", "disagree" or "unchecked".
         where: link or other place of `worst`.

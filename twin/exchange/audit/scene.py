@@ -23,7 +23,7 @@ FILE = "scene.json"
 """File of an exported scene: its robots, their folders and the poses of their bases."""
 
 REACH = 0.1
-"""Distance in m from a link's origin of the points at which a deviation is measured, so that rotation counts."""
+"""Distance in m from a link's origin of the points at which a deviation is measured; it thus includes rotation."""
 
 Audited = tuple[list[Content], list[Ledger]]
 
@@ -126,7 +126,7 @@ def _audit_stage(path: Path, robots: Mapping[str, Shown]) -> Ledger:
 
 
 def deviation(stage: Path, robots: Mapping[str, Shown]) -> tuple[float, str, str]:
-    """Return the largest deviation in m of a point up to 0.1 m from a link's origin, its robot and link, and its time.
+    """Return (largest deviation in m of points up to 0.1 m from a link's origin, robot and link of that point, time).
 
     The deviation is infinite if the stage lacks a link. Only the first, middle and last key are compared.
     """

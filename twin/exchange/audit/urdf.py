@@ -160,7 +160,7 @@ def parse_xml(path: Path) -> ET.Element:
 
 
 def numbers(text: str | None, n: int, default: tuple[float, ...]) -> Array:
-    """Return n finite numbers of an attribute.
+    """Return n finite numbers of an attribute; the default if the text is None.
 
     Raises:
         UrdfError: the text does not consist of n finite numbers.

@@ -120,7 +120,7 @@ def _check_limits(joint: RawJoint, line: Timeline, q: Array) -> Iterator[Finding
 
 
 def _difference(joint: RawJoint, a: Array, b: Array) -> Array:
-    """Return |a - b|, for angles in degrees modulo 360, for lengths in mm."""
+    """Return |a - b|: for angles in degrees, modulo 360; for lengths in mm."""
     if not joint.is_angle:
         return np.abs(a - b) / MM
     return np.abs((a - b + 180.0) % 360.0 - 180.0)
