@@ -265,7 +265,7 @@ def _reach(work: Job, robot: api.Robot, parameters: dict[str, float]) -> dict[st
 
 
 def pareto(rows: Array, directions: Sequence[int]) -> np.ndarray:
-    """Return (k,) bool: whether each design, a row of objectives, is Pareto-optimal; designs with NaN are not."""
+    """Return (k,) bool: whether each row of objectives (k, n) is Pareto-optimal; rows with NaN are not."""
     better = rows * np.array(directions)
     known = np.isfinite(better).all(axis=1)
     out = np.zeros(len(rows), bool)

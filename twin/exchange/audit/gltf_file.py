@@ -61,7 +61,7 @@ class Gltf:
         """
         values = self.items(name)
         if isinstance(index, bool) or not isinstance(index, int) or not 0 <= index < len(values):
-            raise GltfError("gltf.reference", f"{name}[{index}] does not exist; the file has {len(values)} {name}")
+            raise GltfError("gltf.reference", f"{name}[{index}] does not exist; the file has {len(values)}")
         return values[index]
 
     def accessor(self, index: Any) -> Array:
