@@ -124,7 +124,7 @@ def parser() -> argparse.ArgumentParser:
             "--host",
             default="127.0.0.1",
             help=(
-                "address to serve on (default 127.0.0.1: this machine only); another address opens it to the network, "
+                "address to serve on (default 127.0.0.1: only this machine); others open the server to the network, "
                 "with a one-time address for each device"
             ),
         )

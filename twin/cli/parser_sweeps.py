@@ -86,7 +86,10 @@ def add_sweeps(
         help="standard deviation of a rotary joint's encoder (default 0.001)",
     )
     sub.add_argument(
-        "--require-um", type=float, metavar="UM", help="required 95th-percentile position error (default: the robot's)"
+        "--require-um",
+        type=float,
+        metavar="UM",
+        help="required 95th-percentile position error (default: the requirement of the robot)",
     )
     sub.add_argument(
         "--samples",

@@ -327,8 +327,8 @@ def compare_rest(contents: Sequence[Content]) -> None:
             content.ledger.add("compare.rest", "info", text, where=clip)
         elif apart[far] > POSITION_TOL or turn[turned] > ROTATION_TOL:
             text = (
-                f"rest poses differ from {first.file}: by {quantity(apart[far], 'm')} at link '{far}', most in "
-                f"rotation at link '{turned}'."
+                f"rest poses differ from {first.file}: by {quantity(apart[far], 'm')} at link '{far}'; the rotation "
+                f"differs most at link '{turned}'."
             )
             content.ledger.add("compare.rest", "disagreement", text, where=far, size=apart[far] * 1e6, unit="um")
 
