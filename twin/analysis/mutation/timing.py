@@ -1,4 +1,4 @@
-"""Seed faults into trajectories: wrong speed, late joints, displaced samples, a missed RCM, or other limits."""
+"""Seed faults into trajectories: wrong speed, late joints, displaced samples, a missed RCM, or changed limits."""
 
 from __future__ import annotations
 
