@@ -310,7 +310,7 @@ def test_tolerances_scale_and_add_up(robots):
 
 @pytest.mark.parametrize("spread", [Spread(0, 0, 0, 0), Spread(-1, 0, 0, 1), Spread(np.nan, 0, 0, 0)])
 def test_tolerances_that_are_none_are_refused(robots, spread):
-    with pytest.raises(TwinError, match="must be finite and not negative, and one of them positive"):
+    with pytest.raises(TwinError, match="must be finite and not negative, and at least one must be positive"):
         Tolerances(robots["pa10"].mechanism, spread)
 
 

@@ -133,7 +133,7 @@ def stretched(mechanism: Mechanism, name: str, value: float) -> Mechanism:
 
 
 def _between(mechanism: Mechanism, name: str) -> tuple[Array, Joint, str]:
-    """Return (vector (3,) in the body from first to second joint in m, second joint, its frame attribute)."""
+    """Return (vector (3,) in the body from first to second joint in m, second joint, name of its frame attribute)."""
     body, _, pair = name.partition(":")
     first, mark, second = pair.partition("-")
     if not mark:
@@ -265,7 +265,7 @@ def _reach(work: Job, robot: api.Robot, parameters: dict[str, float]) -> dict[st
 
 
 def pareto(rows: Array, directions: Sequence[int]) -> np.ndarray:
-    """Return whether each design (k,) is Pareto-optimal; designs with NaN are not."""
+    """Return (k,) bool: whether each row of objectives (k, n) is Pareto-optimal; rows with NaN are not."""
     better = rows * np.array(directions)
     known = np.isfinite(better).all(axis=1)
     out = np.zeros(len(rows), bool)

@@ -99,7 +99,7 @@ def _ranges(robot: Robot) -> Array:
 
 
 def _root(n: int) -> float:
-    """Return the positive root of x^(n + 1) = x + 1; its powers are the steps of an even sequence in n dimensions."""
+    """Return the positive root of x^(n + 1) = x + 1; its negative powers are the steps of evenly spread samples."""
     x = 2.0
     for _ in range(60):
         x = (1 + x) ** (1 / (n + 1))

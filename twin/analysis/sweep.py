@@ -133,7 +133,7 @@ def sweep(
         seed: seed of the Latin hypercube.
         workers: number of processes; default: one for each processor.
         scheduler: address of a Dask scheduler to use instead of local processes.
-        fresh: whether to evaluate again the designs that are in the cache.
+        fresh: whether designs in the cache are evaluated again.
         progress: see `twin.api.Progress`.
 
     Raises:

@@ -38,7 +38,7 @@ _ALONG = 12
 """Number of states evaluated along a protocol."""
 
 SHARE = 0.95
-"""Fraction of machines that must meet the requirement."""
+"""Fraction of the built robots that must meet the requirement."""
 
 
 @dataclass(frozen=True)
@@ -68,7 +68,7 @@ class Budget:
         labels: (errors,) joint or encoder of each error.
         sigma: (errors,) standard deviations in m or rad.
         covariance: (6, 6) covariance of the tool error, to first order.
-        within: (2,) error that the fraction `SHARE` of machines does not exceed, in m and rad, to first order.
+        within: (2,) error that the fraction `SHARE` of robots does not exceed, in m and rad, to first order.
         sampled, sampled_within: `covariance` and `within` by Monte Carlo; None if not requested.
         samples: number of Monte Carlo samples.
     """
@@ -98,7 +98,7 @@ class Budget:
 
     @property
     def difference(self) -> float | None:
-        """Largest relative difference of the standard deviations, first-order and Monte Carlo; None if not sampled."""
+        """Largest relative difference between first-order and Monte Carlo standard deviations; None if not sampled."""
         if self.sampled is None:
             return None
         a, b = (np.sqrt(np.diag(c)) for c in (self.covariance, self.sampled))
@@ -118,7 +118,7 @@ class Tolerances:
         """
         parts = (spread.shift, spread.turn, spread.slide, spread.angle)
         if min(parts) < 0 or not max(parts) > 0 or not np.isfinite(parts).all():
-            raise TwinError("tolerances must be finite and not negative, and one of them positive")
+            raise TwinError("standard deviations must be finite and not negative, and at least one must be positive")
         self.mechanism, self.spread = mechanism, spread
         self.solver = LoopSolver(mechanism)
         self.equations = e = Equations(mechanism, with_errors=True)
@@ -196,7 +196,7 @@ class Tolerances:
         return direct - Tx @ np.linalg.pinv(Jx, rcond=1e-9) @ np.hstack([Je, Jq])
 
     def _chance(self, q: Array, state: Array, samples: int, rng: np.random.Generator) -> Array:
-        """Return the tool shift (m) and rotation (rad), (samples, 6) in base, for random errors."""
+        """Return the tool shift in m and rotation in rad (samples, 6), in base, for random errors."""
         kernel, T0 = self._kernel, self.solver.forward(q)
         out = np.zeros((samples, 6))
         frames = self.error.numel()
@@ -282,7 +282,7 @@ class ToleranceBudget(Result):
         robot: name of the robot.
         spread: standard deviations of the errors.
         budgets: one budget for each state; Monte Carlo checks only the state with the largest error.
-        required: position error in m that the fraction `SHARE` of machines must not exceed, or None.
+        required: position error in m that the fraction `SHARE` of robots must not exceed, or None.
         requirement: provenance and note of the requirement.
     """
 
@@ -326,7 +326,7 @@ class ToleranceBudget(Result):
     def word(self) -> str:
         """Text that states whether the requirement is met."""
         met = {"agree": "The requirement is met", "disagree": "The requirement is not met"}
-        return met.get(self.verdict, "Nothing is required")
+        return met.get(self.verdict, "There is no requirement")
 
     @property
     def exit_code(self) -> int:
@@ -369,7 +369,7 @@ class ToleranceBudget(Result):
         for b in self.budgets:
             if b.sampled_within is not None and b.difference is not None:
                 yield (
-                    f"  Monte Carlo, {b.samples} machines in state '{b.name}': 95 % within "
+                    f"  Monte Carlo, {b.samples} robots in state '{b.name}': 95 % within "
                     f"{b.sampled_within[0] / UM:.4g} µm; standard deviations differ by {100 * b.difference:.2g} %"
                 )
         if self.required is not None and self.factor is not None:
@@ -397,8 +397,8 @@ def tolerance(
         spread: standard deviations of the errors.
         protocol: name of a protocol whose states are used; default: the robot's postures.
         required: maximum position error in m; default: the requirement of the description.
-        samples: number of random machines that check the first-order result in the worst state; 0: no check.
-        seed: seed of the random machines.
+        samples: number of robots with random errors that check the first-order result in the worst state; 0: no check.
+        seed: seed of the random errors.
         progress: see `twin.api.Progress`.
 
     Raises:
@@ -420,7 +420,7 @@ def tolerance(
         budgets.append(errors.budget(name, q))
     if samples:
         worst = int(np.argmax([b.within[0] for b in budgets]))
-        progress(f"{samples} random machines", len(states) / (len(states) + 1))
+        progress(f"{samples} robots with random errors", len(states) / (len(states) + 1))
         budgets[worst] = errors.budget(*states[worst], samples, np.random.default_rng(seed))
     stated = robot.cad.description.requirement if robot.files is not None and required is None else None
     source = f"{stated.provenance}: {stated.note}" if stated else ""

@@ -277,7 +277,7 @@ def evaluate(kernel: Kernel, grid: Grid, first: int, last: int) -> np.ndarray:
 
 
 def centre(robot: Robot) -> Array:
-    """Return T_base_tool (4, 4) in the posture home or the first posture; without postures, in the rest poses."""
+    """Return T_base_tool (4, 4) in the posture `home`, else in the first posture, else in the rest poses."""
     names = [n for n in ("home", *robot.mechanism.postures) if n in robot.mechanism.postures]
     if names:
         return robot.loops.forward(robot.mechanism.posture(names[0]))

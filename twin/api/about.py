@@ -22,7 +22,7 @@ SCENE_COMMANDS = ("info", "run", "view", "serve", "export")
 
 
 def scene_commands(scene: Scene) -> tuple[str, ...]:
-    """Return the commands that accept a scene; without protocols those that play none; with tasks also "operate"."""
+    """Return the commands that accept a scene; "run" and "export" require protocols, "operate" requires tasks."""
     return (*(SCENE_COMMANDS if scene.plays else ("info", "view", "serve")), *(("operate",) if scene.tasks else ()))
 
 
@@ -46,7 +46,7 @@ class Info(Result):
         return self.data
 
     def text(self) -> Iterator[Part]:
-        """Yield mechanism, variants of the equations, parameters with provenance, findings."""
+        """Yield the mechanism, the variants of the equations, the parameters with provenance, and the findings."""
         data = self.data
         loops = [j["name"] for j in data["joints"] if j["closes_loop"]]
         yield f"{data['name']}: {data['title']}" if data["title"] else data["name"]
@@ -78,7 +78,7 @@ class Info(Result):
 
 @dataclass(frozen=True)
 class SceneInfo(Result):
-    """Robots and props of a scene, and its numbers with provenance.
+    """Robots and props of a scene, and its parameters with provenance.
 
     Attributes:
         data: plain data.
@@ -94,7 +94,7 @@ class SceneInfo(Result):
         return self.data
 
     def text(self) -> Iterator[Part]:
-        """Yield robots, surroundings, cameras, parameters."""
+        """Yield the robots, the surroundings, the cameras and the parameters."""
         data = self.data
         yield f"{data['name']}: {data['title']}\n  {data['source']}\n"
         rows = [

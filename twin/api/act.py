@@ -39,7 +39,7 @@ def operate(
         protocol: a protocol with an insertion; default: the robot's default protocol.
         trials: number of trials, with the seeds seed, seed + 1, ...
         seed: seed of the first trial; the same seed gives the same hand motion.
-        clutch: eq. (7) of the SHER paper, "printed" or "corrected".
+        clutch: variant of eq. (7) of the SHER paper, "printed" or "corrected".
         scale: ratio of tool translation to handle translation; rotations are not scaled.
         solver: solver of the joint step, "damped" or "slsqp".
         progress: see `Progress`.

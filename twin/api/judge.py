@@ -25,7 +25,7 @@ def plan(robot: Robot, protocol: str | Path | Protocol | None = None, progress: 
     """Return the timed trajectory of a protocol, checked at 1 kHz.
 
     Raises:
-        ProtocolError: the protocol cannot be carried out; the message names phase, path position and amount.
+        ProtocolError: the protocol cannot be carried out; the message names phase, path position and excess.
         TimingError: no timing satisfies the limits.
     """
     from twin.planning.plan import plan as plan_
@@ -146,7 +146,7 @@ def strokes(
         progress: see `Progress`.
 
     Raises:
-        TwinError: there is no such joint or stand-in.
+        TwinError: there is no such joint or simplified model.
     """
     from twin.validation.sweep import STANDINS, Strokes, sweep
 

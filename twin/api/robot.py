@@ -242,7 +242,7 @@ class Robot:
     ) -> Array:
         """Return q (n,) for a pose (4, 4), or (k, n) for poses (k, 4, 4).
 
-        Without an inverse equation, each pose is solved from the previous solution, the first pose from the seed.
+        Without an inverse equation, each pose is solved from the previous solution, the first pose from `seed` (n,).
 
         Raises:
             KinematicsError: a pose is out of reach; the message names the index of the pose.
@@ -260,7 +260,7 @@ class Robot:
         return kin.forward(q, seed) if q.ndim == 1 else kin.forward_many(q, seed)
 
     def jacobian(self, q: Array, seed: Array | None = None) -> Array:
-        """Return the Jacobian (6, n): tool twist in base, linear rows first, per rate of the active joints."""
+        """Return the Jacobian (6, n) from rates of the active joints to the tool twist in base, linear rows first."""
         kin = self._kinematics
         return kin.jacobian(kin.forward(np.asarray(q, float), seed), q)
 

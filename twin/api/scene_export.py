@@ -1,7 +1,7 @@
 """Export a scene: a checked bundle for each robot with its base pose, and one USD stage with all robots.
 
 Files in formats other than USD contain one robot with its motion. `scene.json` contains the pose of each robot's base.
-A player places the bases, and starts all motions at the same time. A robot that a console controls has no motion: its
+A player must place the bases and start all motions together. A robot that a console controls has no motion: its
 files contain the pose at which the console takes over, and `scene.json` contains its joint values there.
 """
 
@@ -140,7 +140,10 @@ def export_scene(
 
 
 def _robot(place: Place) -> Robot:
-    """Return the robot of a place; one without a protocol rests where the console takes it over, with its masses."""
+    """Return the robot of a place.
+
+    If the place has no protocol, the masses are computed, and the rest pose is that at which a console takes control.
+    """
     from twin.simulation.console_scene import start
 
     robot = load(place.robot)
@@ -161,7 +164,7 @@ def _write_stage(scene: Scene, bundles: Mapping[str, Bundle], folder: Path) -> P
     mechanisms = {n: b.order.mechanism for n, b in bundles.items()}
     props = None if scene.props is None else read_props(scene.props)
     stage = write_scene(scene, folder, stages, mechanisms, props, _duration(bundles))
-    if not any(p.protocol for p in scene.places):  # else the stage holds baked motions, which a simulator would fight
+    if not any(p.protocol for p in scene.places):  # otherwise drives would oppose the baked motions
         write_simulated(scene.name, folder)
     return stage
 
@@ -183,7 +186,7 @@ def _start(bundle: Bundle) -> dict[str, float]:
 
 
 def _check(stage: Path, scene: Scene, bundles: Mapping[str, Bundle]) -> dict[str, Any]:
-    """Return the maximum deviation of the links in the composed USD stage from what was written robot by robot."""
+    """Return the maximum deviation of the links in the scene's USD stage from the poses in the robots' bundles."""
     from twin.exchange.audit.scene import Shown, deviation
 
     shown = {p.name: Shown(p.T_world_base, *_keys(bundles[p.name])) for p in scene.places}
@@ -191,7 +194,7 @@ def _check(stage: Path, scene: Scene, bundles: Mapping[str, Bundle]) -> dict[str
 
 
 def _keys(bundle: Bundle) -> tuple[Array, Mapping[str, Array]]:
-    """Return times (k,) in s and link poses (k, 4, 4): of the motion, else the poses at rest at time 0."""
+    """Return (times (k,) in s, link poses (k, 4, 4)) of the motion; without a motion, the poses at rest at time 0."""
     for clip in bundle.order.clips:
         return clip.times, clip.links
     return np.zeros(1), {n: T[None] for n, T in home_poses(bundle.order.mechanism).items()}
@@ -225,7 +228,7 @@ def _readme(scene: Scene, formats: Sequence[str]) -> str:
         "scene.json   T_world_base of each robot (4 x 4, row by row), and its protocol; all motions start together.",
     ]
     if led := [p.name for p in scene.places if not p.protocol]:
-        lines.append(f"A console leads {', '.join(led)}: no motion; joint values where it begins are in scene.json.")
+        lines.append(f"A console controls {', '.join(led)}: no motion; scene.json has the joint values at its start.")
     if "usd" in formats:
         lines.append(f"usd/{scene.name}.usda   all robots at their base poses with their motions, and the props.")
     if "usd" in formats and not any(p.protocol for p in scene.places):

@@ -154,7 +154,7 @@ class ConsoleSession(Result):
                     "session.differs",
                     d.signal,
                     f"the replay gives different bytes from this second on{size}",
-                    suggestion="replay with the version of twin and on the kind of processor of the recording",
+                    suggestion="replay with the twin version and the processor type of the recording",
                     when=f"{d.t0:g} .. {d.t1:g} s",
                 )
             )
@@ -167,7 +167,7 @@ class ConsoleSession(Result):
                 disagreement(
                     "task.missed",
                     target.name,
-                    "this target was not touched: smallest distance of its tips",
+                    "this target was not touched; smallest distance from the tips",
                     mm(target.nearest),
                     mm(self.task.tolerance),
                     word="required",
@@ -256,7 +256,7 @@ class ConsoleSession(Result):
         yield ""
         scale = f"{c.scale[0]:g}" if c.scale[0] == c.scale[1] else f"{c.scale[0]:g} to {c.scale[1]:g}"
         console = [
-            ("time since an arm first followed", f"{c.time:.1f} s of {c.duration:.1f} s"),
+            ("time since an arm first followed a hand", f"{c.time:.1f} s of {c.duration:.1f} s"),
             ("clutch presses", f"{c.clutches}, for {c.clutched:.1f} s; quick taps: {c.taps}"),
             ("camera moves", f"{c.camera_moves}, for {c.camera_time:.1f} s"),
             ("device silent", f"{c.silent:.1f} s"),
@@ -410,7 +410,7 @@ def replay_session(
 
     Args:
         path: a session file.
-        scene: the scene of the session, as name, path or loaded scene; default: the built-in scene of the file's name.
+        scene: the scene of the session, as name, path or loaded scene; default: the built-in scene that the file names.
         progress: see `Progress`.
 
     Raises:

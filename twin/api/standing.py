@@ -33,7 +33,7 @@ def standing(scene: str, robot: str, load: Callable[[str], Any]) -> list[Still]:
     read = load_scene(file)
     own = next((p for p in read.places if p.name == robot), None)
     if own is None:
-        raise TwinError(f"scene '{read.name}' has no robot '{robot}', but {', '.join(p.name for p in read.places)}")
+        raise TwinError(f"scene '{read.name}' has no robot '{robot}'; it has: {', '.join(p.name for p in read.places)}")
     groups = []
     for place in read.places:
         if place is not own:

@@ -1,6 +1,6 @@
 """The command line: `twin <command> ...`.
 
-Exit codes: 0 agree or done, 1 disagree, 2 could not check or wrong usage.
+The exit code is 0 for agreement or success, 1 for a disagreement, 2 if the check was impossible or the usage is wrong.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     for stream in (sys.stdout, sys.stderr):  # print a question mark for unsupported characters
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")
-    if not argv:  # no command: print the help, and exit as wrong usage
+    if not argv:  # no command: print the help; this is wrong usage
         parser().print_help()
         return 2
     try:

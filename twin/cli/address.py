@@ -19,7 +19,7 @@ def free_port(host: str, port: int) -> int:
         try:
             s.bind((host, port))
         except OSError as error:
-            if error.errno in (98, 48, 10048):  # in use, on Linux, macOS, Windows
+            if error.errno in (98, 48, 10048):  # error numbers of a port in use: Linux, macOS, Windows
                 with socket.socket() as other:
                     other.bind((host, 0))
                     free = other.getsockname()[1]

@@ -9,7 +9,7 @@ from twin.cli import show
 
 
 def audit(args: argparse.Namespace) -> int:
-    """Audit a file or folder, print measurements and findings; exit 1 if there is a fault, 2 if unreadable."""
+    """Audit a file or folder and print the results; the exit code is 1 for a fault, 2 for an unreadable file."""
     with show.progress(args.quiet or args.json) as progress:
         report = api.audit(args.path, args.robot, progress)
     return show.finish(report, args, text=report.text(args.all))

@@ -39,7 +39,7 @@ def info(args: argparse.Namespace) -> int:
 
 
 def build(args: argparse.Namespace) -> int:
-    """Write the stage; with --check compare the existing stage with a newly built one."""
+    """Write the stage or, with --check, compare the existing stage with a newly built one."""
     robot = api.load(args.robot)
     chosen = _protocols(robot, args) if args.protocol else None
     if args.check and chosen:
@@ -163,7 +163,7 @@ def _protocols(robot: api.Robot, args: argparse.Namespace) -> tuple[str, ...]:
 
 
 def _variants(robot: api.Robot, texts: Sequence[str]) -> list[dict[str, str] | None]:
-    """Return the variants of the equations to validate, with a report for each."""
+    """Return for each report to write the variants by equation, or None for the default variants."""
     chosen = asked(texts)
     if chosen is None:
         return [None]

@@ -12,7 +12,10 @@ from twin.core import assets
 
 
 def console(args: argparse.Namespace) -> int:
-    """Check the equations; print every clause (requirement); write JSON, page and picture; exit 1 if one fails."""
+    """Check the equations and print every clause (requirement); write JSON, page and picture.
+
+    The exit code is 1 if a clause fails.
+    """
     from twin.ui.report.files import write_result
 
     variants = asked(args.variant)

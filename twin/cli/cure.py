@@ -95,7 +95,10 @@ def tolerance(report: Report) -> tuple[float, float]:
 
 
 def text(found: Explanation, command: str) -> str:
-    """Return the fix of the disagreeing rows (equations compared with the mechanism) in one line; "" without a fix."""
+    """Return the fix of the disagreeing rows (equations compared with the mechanism) in one line; "" without a fix.
+
+    `command` is a command line that shows details; the text refers to it where necessary.
+    """
     parts = [*_edits(found, command), *_numbers(found), *dict.fromkeys(c.message for c in found.conventions)]
     if not parts:
         return ""
@@ -104,7 +107,7 @@ def text(found: Explanation, command: str) -> str:
 
 
 def _edits(found: Explanation, command: str) -> list[str]:
-    """Return texts on the edits; an edit of several rows is listed once, and only the first of equivalent edits."""
+    """Return texts on the edits: each edit once, even for several rows; of equivalent edits, only the first."""
     rows: dict[tuple[str, ...], list[str]] = {}
     lines: dict[tuple[str, ...], set[int]] = {}
     tied: set[tuple[str, ...]] = set()

@@ -13,7 +13,7 @@ from twin.core.units import UM
 
 
 def explain(args: argparse.Namespace) -> int:
-    """Print the explanation; the exit code is 0 agree, 1 disagree, 2 could not check."""
+    """Print the explanation; the exit code is 0 for agreement, 1 for a disagreement, 2 if the check was impossible."""
     if not (math.isfinite(args.seconds) and args.seconds >= 0):
         raise TwinError(f"--seconds {args.seconds:g}: give a number of seconds, 0 or more")
     um = args.tolerance_um

@@ -16,7 +16,7 @@ from twin.exchange.write.clip import Budget
 
 
 def export(args: argparse.Namespace) -> int:
-    """Write the export folder, audit it, print the files; exit 1 if the audit finds a difference."""
+    """Write the export folder, audit it and print the files; the exit code is 1 if the audit finds a difference."""
     formats = chosen_formats(None if args.to is None else [f.strip() for f in args.to.split(",") if f.strip()])
     budget = Budget()
     if args.budget_um is not None:

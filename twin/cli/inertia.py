@@ -10,7 +10,7 @@ from twin.cli import show
 
 
 def run(robot: api.Robot, args: argparse.Namespace) -> int:
-    """Print the audit of every source of the robot's masses; exit 1 if a mass or inertia is impossible."""
+    """Print the audit of every source of the robot's masses; the exit code is 1 if a value is impossible."""
     with show.progress(args.quiet or args.json) as progress:
         found = published.masses(robot, progress)
     return show.finish(found, args)

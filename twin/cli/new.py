@@ -84,7 +84,7 @@ def _make(
 
 
 def _print(findings: list[Finding]) -> None:
-    """Print the warnings, at most a few of each kind."""
+    """Print the warnings, at most `_SHOWN` of each kind."""
     kinds: dict[str, list[Finding]] = {}
     for finding in findings:
         if finding.severity != "info":

@@ -11,11 +11,14 @@ from twin.core import assets
 from twin.core.errors import TwinError
 
 _SCALE = 0.1
-"""Default motion scale of a robot's operator; a console has its own."""
+"""Default motion scale of a robot's operator; a console has another default."""
 
 
 def operate(args: argparse.Namespace) -> int:
-    """Simulate the operator; print measures; write JSON, CSV and a picture; exit 1 if a goal was not reached."""
+    """Simulate the operator and print the measures; write JSON, CSV and a picture.
+
+    The exit code is 1 if a goal was not reached.
+    """
     from twin.ui.report.files import write_result
 
     if (file := assets.scene_file(args.robot)) is not None:

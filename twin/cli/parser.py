@@ -31,7 +31,7 @@ NAMES += ("workspace", "tolerance", "sweep", "doctor")
 
 
 class UsageError(Exception):
-    """Invalid arguments; `usage` is the correct form."""
+    """Invalid arguments of the command line; `usage` shows the correct form."""
 
     def __init__(self, message: str, usage: str) -> None:
         super().__init__(message)
@@ -124,7 +124,7 @@ def parser() -> argparse.ArgumentParser:
             "--host",
             default="127.0.0.1",
             help=(
-                "address to serve on (default 127.0.0.1: this machine only); another address opens it to the network, "
+                "address to serve on (default 127.0.0.1: only this machine); others open the server to the network, "
                 "with a one-time address for each device"
             ),
         )
@@ -156,12 +156,12 @@ def parser() -> argparse.ArgumentParser:
         "info",
         "show a robot: joints, limits, frames, parameters with provenance; or a scene",
         "  twin info sils\n  twin info vsrs                   a scene\n"
-        "  twin info pa10 --inertia        are the stated masses and inertias possible?",
+        "  twin info pa10 --inertia        are masses and inertias physically possible?",
     )
     robot(sub)
     tool(sub)
     sub.add_argument(
-        "--inertia", action="store_true", help="check the masses and inertias in CAD, stage and tables instead"
+        "--inertia", action="store_true", help="only check the masses and inertias in CAD, stage and tables"
     )
 
     sub = add(
@@ -194,7 +194,7 @@ def parser() -> argparse.ArgumentParser:
     robot(sub)
     out(sub, "./twin-out/<robot>/<protocol>/")
     chosen(sub)
-    variants(sub, "each equation that has this variant, first one at a time, then all together")
+    variants(sub, "every equation that has this variant: one report for each equation, and one for all together")
     sub.add_argument(
         "--tolerance-um",
         type=float,
@@ -211,7 +211,7 @@ def parser() -> argparse.ArgumentParser:
     sub.add_argument(
         "--compare",
         metavar="NAMES",
-        help="with --sweep: also the error of simplified loop models (comma-separated list of serial, mimic)",
+        help="with --sweep: also compute the error of simplified loop models (comma-separated list of serial, mimic)",
     )
 
     sub = add(
@@ -260,9 +260,9 @@ def parser() -> argparse.ArgumentParser:
     )
     sub.add_argument("robot", help="a built-in robot or scene, the path of a robot folder, a scene or a USD stage")
     sub.add_argument("protocol", nargs="?", help="name or path of a protocol (default: the robot's default)")
-    sub.add_argument("--port", type=_port, default=8080, help="port of the page (default 8080; 0 takes any free port)")
+    sub.add_argument("--port", type=_port, default=8080, help="port of the page (default 8080; 0: any free port)")
     host(sub)
-    sub.add_argument("--no-browser", action="store_true", help="open no browser")
+    sub.add_argument("--no-browser", action="store_true", help="do not open a browser")
     tool(sub)
     sub.add_argument("--html", metavar="FILE", help="write a recording of the protocol and exit")
     sub.add_argument("--task", metavar="NAME", help="task at the console of a scene: its rings can be grasped")
@@ -283,11 +283,9 @@ def parser() -> argparse.ArgumentParser:
     )
     sub.add_argument("robot", help="a built-in robot or scene, the path of a robot folder, a scene or a USD stage")
     sub.add_argument("protocol", nargs="?", help="name or path of a protocol (default: the robot's default)")
-    sub.add_argument(
-        "--port", type=_port, default=8765, help="port of the server (default 8765; 0 takes any free port)"
-    )
+    sub.add_argument("--port", type=_port, default=8765, help="port of the server (default 8765; 0: any free port)")
     host(sub)
-    sub.add_argument("--no-browser", action="store_true", help="open no browser")
+    sub.add_argument("--no-browser", action="store_true", help="do not open a browser")
     sub.add_argument("--record", metavar="FILE", help="record the session: requests, states and frames, as JSON")
     sub.add_argument("--replay", metavar="FILE", help="replay a recorded session instead, frame by frame")
     sub.add_argument(
@@ -308,7 +306,7 @@ def parser() -> argparse.ArgumentParser:
         help="topic of the motion scale; messages to TOPIC/set change the scale (default twin/<scene>/scale)",
     )
     sub.add_argument(
-        "--session", metavar="FILE", help="record the hands at a console, tick by tick; twin session replays them"
+        "--session", metavar="FILE", help="record the motion of the hands at a console; twin session replays the file"
     )
     sub.add_argument("--cert", metavar="FILE", help="certificate (PEM) for https, which headsets require for AR")
     sub.add_argument(
@@ -359,7 +357,7 @@ def parser() -> argparse.ArgumentParser:
     )
     sub.add_argument("file", help="a file of twin serve --session, or hands.session of twin operate")
     sub.add_argument(
-        "--scene", metavar="SCENE", help="path of the session's scene (default: the built-in scene of this name)"
+        "--scene", metavar="SCENE", help="path of the session's scene (default: the built-in scene that it names)"
     )
     sub.add_argument("--out", metavar="FOLDER", help="folder to write to (default: nothing is written)")
 
@@ -390,7 +388,7 @@ def parser() -> argparse.ArgumentParser:
             "CAD"
         ),
     )
-    sub.add_argument("--curve", action="store_true", help="also sweep model errors of -20..20 %%")
+    sub.add_argument("--curve", action="store_true", help="also compute the tip error for model errors of -20..20 %%")
 
     sub = add(
         "study",

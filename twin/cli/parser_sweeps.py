@@ -43,7 +43,7 @@ def add_sweeps(
     sub.add_argument(
         "--joints",
         action="store_true",
-        help="sample joint values instead of poses (always done without a closed-form inverse)",
+        help="sample joint values instead of poses (always done for equations without a closed-form inverse)",
     )
     _scheduler(sub)
     out(sub, "./twin-out/<robot>/workspace/")
@@ -86,7 +86,10 @@ def add_sweeps(
         help="standard deviation of a rotary joint's encoder (default 0.001)",
     )
     sub.add_argument(
-        "--require-um", type=float, metavar="UM", help="required 95th-percentile position error (default: the robot's)"
+        "--require-um",
+        type=float,
+        metavar="UM",
+        help="required 95th-percentile position error (default: the requirement of the robot)",
     )
     sub.add_argument(
         "--samples",

@@ -46,7 +46,7 @@ def refuse(args: argparse.Namespace) -> None:
 
 
 def content(scene: Scene) -> tuple[dict[str, api.Robot], Mechanism | None]:
-    """Return (robots by name of their place, props or None) of a scene; each robot folder is read once."""
+    """Return (robots by name in the scene, props or None) of a scene; each robot folder is read once."""
     from twin.cad.build import read_props
 
     kinds = {name: api.load(name) for name in {p.robot for p in scene.places}}
@@ -55,7 +55,10 @@ def content(scene: Scene) -> tuple[dict[str, api.Robot], Mechanism | None]:
 
 
 def run(file: Path, args: argparse.Namespace) -> int:
-    """Plan and play the protocols of all robots together, write stage, table and picture; exit 1 if robots collide."""
+    """Plan and play the protocols of all robots together; write stage, table and picture.
+
+    The exit code is 1 if robots collide.
+    """
     from twin.ui.report.files import write_result
 
     scene = api.load_scene(file)

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def selftest(args: argparse.Namespace) -> int:
-    """Seed faults, validate, store the score; exit 1 if the score is too low or the correct robot has a finding."""
+    """Seed faults, validate and store the score; the exit code is 1 for a low score or for a false alarm."""
     from twin.analysis.mutation.fault import FAMILIES
     from twin.analysis.mutation.run import selftest as run
     from twin.ui.report.files import write_result

@@ -11,7 +11,10 @@ from twin.core import assets
 
 
 def session(args: argparse.Namespace) -> int:
-    """Replay the session and print its measures; with --out write page, picture and data; exit 1 on a difference."""
+    """Replay the session and print its measures; with --out, write page, picture and data.
+
+    The exit code is 1 if the replay differs from the recording, or if a target was not touched.
+    """
     from twin.ui.report.files import write_result
 
     folder = None if args.out is None else Path(args.out)

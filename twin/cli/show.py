@@ -29,7 +29,7 @@ def tool_note(robot: Robot, quiet: bool) -> None:
 
 @contextlib.contextmanager
 def progress(quiet: bool) -> Iterator[Callable[[str, float], None]]:
-    """Yield a function that shows the progress; it shows nothing if `quiet` or without a terminal."""
+    """Yield a function that shows the progress; it shows nothing if `quiet` is set or stderr is not a terminal."""
     if quiet or not sys.stderr.isatty():
         yield lambda label, fraction: None
         return

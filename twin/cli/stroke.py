@@ -13,7 +13,10 @@ from twin.core.errors import TwinError
 
 
 def run(robot: api.Robot, args: argparse.Namespace) -> int:
-    """Sweep, print a table, write sweep.json, a CSV for each joint and sweep.png; exit 1 if equations disagree."""
+    """Sweep the joints and print a table; write sweep.json, a CSV for each joint and sweep.png.
+
+    The exit code is 1 if the equations disagree.
+    """
     from twin.ui.report.files import write_result
 
     standins = tuple(filter(None, (args.compare or "").split(",")))

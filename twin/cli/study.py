@@ -9,5 +9,8 @@ from twin.cli import show
 
 
 def study(args: argparse.Namespace) -> int:
-    """Print the recomputed tables of a robot's studies or of one file; exit 1 if they differ from the paper."""
+    """Print the recomputed tables of a robot's studies or of one file.
+
+    The exit code is 1 if they differ from the paper.
+    """
     return show.finish(published.study(args.subject), args)

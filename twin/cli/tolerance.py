@@ -15,7 +15,10 @@ from twin.core.units import DEG, UM
 
 
 def tolerance(args: argparse.Namespace) -> int:
-    """Compute and print the tool error, write a picture and a file; exit 1 if a requirement is not met."""
+    """Compute and print the tool error; write a picture and a file.
+
+    The exit code is 1 if a requirement is not met.
+    """
     from twin.analysis.tolerance import Spread
     from twin.analysis.tolerance import tolerance as compute
     from twin.ui.report.files import write_result

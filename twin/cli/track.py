@@ -12,7 +12,10 @@ from twin.ui.report.files import write_result
 
 
 def track(args: argparse.Namespace) -> int:
-    """Simulate the control, print errors and efforts, write files; exit 1 if the tip error exceeds 1 mm."""
+    """Simulate the control, print errors and efforts, and write files.
+
+    The exit code is 1 if the tip error exceeds 1 mm.
+    """
     robot = api.load(args.robot)
     protocol = robot.protocol(args.protocol)
     folder = Path(args.out) if args.out else Path("twin-out") / robot.name / f"{protocol.name}-track"

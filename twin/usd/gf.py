@@ -1,7 +1,7 @@
 """Conversions between numpy and the types Gf and Vt of OpenUSD.
 
-Only this module handles three differences. Gf matrices act on row vectors, so numpy poses must be transposed (without
-transposing, the translation is lost without an error). The constructor of `Gf.Quat*` expects w first, but
+Only this module handles three differences. Gf matrices act on row vectors, so numpy poses must be transposed (otherwise
+the translation is lost and no error is raised). The constructor of `Gf.Quat*` expects w first, but
 `Vt.Quat*Array` uses x, y, z, w in conversions from and to numpy. Gf types require Python floats, not numpy scalars.
 """
 

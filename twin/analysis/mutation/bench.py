@@ -129,7 +129,7 @@ class Bench:
 
     @cached_property
     def usual(self) -> set[tuple[str, str]]:
-        """(code, place) of each finding on the correct robot, except infos."""
+        """(code, place) of each finding on the correct robot, except findings of severity info."""
         return {(f.code, f.where) for f in self.correct.findings if f.severity != "info"}
 
     # -- one fault ---------------------------------------------------------------------------------------
@@ -158,7 +158,7 @@ class Bench:
     def _heard(self, fault: Fault, folder: Path) -> tuple[Finding | None, str]:
         """Return (new finding or None, reason why the fault has no effect or "").
 
-        The finding is the first finding that changes the verdict, otherwise a warning. After a warning, only one more
+        The finding is the first one that changes the verdict, or else a warning. After a warning, only one more
         part of the validator is run. If the first part finds nothing, the function checks whether the fault has any
         effect before the next part is run.
         """

@@ -21,7 +21,7 @@ MEANING: dict[Family, str] = {
     "cad": "a joint frame moved or turned, a limit, a shape",
     "usd": "one changed attribute of the written stage or motion",
     "units": "a value in the wrong unit, such as metres instead of millimetres",
-    "timing": "samples too fast, too late, or off the RCM",
+    "timing": "samples too fast, too late, or away from the RCM",
 }
 
 State = Literal["caught", "warned", "missed", "equivalent"]

@@ -1,4 +1,4 @@
-"""Seed faults into trajectories: wrong speed, late joints, displaced samples, a missed RCM, or other limits."""
+"""Seed faults into trajectories: wrong speed, late joints, displaced samples, a missed RCM, or changed limits."""
 
 from __future__ import annotations
 
@@ -78,13 +78,13 @@ def _bump(t: Trajectory, rng: np.random.Generator) -> Made:
         j = int(rng.integers(t.q.shape[1]))
         q = t.q.copy()
         q[k, j] += size * MM  # m or rad
-        return f"joint {t.joint_names[j]} off by {size:.2f} mm or mrad at t = {t.t[k]:.2f} s", lambda: replace(t, q=q)
+        return f"joint {t.joint_names[j]} moved {size:.2f} mm or mrad at t = {t.t[k]:.2f} s", lambda: replace(t, q=q)
     tools, frames = t.Ts_base_tool.copy(), t.Ts_base_frame.copy()
     direction = rng.normal(size=3)
     for Ts in (tools, frames):
         Ts[k, :3, 3] += size * MM * direction / np.linalg.norm(direction)
     made = replace(t, Ts_base_tool=tools, Ts_base_frame=frames)
-    return f"tool off by {size:.2f} mm at t = {t.t[k]:.2f} s", lambda: made
+    return f"tool moved {size:.2f} mm at t = {t.t[k]:.2f} s", lambda: made
 
 
 def _stated(t: Trajectory, rng: np.random.Generator) -> Made:
@@ -160,7 +160,7 @@ def _clock(t: Trajectory, rng: np.random.Generator) -> Made:
     k, part = _inner(t, rng), float(rng.uniform(0.05, 0.5))
     times = t.t.copy()
     times[k] += part * (times[1] - times[0])
-    return f"sample at t = {t.t[k]:.2f} s has its time {100 * part:.0f} % of a step late", lambda: replace(t, t=times)
+    return f"time of the sample at t = {t.t[k]:.2f} s is {100 * part:.0f} % of a step late", lambda: replace(t, t=times)
 
 
 _MAKERS: dict[str, Callable[[Trajectory, np.random.Generator], Made]] = {

@@ -24,7 +24,7 @@ BOX_TOL = 2e-5
 
 STAGES = ("usd", "usda", "usdc")
 _RANK = {"truth": 0, "tracks": 1, "usda": 2, "usd": 2, "usdc": 2, "glb": 3, "gltf": 3, "csv": 4, "usdz": 5}
-"""Rank of formats as reference; the formats with the most digits and data have the lowest rank."""
+"""Order in which formats are chosen as reference, lowest number first: formats with more digits and data come first."""
 
 
 @dataclass(frozen=True)
@@ -169,7 +169,7 @@ def _times_apart(clip: Clip, ref: Reference, mine: Array, its: Array) -> str:
         here, there = told_apart(clip.duration, ref.clip.duration)
         return (
             f"the clip lasts {here} s; in {ref.source} it lasts {there} s (ratio {ratio:.6g}); {len(mine)} "
-            f"of its {len(clip.times)} key times are among the {len(ref.clip.times)} key times there"
+            f"of its {len(clip.times)} key times are also key times there (of {len(ref.clip.times)})"
         )
     said = []
     for times, shared, text in (
@@ -292,7 +292,7 @@ def _check_silent(contents: Sequence[Content], refs: Mapping[str, Reference]) ->
 
 
 def _check_missing(contents: Sequence[Content], refs: Mapping[str, Reference]) -> None:
-    """Report clips that are missing in a glTF file, or that have no file of their own in the other formats."""
+    """Report clips that are missing in a glTF file, or that no file of another format contains."""
     for content in contents:
         if content.format in ("glb", "gltf") and content.clips and content.declared:
             for name in sorted(set(refs) - {c.name for c in content.clips}):
@@ -327,8 +327,8 @@ def compare_rest(contents: Sequence[Content]) -> None:
             content.ledger.add("compare.rest", "info", text, where=clip)
         elif apart[far] > POSITION_TOL or turn[turned] > ROTATION_TOL:
             text = (
-                f"rest poses differ from {first.file}: by {quantity(apart[far], 'm')} at link '{far}', most in "
-                f"rotation at link '{turned}'."
+                f"rest poses differ from {first.file}: by {quantity(apart[far], 'm')} at link '{far}'; the rotation "
+                f"differs most at link '{turned}'."
             )
             content.ledger.add("compare.rest", "disagreement", text, where=far, size=apart[far] * 1e6, unit="um")
 
@@ -358,7 +358,7 @@ def compare_shapes(contents: Sequence[Content]) -> None:
                     "compare.shape",
                     "disagreement",
                     f"the bounding box of the meshes of link '{name}' differs by {off * 1e3:.4g} mm from {first.file}; "
-                    f"its diagonal is {float(np.linalg.norm(a.high - a.low)):.4g} m here and {size:.4g} m there.",
+                    f"its diagonal is {float(np.linalg.norm(a.high - a.low)):.4g} m; in that file it is {size:.4g} m.",
                     where=name,
                     size=off * 1e3,
                     unit="mm",

@@ -1,4 +1,4 @@
-"""Couplings of joints solved for single joints, so that files that state the same constraints differently are equal."""
+"""Convert couplings of joints to a unique form, because files may state the same constraints differently."""
 
 from __future__ import annotations
 
@@ -7,17 +7,17 @@ from collections.abc import Mapping
 import numpy as np
 
 _SAME = 1e-6
-"""Part of a row, relative to its largest ratio, that counts as zero: files hold single precision."""
+"""Magnitude up to which a ratio counts as zero, after each row is divided by its largest ratio (single precision)."""
 
 
 def solved(couplings: Mapping[str, tuple[Mapping[str, float], float]]) -> dict[str, tuple[dict[str, float], float]]:
-    """Return couplings in reduced row echelon form, by the joint that each is solved for: the first one by name.
+    """Return couplings in reduced row echelon form; the key of a row is its first joint in alphabetical order.
 
-    One file couples each joint of a chain to the next, another one all of them to the first: the form is the same.
-    Couplings with ratios that are no finite numbers are left out.
+    The form is the same whether a file couples each joint of a chain to the next or all joints to the first. Couplings
+    with numbers that are not finite are left out.
 
     Args:
-        couplings: (ratios by joint, constant sum) by name.
+        couplings: (ratios by joint, constant sum of ratio times joint coordinate) by name.
     """
     joints = sorted({n for ratios, _ in couplings.values() for n in ratios})
     rows = np.array([[*(ratios.get(n, 0.0) for n in joints), total] for ratios, total in couplings.values()], float)

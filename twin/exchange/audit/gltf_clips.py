@@ -119,7 +119,9 @@ class Clips:
         ]
         if jumping:
             node = self._nodes[jumping[0].node].label
-            text = f"clip '{clip}' jumps from key to key (STEP) in {len(jumping)} channels, such as of node '{node}'."
+            text = (
+                f"clip '{clip}' jumps from key to key (STEP) in {len(jumping)} channels, such as that of node '{node}'."
+            )
             self._ledger.add("gltf.jumps", "info", text, where=clip, suggestion="use LINEAR for a motion")
 
 

@@ -174,7 +174,7 @@ def natural(spec: Any, key: str, name: str, default: int | None = None) -> int:
     """Return an entry of a JSON object that must be a whole number >= 0; the default if the entry is missing.
 
     Raises:
-        GltfError: the entry is missing and there is no default, or it is not a whole number >= 0.
+        GltfError: a required entry is missing, or the entry is not a whole number >= 0.
     """
     value = spec.get(key, default) if isinstance(spec, dict) else None
     if isinstance(value, float) and value.is_integer():

@@ -24,7 +24,7 @@ class Node:
         translation: (3,) in m, relative to the parent, at rest.
         rotation: quaternion (4,), x y z w, at rest.
         scale: (3,) at rest.
-        matrix: T_parent_node (4, 4) at rest, used instead of the three above; None if the file has none.
+        matrix: T_parent_node (4, 4) at rest, used instead of the entries above; None if the file has none.
         spec: its JSON object.
         copied: whether its extras repeat the extras of an ancestor, because some exporters copy extras to meshes.
     """

@@ -133,10 +133,10 @@ def weld(vertices: Array, triangles: Array) -> Array:
 
 
 def edges(triangles: Array) -> tuple[bool, bool]:
-    """Return (consistent, mixed): both mean a closed mesh, with faces of consistent or of inconsistent orientation.
+    """Return whether a mesh is (closed and consistently oriented, closed and inconsistently oriented).
 
-    The orientation is consistent if each directed edge occurs as often as its opposite. Both are False for an open
-    mesh. Triangles that are degenerate after welding are ignored.
+    The orientation is consistent if each directed edge occurs as often as its opposite. Both values are False for an
+    open mesh. Triangles that are degenerate after welding are ignored.
     """
     t = triangles[(triangles[:, 0] != triangles[:, 1]) & (triangles[:, 1] != triangles[:, 2])]
     t = t[t[:, 0] != t[:, 2]].astype(np.int64)

@@ -135,7 +135,7 @@ class Joint:
 
     @property
     def kind(self) -> str:
-        """Fixed, revolute, prismatic, cylindrical, spherical, free or "chain of ..." (other motions); "": unknown."""
+        """Fixed, revolute, prismatic, cylindrical, spherical, free, "chain of ..." (other motions), or "" (unknown)."""
         if self.kind_said:
             return self.kind_said
         if self.tied:

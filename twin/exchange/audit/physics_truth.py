@@ -17,7 +17,7 @@ GRAVITY = 9.81
 
 
 def mechanism_physics(mechanism: Mechanism) -> Physics:
-    """Return the mechanism data of a mechanism; its loops need not be closed."""
+    """Return a mechanism in the common form of mechanism data; its loops need not be closed."""
     m = mechanism
     out = Physics(
         tuple(b.name for b in m.bodies),

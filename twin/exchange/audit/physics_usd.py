@@ -181,12 +181,12 @@ def _motors(root: Usd.Prim) -> dict[str, Motor]:
 
 
 def _couplings(stage: Usd.Stage, meters: float) -> dict[str, tuple[dict[str, float], float]]:
-    """Return the couplings of joints: tendons of PhysX, and its mimic joints, q + gearing * leader + offset = 0."""
+    """Return the couplings in PhysX tendons and PhysX mimic joints (q + gearing * leader + offset = 0)."""
     out: dict[str, tuple[dict[str, float], float]] = {}
     for prim in stage.Traverse():
         for name in map(
             str, prim.GetPrimTypeInfo().GetAppliedAPISchemas()
-        ):  # also those that this OpenUSD does not know
+        ):  # including schemas unknown to this OpenUSD
             if name.startswith("PhysxMimicJointAPI:"):
                 place = f"physxMimicJoint:{name.split(':', 1)[1]}"
                 leader = prim.GetRelationship(f"{place}:referenceJoint")
@@ -207,5 +207,5 @@ def _couplings(stage: Usd.Stage, meters: float) -> dict[str, tuple[dict[str, flo
 
 
 def _unit(joint: Usd.Prim, meters: float) -> float:
-    """Return the m or rad of one unit of a joint's coordinate."""
+    """Return the size in m or rad of one unit of a joint's coordinate."""
     return np.pi / 180 if joint.IsA(UsdPhysics.RevoluteJoint) else meters

@@ -88,7 +88,7 @@ def split(M: ArrayLike) -> tuple[Array, Array]:
 
 
 def slerp(a: Array, b: Array, u: Array) -> Array:
-    """Return quaternions (k, 4), spherically interpolated from a to b (k, 4) at fractions u (k,), the shorter way."""
+    """Return quaternions (k, 4), interpolated along the shorter rotation from a to b (k, 4) at fractions u (k,)."""
     d = np.sum(a * b, axis=-1, keepdims=True)
     b = np.where(d < 0, -b, b)
     half = np.arccos(np.clip(np.abs(d), 0.0, 1.0))

@@ -86,7 +86,7 @@ def check_rcm(data: dict[str, Any], clip: Clip, local: Array, ledger: Ledger) ->
         if missed > SHAFT and stay.enforced is None:
             text = (
                 f"phase '{stay.name}': the shaft (z of '{name}') misses the RCM by {missed * 1e3:.4g} mm; the "
-                "file does not state whether the RCM is enforced or only monitored there."
+                "file does not state whether the RCM is enforced or only monitored."
             )
             ledger.add("tracks.rcm_watched", "info", text, where=stay.name, when=at, size=missed * 1e3, unit="mm")
             continue

@@ -32,6 +32,7 @@ class Check:
         file: path relative to the audited folder.
         tool, version: name and version of the reader.
         worst: the maximum deviation in `unit`; None if nothing can be measured.
+        unit: unit of `worst` and `tolerance`.
         tolerance: limit of `worst` in `unit`; None if there is no limit.
         verdict: "agree", "disagree" or "unchecked".
         where: link or other place of `worst`.
@@ -187,7 +188,10 @@ class Ledger:
         when: str = "",
         fits: bool | None = None,
     ) -> None:
-        """Add a check; its verdict is "agree" if `worst` is within the tolerance or, if given, if `fits` is True."""
+        """Add a check. Its verdict is "agree" if `worst` is within the tolerance, or if one of the two is None.
+
+        If `fits` is given, it alone decides the verdict.
+        """
         if fits is None:
             fits = worst is None or tolerance is None or bool(worst <= tolerance)
         number = None if worst is None or not math.isfinite(worst) else float(worst)

@@ -1,4 +1,4 @@
-"""Audit an exported scene: the folder of each robot, and the scene's stages against what the robots' files show."""
+"""Audit an exported scene: check the folder of each robot, and compare the scene's stages with the robots' files."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ FILE = "scene.json"
 """File of an exported scene: its robots, their folders and the poses of their bases."""
 
 REACH = 0.1
-"""Distance in m from a link's origin of the points at which a deviation is measured, so that rotation counts."""
+"""Distance in m from a link's origin of the points at which a deviation is measured; it thus includes rotation."""
 
 Audited = tuple[list[Content], list[Ledger]]
 
@@ -44,11 +44,11 @@ class Shown:
 
 
 def audit_scene(folder: Path, audited: Callable[[Path], Audited]) -> Audited:
-    """Return the contents and ledgers of all robots of a scene, with their names before those of files, and of stages.
+    """Return (contents of the robots' files, ledgers of these files and of the scene's stages) of an exported scene.
 
     Args:
         folder: the exported scene, with scene.json.
-        audited: function that audits the folder of one robot.
+        audited: function that audits the folder of one robot; the robot's name is added before its file names.
     """
     contents: list[Content] = []
     ledger = Ledger(FILE, "twin.exchange.audit scene", "1")
@@ -69,7 +69,7 @@ def audit_scene(folder: Path, audited: Callable[[Path], Audited]) -> Audited:
 
 
 def _places(folder: Path, ledger: Ledger) -> Iterator[tuple[str, str, Array, Path]]:
-    """Yield (name, protocol or "", T_world_base, folder) of each robot in scene.json; report what cannot be used."""
+    """Yield (name, protocol or "", T_world_base, folder) of each robot in scene.json; report unusable entries."""
     check_size(folder / FILE, "JSON")
     try:
         data = json.loads((folder / FILE).read_text(encoding="utf-8"))
@@ -86,15 +86,16 @@ def _places(folder: Path, ledger: Ledger) -> Iterator[tuple[str, str, Array, Pat
         if T.shape != (4, 4) or not np.allclose(T[:3, :3] @ T[:3, :3].T, np.eye(3), atol=1e-9):
             ledger.add("scene.pose", "error", f"robot '{name}': T_world_base is not a pose (4, 4).", where=name)
         elif not path.resolve().is_relative_to(folder.resolve()) or not path.is_dir():
-            ledger.add("scene.folder", "error", f"robot '{name}': there is no folder '{own}' here.", where=name)
+            ledger.add("scene.folder", "error", f"robot '{name}': the scene has no folder '{own}'.", where=name)
         else:
             yield name, protocol, T, path
 
 
 def _shown(contents: Sequence[Content], protocol: str, T_world_base: Array) -> Shown:
-    """Return the motion of a protocol in a robot's files or, without one, its poses at rest.
+    """Return the motion of a protocol in a robot's files; without a protocol, the poses at rest.
 
-    Poses at rest are those of the GLB, if there is one, because the scene refers to the stage.
+    Poses at rest are read from the GLB, if there is one: the scene refers to the robot's stage, and a comparison
+    requires another file.
     """
     for name, ref in references(contents, {}).items():
         if protocol and (name == protocol or name.endswith(f"_{protocol}")):
@@ -117,15 +118,17 @@ def _audit_stage(path: Path, robots: Mapping[str, Shown]) -> Ledger:
     ledger.row("public validators", float(len(public)), "found", 0.0)
     ledger.row("every link in world, against its robot's files", worst, "m", POSITION_TOL, where=where, when=when)
     if not worst <= POSITION_TOL:
-        text = f"{where}: " + (f"{quantity(worst, 'm')} off its robot's files." if np.isfinite(worst) else "missing.")
+        text = f"{where}: " + (
+            f"it differs from its robot's files by {quantity(worst, 'm')}." if np.isfinite(worst) else "it is missing."
+        )
         ledger.add("scene.link", "disagreement", text, where=where, when=when, size=worst, unit="m", limit=POSITION_TOL)
     return ledger
 
 
 def deviation(stage: Path, robots: Mapping[str, Shown]) -> tuple[float, str, str]:
-    """Return the largest deviation in m of a point up to 0.1 m from a link's origin, its robot and link, and its time.
+    """Return (largest deviation in m of points up to 0.1 m from a link's origin, robot and link of that point, time).
 
-    It is infinite if the stage lacks a link. First, middle and last key are compared.
+    The deviation is infinite if the stage lacks a link. Only the first, middle and last key are compared.
     """
     opened = Usd.Stage.Open(str(stage))
     opened.Reload()  # USD keeps layers in memory, but the file may have changed

@@ -98,7 +98,7 @@ def _check_mass(ledger: Ledger, link: str, mass: Mass, shape: Shape | None) -> N
 def _check_drive(ledger: Ledger, joint: str, drive: Drive) -> None:
     if drive.limits is not None and not drive.limits[0] <= drive.limits[1]:
         text = f"joint '{joint}': lower limit {drive.limits[0]:g} is above upper limit {drive.limits[1]:g}."
-        ledger.add("physics.limits", "disagreement", text, where=joint, suggestion="swap them")
+        ledger.add("physics.limits", "disagreement", text, where=joint, suggestion="exchange the limits")
     for name, value, least in (
         ("stiffness", drive.stiffness, 0.0),
         ("damping", drive.damping, 0.0),

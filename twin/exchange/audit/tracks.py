@@ -240,7 +240,7 @@ def _check_limits(data: dict[str, Any], joints: list[str], clip: Clip, ledger: L
         angle = kinds[i] == "revolute"
         if not low[i] <= high[i]:
             text = f"joint '{joint}': lower limit {low[i]:g} is above upper limit {high[i]:g}."
-            ledger.add("tracks.limits", "disagreement", text, where=joint, suggestion="swap them")
+            ledger.add("tracks.limits", "disagreement", text, where=joint, suggestion="exchange the limits")
             continue
         breach = np.maximum(np.maximum(low[i] - q, q - high[i]), 0)
         k = int(np.argmax(breach))

@@ -160,7 +160,7 @@ def parse_xml(path: Path) -> ET.Element:
 
 
 def numbers(text: str | None, n: int, default: tuple[float, ...]) -> Array:
-    """Return n finite numbers of an attribute.
+    """Return n finite numbers of an attribute; the default if the text is None.
 
     Raises:
         UrdfError: the text does not consist of n finite numbers.
@@ -201,7 +201,7 @@ def _joint(element: ET.Element, links: list[str], ledger: Ledger) -> UrdfJoint |
         limits = (float(limit.get("lower", "0")), float(limit.get("upper", "0")))
         if not limits[0] <= limits[1]:
             text = f"joint '{name}': lower limit {limits[0]:g} is above upper limit {limits[1]:g}."
-            ledger.add("urdf.limits", "disagreement", text, where=name, suggestion="swap them")
+            ledger.add("urdf.limits", "disagreement", text, where=name, suggestion="exchange the limits")
     follows, mimic = element.find("mimic"), None
     if follows is not None:
         factor, offset = (float(numbers(follows.get(k), 1, (d,))[0]) for k, d in (("multiplier", 1.0), ("offset", 0.0)))

@@ -16,7 +16,7 @@ LAYERS = (".usd", ".usda", ".usdc")
 def check_usdz(path: Path, ledger: Ledger) -> bool:
     """Report faults of the archive; return whether its stage can be opened.
 
-    Several layers are allowed, but for an archive with sublayers three.js displays nothing, without an error.
+    Several layers are allowed, but three.js displays nothing for an archive with sublayers, and reports no error.
     """
     try:
         with zipfile.ZipFile(path) as archive:
@@ -55,7 +55,9 @@ def check_usdz(path: Path, ledger: Ledger) -> bool:
             )
     layers = [e.filename for e in entries if Path(e.filename).suffix.lower() in LAYERS]
     if len(layers) > 1:
-        text = f"the archive contains {len(layers)} layers: three.js shows nothing for such a file, without an error."
+        text = (
+            f"the archive contains {len(layers)} layers: three.js shows nothing for such a file, and reports no error."
+        )
         ledger.add("usdz.layers", "warning", text, where=layers[1], suggestion="flatten the layers into one")
     ledger.row("archive: stored, aligned, one layer", float(len(ledger.found)), "found", 0.0)
     return True

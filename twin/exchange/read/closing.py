@@ -33,7 +33,7 @@ _IN = 1e-6
 def close(imported: Imported) -> Imported:
     """Close the loops at the rest pose (posture `home`), and add a drive to each driven joint that has none.
 
-    Each loop that cannot be closed is a finding that states its gap. If the gap remains with all other loops cut, and
+    For each loop that cannot be closed, a finding states the gap. If the gap remains with all other loops cut, and
     the whole file was read, the finding reports a defect of the model. If the rest pose of the file is singular or has
     open loops, `home` is a key frame of the file. If no key frame is suitable, `home` is the least singular nearby
     state within the limits.
@@ -139,7 +139,7 @@ def _gap(mechanism: Mechanism, name: str, offset: float, tilt: float, unread: Se
         left = f"{len(unread)} elements of the file are not supported; the first: {unread[0].message}" if unread else ""
         why += left or "a defect of the model."
     else:
-        why = "With all other loops cut, it closes: the loops contradict each other, or need another starting point."
+        why = "With all other loops cut, it closes: the loops contradict each other, or require another start."
     text = f"loop '{name}' stays open by {mm(offset)} and {deg(tilt)}. {why}"
     return finding("warning", "import.gap", name, text, Quantity(offset, "m"), CLOSED[0], word="")
 

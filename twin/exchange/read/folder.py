@@ -119,7 +119,7 @@ def notes(name: str, findings: list[Finding], source: Path) -> str:
     lines = [
         f"# How {one_line(name)} was imported",
         "",
-        f"By twin {__version__} from `{one_line(source.name)}`, sha256 {digest}.",
+        f"It was imported by twin {__version__} from `{one_line(source.name)}`, sha256 {digest}.",
         "",
     ]
     titles = {"warning": "Changes from the file", "info": "Changed without loss"}

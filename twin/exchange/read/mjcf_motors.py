@@ -47,8 +47,9 @@ def fixed_tendon(m, tendon: int) -> dict[int, float]:
 def read_motors(m, kept: Sequence[int], joints: Sequence[str], name: Name, findings: list[Finding]) -> Motors:
     """Return the transmissions that drive the joints of the robot's bodies.
 
-    A group of tendons that share joints is a transmission if each tendon has an actuator, there are as many tendons as
-    joints, no other actuator drives these joints, no equality ties the tendons, and the matrix is invertible.
+    A group of tendons that share joints is a transmission if it meets five conditions: each tendon has an actuator;
+    there are as many tendons as joints; no other actuator drives these joints; no equality constrains the tendons; the
+    matrix is invertible.
 
     Args:
         m: MuJoCo's model.

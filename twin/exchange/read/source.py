@@ -25,7 +25,7 @@ class Imported:
 
     Attributes:
         mechanism: bodies, joints and loops.
-        findings: on renamed, guessed, missing and omitted data.
+        findings: findings on renamed, guessed, missing and omitted data.
         efforts: maximum effort in N or N m of joints without gains in the file.
         assumed: joints with assumed drives.
         posed: whether the file states rest poses; a URDF does not.
@@ -122,7 +122,7 @@ def possible(inertia: Inertia, link: str, findings: list[Finding]) -> Inertia | 
 
 
 def limits(lower: float | None, upper: float | None, joint: str, findings: list[Finding]) -> tuple[float, float] | None:
-    """Return (lower, upper) limits in m or rad; None if there are none.
+    """Return (lower, upper) limits in m or rad; None if the joint has no limits.
 
     Raises:
         SourceError: the lower limit is above the upper limit.

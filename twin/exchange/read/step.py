@@ -120,7 +120,7 @@ def read_skeleton(path: Path) -> Skeleton:
     text = (
         f"{len(proposals)} joints are proposed, as comments: all bodies are fixed to '{base}' until you name their "
         "joints. "
-        f"Axes up to {GROSS[0] / MM:g} mm and {GROSS[1] / DEG:g}° apart, and less than the radius, count as coincident."
+        f"Axes count as coincident up to {GROSS[0] / MM:g} mm (and below the radius) and {GROSS[1] / DEG:g}° apart."
     )
     findings.append(warning("joints", text, base))
     if step.placement_error > 0:

@@ -276,7 +276,7 @@ class _Urdf:
             if any(offsets):
                 self.findings.append(
                     warning(
-                        "gear", f"{where}: its offset is not kept: motor and joint have the same zero position.", name
+                        "gear", f"{where}: its offset is not kept; motor and joint get the same zero position.", name
                     )
                 )
             single = len(told) == len(t.findall("actuator")) == len(ratios) == 1 and ratios[0] != 0
@@ -332,7 +332,7 @@ class _Urdf:
     def _retype(
         self, name: str, names: Names, joint: Element, ends: tuple[str, str], driven: set[str]
     ) -> Iterator[Joint]:
-        """Yield the joints that replace a URDF joint, as the closure YAML states; their axes are those of its frame."""
+        """Yield the joints that replace a URDF joint, as the closure YAML states, with axes of that joint's frame."""
         kind, where, (parent, T) = self.retyped[name], f"joint '{name}'", self.home[ends[0]]
         T = T @ origin(self.xml, joint, where)
         child = self.home[ends[1]][0]

@@ -96,7 +96,7 @@ class Bundle(Result):
             yield from shown
             yield ""
         if self.order.clips:
-            header = ("motion", "s", "keys a second", "between keys µm", "degrees", "joints open µm")
+            header = ("motion", "s", "keys per second", "between keys µm", "degrees", "joint gap µm")
             yield Table(header, [_row(c) for c in self.order.clips])
             yield ""
         top: dict[str, int] = {}

@@ -1,6 +1,6 @@
 """Write <robot>.glb: glTF 2.0 in one file, written without a library so that the file is reproducible byte by byte.
 
-glTF is y up. The root node rotates the robot to y up. The pose of every link node, a child of the root node, is given
+glTF is y up. The root node rotates the robot to y up. Link nodes are children of the root node. Their poses are given
 in the robot's base frame (z up), so that link poses from a track or a stream can be assigned to the nodes unchanged.
 """
 

@@ -2,7 +2,7 @@
 
 Every link's pose is given in "world", so that a viewer needs no kinematics. Messages and their names are those of
 Foxglove's documentation (docs.foxglove.dev/docs/sdk/schemas): /tf holds foxglove.FrameTransforms, /joint_states
-foxglove.JointStates, /console the numbers of a console. Times are those of the session: it begins at 0.
+foxglove.JointStates, /console the numbers of a console. Times are those of the session, which begins at 0.
 """
 
 from __future__ import annotations

@@ -50,9 +50,9 @@ SHER oscillate by 14 mm (measured). With an explicit integrator LAPBOT is unstab
 """
 
 STEPPING = (
-    "Ties of the loops are springs. At this time step, with this integrator (MuJoCo 3.13 or newer), the loops of the "
-    "robots that come with twin stay closed within 1 um: 10 s at rest under gravity, and along their protocols. With "
-    "an older MuJoCo use implicitfast and 0.0001 s."
+    "The constraints that close loops act as springs. At this time step, with this integrator (MuJoCo 3.13 or newer), "
+    "the loops of the robots that come with twin stay closed within 1 um: 10 s at rest under gravity, and along their "
+    "protocols. With an older MuJoCo use implicitfast and 0.0001 s."
 )
 
 CONTROLS = (
@@ -74,7 +74,7 @@ def write_mjcf(mechanism: Mechanism, folder: Path, name: str = "") -> Path:
     Args:
         mechanism: the robot with masses; masses of bodies without one are assumed (see `mjcf_findings`).
         folder: created if it is missing; the caller moves it to its final place.
-        name: file name without suffix, if a robot has several files (one for each trocar position); "": its own name.
+        name: file name without suffix, if a robot has several files (one for each trocar position); "": robot name.
 
     Raises:
         AssemblyError: the loops of the mechanism cannot be closed.

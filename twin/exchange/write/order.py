@@ -68,7 +68,7 @@ class Order:
         scenes: a clip and its mechanism for each protocol.
         quick_looks: names of the clips with a .usdz: <robot>_ar.usdz plays the first, <robot>_<clip>_ar.usdz another.
         inputs: (displayed path, sha256) of every source file.
-        assumed: "name: reason" of every assumed (unpublished) number of the robot; protocols have their own.
+        assumed: "name: reason" of every assumed (unpublished) number of the robot; clips have those of protocols.
         title, source: title and source of the robot.
         findings: findings on the robot.
     """
@@ -89,7 +89,7 @@ class Order:
 
     @property
     def elsewhere(self) -> tuple[Scene, ...]:
-        """Scenes whose trocar positions differ from the CAD; each needs its own file, because a file fixes trocars."""
+        """Scenes whose trocar positions differ from the CAD; each needs a separate file with its trocars."""
         drawn = self.mechanism.trocar_places
         return tuple(
             s for s in self.scenes if any(not np.array_equal(s.mechanism.trocar_at(n), p) for n, p in drawn.items())
@@ -111,7 +111,7 @@ def order(
         trajectory: a planned motion, exported as the only one; it belongs to the first of `protocols`, if given. None:
             plan the protocols.
         protocols: names or paths; None: all protocols of the robot.
-        budget: maximum errors of each clip; None: `Budget()`. Ignored for a stage, whose keys are its own samples.
+        budget: maximum errors of each clip; None: `Budget()`. Ignored for a stage, whose samples are the keys.
         plan: function that plans a protocol.
         progress: see `twin.api.Progress`.
 

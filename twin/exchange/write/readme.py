@@ -36,7 +36,7 @@ _CONVENTIONS = [
     "stream of `twin serve` are poses in that world.",
     "- GLB and USDZ are y up: their root node turns the robot once, -90 degrees about x. Links below the root keep "
     "their z-up poses, so that a pose of the tracks can be assigned to a node unchanged.",
-    "- Quaternions are x y z w (USD: w x y z); their signs never jump from key to key.",
+    "- Quaternions are x y z w (USD: w x y z); their signs do not change from key to key.",
     "- Unity is left-handed. A glTF importer mirrors x: (x, y, z) becomes (-x, y, z), the quaternion (x, -y, -z, w). "
     "ROS importers use (-y, z, x) and (-y, z, x, -w). The player of the Unity package has both.",
     "- Names of links, joints and frames are the same in every file.",
@@ -55,9 +55,9 @@ _USES = [
         "usd",
         "- Isaac Sim, Omniverse, Newton, PhysX: open usd/<robot>_sim.usda to simulate (joint state is authored, loops "
         "are outside of the articulation, self collision is off); usd/<robot>_<protocol>.usda to watch a motion. "
-        "Newton starts at home by its default importer, but its MuJoCo solver gives loops soft springs of its own: set "
-        "solver.mj_model.eq_solref to (0.001, 1) and eq_solimp to (0.9999, 0.9999, 0.001, 0.5, 2), or load the MJCF, "
-        "whose springs it reads.",
+        "Newton starts at home by its default importer, but its MuJoCo solver closes loops with its own soft springs: "
+        "set solver.mj_model.eq_solref to (0.001, 1) and eq_solimp to (0.9999, 0.9999, 0.001, 0.5, 2), or load the "
+        "MJCF, whose springs it reads.",
     ),
     ("unity", "- Unity: add unity/ as a package from disk, then use its menu to import the GLB and the tracks."),
     ("tracks", "- Other programs: tracks/*.csv opens in a spreadsheet, tracks/*.json follows track.schema.json."),

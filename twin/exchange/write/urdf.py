@@ -56,7 +56,7 @@ def write_urdf(mechanism: Mechanism, folder: Path, name: str = "") -> Path:
     Args:
         mechanism: the robot with masses; `spanning` chooses the joints at which loops are cut.
         folder: created if it is missing; the caller moves it to its final place.
-        name: file name without suffix, if a robot has several files (one for each trocar position); "": its own name.
+        name: file name without suffix, if a robot has several files (one for each trocar position); "": robot name.
 
     Raises:
         AssemblyError: the loops of the mechanism cannot be closed.
@@ -107,7 +107,7 @@ def urdf_findings(mechanism: Mechanism) -> list[Finding]:
 
 
 def _mimics(mechanism: Mechanism) -> dict[str, Following]:
-    """Return what follows by the couplings that URDF can hold (two joints of the tree), by name of the coupling."""
+    """Return leader and follower of each coupling that URDF can hold (two joints of the tree), by coupling name."""
     return following(mechanism, {j.name for j in spanning(mechanism).tree if j.type in ("revolute", "prismatic")})
 
 

@@ -92,7 +92,7 @@ def bake(mechanism: Mechanism, bound: Mechanism, trajectory: Trajectory, folder:
 def write_simulated(name: str, folder: Path) -> Path:
     """Write <name>_sim.usda: the layer <name>.usda of the same folder, and a physics scene outside its default prim.
 
-    References to a robot exclude the physics scene, of which a stage needs one.
+    References to the robot do not include the physics scene, because a stage must have exactly one.
     """
     layer = new_layer(path := folder / f"{name}_sim.usda")
     describe(layer, name)

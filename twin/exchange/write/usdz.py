@@ -105,7 +105,7 @@ def _single_precision(layer: Sdf.Layer) -> None:
     """Convert translations to float3, the precision of viewers.
 
     The reader of three.js (r187) does not support the packed form in which usdc stores double3 values of small whole
-    numbers: a link with translation (0, 0, 0) is not displayed, without an error.
+    numbers: a link with translation (0, 0, 0) is not displayed, and no error is reported.
     """
     double = []
     layer.Traverse(

@@ -120,7 +120,7 @@ def _check_limits(joint: RawJoint, line: Timeline, q: Array) -> Iterator[Finding
 
 
 def _difference(joint: RawJoint, a: Array, b: Array) -> Array:
-    """Return |a - b|, for angles in degrees modulo 360, for lengths in mm."""
+    """Return |a - b|: for angles in degrees, modulo 360; for lengths in mm."""
     if not joint.is_angle:
         return np.abs(a - b) / MM
     return np.abs((a - b + 180.0) % 360.0 - 180.0)
@@ -215,7 +215,7 @@ def _check_speed(joint: RawJoint, line: Timeline, q: Array) -> Iterator[Finding]
     if speed[worst] <= limit * SPEED_MARGIN:
         return
     if joint.is_angle and limit <= RADIAN_SPEED and speed[worst] <= limit / DEG * SPEED_MARGIN:
-        yield _radians(joint, f"the motion is within the maximum speed {limit:.5g} only if this is in rad/s", limit)
+        yield _radians(joint, f"the motion exceeds its maximum speed {limit:.5g} unless this number is in rad/s", limit)
         return
     yield _SPEED(
         joint.path,

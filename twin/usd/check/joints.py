@@ -38,7 +38,7 @@ _AXIS = Kind(
 )
 _JOINT = Kind("stage.joint", "disagreement", "a joint needs two different bodies, or a body and nothing for the world")
 _LIMITS = Kind(
-    "stage.limits", "disagreement", "swap them: engines lock the joint, swap the limits or ignore both", word="upper"
+    "stage.limits", "disagreement", "exchange the limits: engines lock the joint, exchange or ignore them", word="upper"
 )
 _JOINT_COLLISION = Kind("stage.joint_collision", "warning", "author physics:collisionEnabled = false")
 

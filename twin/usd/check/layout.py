@@ -58,7 +58,7 @@ def check_units(scene: Scene) -> Iterator[Finding]:
     """Yield findings on the default prim, up axis, units and frame rates of the stage and its layers."""
     stage = scene.stage
     if not stage.GetDefaultPrim():
-        yield _DEFAULT_PRIM("/", "no default prim: the stage cannot be referenced into another")
+        yield _DEFAULT_PRIM("/", "no default prim: other stages cannot reference this stage")
     up = str(UsdGeom.GetStageUpAxis(stage)) if stage.HasAuthoredMetadata("upAxis") else ""
     if up != "Z":
         said = f"is {up}" if up else "is not authored, so that the default Y applies"

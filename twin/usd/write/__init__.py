@@ -53,8 +53,8 @@ def write_stage(
         link_poses: T_world_body (4, 4) of every body in a state with closed loops, world z up.
         q_full: coordinate in m or rad, at these poses, of every tree joint with a single coordinate; also of loop
             joints, if known.
-        efforts: effort in N or N m of each driven joint that balances gravity at these poses; drive targets are offset
-            so that a simulated robot does not sag.
+        efforts: effort in N or N m that balances gravity at these poses, by driven joint; drive targets are offset so
+            that a simulated robot does not sag.
         motion: a motion to bake; None: no motion.
 
     Raises:

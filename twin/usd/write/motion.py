@@ -31,7 +31,7 @@ class Motion:
         times_s: times (k,) in s, increasing from 0.
         link_poses: T_world_body (k, 4, 4) by body; bodies not listed stay at rest.
         joint_values: coordinate (k,) in m or rad of joints with one coordinate; joints not listed get no samples.
-        trocars: positions (3,) in m in the base frame of trocars during the motion, by name; trocars not listed are as
+        trocars: positions (3,) of trocars during the motion in m, in the base frame, by name; trocars not listed are as
             in the CAD.
 
     """

@@ -34,7 +34,7 @@ SCHEMAS = {
     "cylindrical": UsdPhysics.Joint,
     "free": UsdPhysics.Joint,
 }
-"""Locked directions of a generic joint that is equivalent to a cylindrical joint, which UsdPhysics does not have."""
+"""USD schema of each joint type; cylindrical and free joints, which UsdPhysics lacks, become generic joints."""
 
 DIRECTIONS = ("transX", "transY", "transZ", "rotX", "rotY", "rotZ")
 
@@ -42,19 +42,20 @@ DIRECTIONS = ("transX", "transY", "transZ", "rotX", "rotY", "rotZ")
 POSITION_ITERATIONS = 128
 """Position iterations of the PhysX solver.
 
-With its default of 32 the platform of SILS sags by 6 um under its weight at 1 kHz, with 64 by 5 um, with 128 by 0.4 um
-(measured).
+Measured sag of the platform of SILS under its weight at 1 kHz: 6 um with the default of 32 iterations, 5 um with 64,
+0.4 um with 128.
 """
 
 TENDON, TENDON_STEP = 0.25, 1e-3
-"""Stiffness of a tendon, at most, as a part of inertia / step^2, and the step in s for which this holds.
+"""Maximum ratio of a tendon's stiffness to inertia / step^2, and the time step in s of this limit.
 
-An explicit spring diverges at 4. At 0.67 the jaws of the da Vinci PSM swing and drive the arm about (measured).
+An explicitly integrated spring diverges at a ratio of 4. At 0.67, the jaws of the da Vinci PSM oscillate and move the
+arm (measured).
 """
 
 
 MIMIC_AXIS = "rotZ"
-"""Instance of the mimic joint: PhysX allows axes of turns only, of slides too (with "transZ" a slide is free)."""
+"""Instance name of mimic joints: PhysX requires a rotation axis, also for slides (with "transZ" a slide is free)."""
 
 
 def drive_kind(joint: Joint) -> str:
@@ -94,7 +95,7 @@ def write_physics(
     root = stage.OverridePrim(f"/{mechanism.name}")
     UsdPhysics.ArticulationRootAPI.Apply(root)
     root.AddAppliedSchema("PhysxArticulationAPI")
-    # No self collision: convex hulls of adjacent links overlap at joints; their contact opens loops without an error.
+    # No self collision: convex hulls of adjacent links overlap at joints; their contact opens loops unnoticed.
     root.AddAppliedSchema("NewtonArticulationRootAPI")
     _attribute(root, "physxArticulation:enabledSelfCollisions", Sdf.ValueTypeNames.Bool, False)
     _attribute(root, "newton:selfCollisionEnabled", Sdf.ValueTypeNames.Bool, False)
@@ -292,17 +293,17 @@ def _start_at_zero(stage: Usd.Stage, mechanism: Mechanism, joint: Joint, link_po
 
 
 def _mimics(mechanism: Mechanism) -> dict[str, Following]:
-    """Return what follows by the couplings that PhysX and Newton hold as mimic joints, by name of the coupling.
+    """Return leader and follower of each coupling that a mimic joint can express, by name of the coupling.
 
-    PhysX requires limits of hinges, and both accept joints of the articulation only. An offset would be in degrees for
-    PhysX and in rad for Newton.
+    PhysX and Newton accept only joints of the articulation as mimic joints, and PhysX requires limits on hinges. The
+    offset must be zero, because PhysX reads it in degrees and Newton in rad.
     """
     tree = (j for j in spanning(mechanism).tree if j.type == "prismatic" or (j.type == "revolute" and j.limits))
     return {c: f for c, f in following(mechanism, {j.name for j in tree}).items() if f.offset == 0}
 
 
 def _write_mimic(stage: Usd.Stage, mechanism: Mechanism, follows: Following) -> None:
-    """Write a joint that follows another one: joint + gearing * leader = 0. PhysX solves this exactly, at any step."""
+    """Write a joint that follows another: joint + gearing * leader = 0. PhysX solves this exactly at any time step."""
     joints = f"/{mechanism.name}/joints"
     prim = stage.GetPrimAtPath(f"{joints}/{follows.joint}")
     prim.AddAppliedSchema(f"PhysxMimicJointAPI:{MIMIC_AXIS}")
@@ -314,11 +315,11 @@ def _write_mimic(stage: Usd.Stage, mechanism: Mechanism, follows: Following) -> 
 
 
 def _write_tendon(stage: Usd.Stage, mechanism: Mechanism, coupling: Coupling, link_poses: Mapping[str, Array]) -> None:
-    """Write a coupling that no mimic joint holds as a PhysX tendon over its joints, that nearest to the base first.
+    """Write a PhysX tendon for a coupling that mimic joints cannot express; the joint nearest to the base is first.
 
     UsdPhysics cannot express couplings; without the tendon, a passive joint of a belt drive moves freely in PhysX. The
     tendon has the stiffness of the drives: PhysX integrates tendons explicitly, and a tendon with damping or much
-    higher stiffness is unstable at 1 kHz. Where little mass hangs on a joint, as on a jaw, it is softer.
+    higher stiffness is unstable at 1 kHz. The tendon is softer if one of its joints moves little inertia.
     """
     ratios = dict(zip(coupling.joints, coupling.ratios, strict=True))
     stiff = max((d.stiffness for d in (mechanism.joint(n).drive for n in ratios) if d), default=np.inf)
@@ -339,7 +340,7 @@ def _write_tendon(stage: Usd.Stage, mechanism: Mechanism, coupling: Coupling, li
 def _carried(mechanism: Mechanism, joint: Joint, link_poses: Mapping[str, Array]) -> float:
     """Return the inertia in kg or kg m2 of all bodies beyond a joint with one coordinate.
 
-    It is infinite if a loop is closed over the joint, because then it carries more than the tree shows.
+    It is infinite if the joint is part of a loop, because bodies outside of its branch of the tree then also move.
     """
     beyond, joints = {joint.child}, spanning(mechanism)
     for other in joints.tree:
@@ -385,7 +386,7 @@ def _write_actuation(prim: Usd.Prim, joint: Joint, q: float | None, effort: floa
 
 
 def _refuse_what_is_lost(joint: Joint) -> None:
-    """Raise `StageError` for data that UsdPhysics cannot hold, so that no data are lost without an error."""
+    """Raise `StageError` for data that UsdPhysics cannot hold; otherwise the data would be lost unnoticed."""
     scalar = {
         "limits": joint.limits,
         "soft limits": joint.soft_limits,
