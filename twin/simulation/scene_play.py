@@ -37,7 +37,7 @@ PORT_TOLERANCE = 0.1e-3
 
 @dataclass(frozen=True)
 class Actor:
-    """A robot of the scene with its trajectory; `trocars` are positions (3,) in its base in m, named as in `place`."""
+    """A robot of the scene with its trajectory; `trocars`: positions (3,) in m in its base, by the names in `place`."""
 
     place: Place
     mechanism: Mechanism
@@ -53,7 +53,7 @@ class Played(Result):
         scene, actors, props: the scene, its robots, and its props (None: no props).
         t: (k,) times in s at which clearances are measured.
         by_pair: minimum clearances of each pair of owners (robots, props).
-        findings: collisions, clearances below the required one, and robots that miss their port.
+        findings: findings on collisions, too small clearances, and robots that miss their port.
     """
 
     scene: Scene

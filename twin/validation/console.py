@@ -26,7 +26,7 @@ _POINT, _ANGLE = 1e-12, 1e-7
 _INCREMENTS = 10_000
 _SCALE = 0.5
 _PEN = 3.3
-"""Largest force in N of a haptic pen (ASSUMED: manufacturer's figure)."""
+"""Largest force in N of a haptic pen (ASSUMED: the value is the manufacturer's)."""
 
 
 class Laws(Protocol):
@@ -63,12 +63,15 @@ class Laws(Protocol):
             W_0: (4, 4) previous handle pose in {H}.
             W_1: (4, 4) current handle pose in {H}.
             T: (4, 4) pose of {H} in {RB}.
-            scale: motion scale, hand to tool.
+            scale: motion scale: tool displacement divided by hand displacement.
         """
         ...
 
     def turns(self, p_R0: Array, p_R1: Array, p_L0: Array, p_L1: Array, n: Array) -> tuple[float, float]:
-        """Return the camera roll about the axis n (3,) in `turn_unit`: (from the right hand, from the left hand)."""
+        """Return the camera roll in `turn_unit` about the axis n (3,): (by the right hand, by the left hand).
+
+        p_R0, p_L0 (3,) in m are the positions of the right and the left hand before the motion, p_R1, p_L1 after it.
+        """
         ...
 
     def force(self, depth: float, rate: float) -> float:
@@ -129,8 +132,8 @@ def _turn(c: Laws) -> Iterator[Clause]:
         "a pure rotation of the hand does not move the tool's wrist",
         moved,
         f"the hand turns 90 deg in place, and the tool moves {moved / _MM:.3f} mm: the tool turns about the hand's "
-        "point, 50 mm away, and not about its own point",
-        "turn the tool about its own point: R1 = dR R0, p1 = p0 + dp",
+        "origin, 50 mm away, and not about its own origin",
+        "turn the tool about its own origin: R1 = dR R0, p1 = p0 + dp",
     )
     T = _pose((0, 0, 0), (0.4, -0.7, 0.5))
     axis = np.array([0.2, 0.5, -0.3])
@@ -242,7 +245,7 @@ def _mirror(c: Laws) -> Iterator[Clause]:
     yield _point(
         "left_handed",
         "eq2",
-        "in a left-handed scene (p' = S p, R' = S R S) the motion is the mirrored one",
+        "in a left-handed scene (mirror S: p' = S p, R' = S R S) the motion is the mirror image",
         moved + np.radians(turned) * 1e-4,
         f"in a left-handed scene the tool ends {moved / _MM:.3f} mm and {turned:.3f} deg from the mirrored pose",
         "mirror positions and rotations alike: p' = S p, R' = S R S",

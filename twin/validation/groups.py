@@ -434,7 +434,8 @@ def _chain(c: Chain, printed: Accuracy, measured: Mapping[str, Any], stds: Seque
             "study.quantised",
             printed.name,
             f"a pen with a resolution of {c.resolution_mm:g} mm explains a std up to {high * max(stds):.3f} mm in "
-            f"{c.displacements} displacements (99 %), {max(stds):.4f} mm on average; printed: {', '.join(beyond)} mm",
+            f"{c.displacements} displacements (99th percentile), {max(stds):.4f} mm on average; "
+            f"printed: {', '.join(beyond)} mm",
             Quantity(max(printed.std), "mm"),
             float(high * max(stds)),
             "look for other sources of error than the resolution of the pen",

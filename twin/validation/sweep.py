@@ -312,7 +312,7 @@ class Strokes(Result):
             yield s.joint, stroke, name, *figures, f"{d['rotation_max'] / DEG:.2g}°", mark
 
     def write(self, folder: Path) -> None:
-        """Write one CSV file per joint with the position errors in um."""
+        """Write one CSV file per joint with the position errors in µm."""
         for s in self.sweeps:
             columns = {n: c for n, c in {"equations": s.formula, **s.standins}.items() if len(c.offset)}
             head = [f"{s.joint}_{'deg' if s.angle else 'mm'}"]

@@ -40,7 +40,7 @@ class Load:
         code: code of the finding if the limit is exceeded.
         what, where: the quantity, and the joint or place, for messages.
         unit: unit of `size` and `limit`.
-        size, limit: maximum and limit; an infinite limit means none.
+        size, limit: maximum of the quantity, and its limit; infinity means that there is no limit.
         t, phase: time in s and phase of the maximum.
     """
 
@@ -225,7 +225,9 @@ def _claims(trajectory: Trajectory, mechanism: Mechanism, protocol: Protocol) ->
             yield _claim(trajectory, f"joint {joint.name}", joint.name, k, off[k] / factor, limit / factor, unit)
     for span in trajectory.phases:
         limits = protocol.limits[span.type]
-        rows = slice(span.start + (1 if span.start else 0), span.stop + 1)  # shared sample: of the earlier phase
+        rows = slice(
+            span.start + (1 if span.start else 0), span.stop + 1
+        )  # a sample shared by two phases counts for the earlier phase
         v, w = _tip_speeds(trajectory, rows)
         for name, mean, given, most, unit, factor in (
             ("tip", v, trajectory.tip_velocity, limits.tip_acceleration, "mm/s", MM),

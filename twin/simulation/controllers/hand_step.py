@@ -48,7 +48,7 @@ class HandStep:
         jumped: whether the hand had moved farther from `last` than `Pace.jump` or `Pace.twist` allow.
         wanted: (4, 4) tool pose in {RB} by the equations, without speed limits.
         goal: (4, 4) tool pose in {RB} after the tick: from the previous goal towards `wanted`, within the limits.
-        last: (4, 4) pose of the handle one tick earlier; write into this array.
+        last: (4, 4) pose of the handle one tick earlier; the caller writes into this array.
     """
 
     def __init__(self, laws: Console, pace: Pace, dt: float) -> None:

@@ -32,7 +32,7 @@ class Gains:
     without integral and derivative gain, so that the tool does not overshoot.
 
     Attributes:
-        scale: Ms, tool motion per handle motion.
+        scale: Ms, tool motion divided by handle motion.
         kp, ki, kd: gains of eq. (5), in 1/s, 1/s^2 and 1.
         limit: maximum rate of the tool, in m/s or rad/s.
     """

@@ -82,7 +82,8 @@ def arm(mechanism: Mechanism, table: Inertias | None = None, *, cited: bool = Tr
     """Return the robot model of a mechanism.
 
     Args:
-        mechanism: the mechanism; its drives and actuators define the motors' limits that the inertia file does not.
+        mechanism: the mechanism; its drives and actuators define the motors' limits that the inertia file does not
+            define.
         table: inertia file of the robot; None if there is none.
         cited: whether to use the masses of the file; otherwise those of the mechanism.
         instrument: whether the last link of the file carries its instrument.

@@ -199,7 +199,7 @@ def _frames(table: Inertias, mechanism: Mechanism, poses: dict[str, Array]) -> l
         toward, along = lines[i + 1] if i + 1 < len(lines) else (before, z)
         across = along - (along @ z) * z
         step = (toward - p) @ z
-        if np.linalg.norm(across) > _ALONG:  # axes not parallel: foot of the common normal
+        if np.linalg.norm(across) > _ALONG:  # the axes are not parallel: the origin is the foot of the common normal
             step -= (along @ z) * ((toward - p) @ across) / (across @ across)
         else:
             step = (before - p) @ z

@@ -52,7 +52,8 @@ class Hand:
     def point(self, now: Assembly, body: str, p_body: Array, target: Array) -> tuple[Assembly, Dragged]:
         """Move a point (3,) in m of a body towards a target (3,) in m in the base frame.
 
-        The path starts at the last target if nothing else has moved the robot since the last drag; else at the point.
+        The path starts at the last target if nothing else has moved the robot since the last drag, otherwise at the
+        present position of the point.
         """
         last, p_body = self._last, np.asarray(p_body, float)
         if last is not None and last[0] is now and last[1] == body and np.array_equal(last[2], p_body):

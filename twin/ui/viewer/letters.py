@@ -181,7 +181,7 @@ class Letters:
         assert self._gui is not None
         handle = self._gui._gui_input_handle_from_uuid.get(uuid)
         if handle is None or getattr(handle, "disabled", False):
-            raise StaleError("the element is gone, or disabled")
+            raise StaleError("the element was removed, or is disabled")
         return handle
 
     def _element(self, message: Any) -> None:

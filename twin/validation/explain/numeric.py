@@ -377,5 +377,5 @@ def to_array(x: Any, k: int) -> Array:
 
 
 def named(symbols: Mapping[str, Any], names: list[str]) -> dict[str, Any]:
-    """Return the symbols with the given names, as far as they exist."""
+    """Return the symbols whose names are given; names without a symbol are skipped."""
     return {n: symbols[n] for n in names if n in symbols}

@@ -35,7 +35,8 @@ _SHARED_PART = 0.2
 """Maximum fraction of the time for pairs that is used for edits shared with other rows (`_SHARED`)."""
 
 _SAME = 1e-7
-"""Relative difference of residuals, also at perturbed values, below which two edited rows are the same function."""
+"""Relative difference of residuals, also at perturbed values, below which two edited rows count as the same
+function."""
 
 
 class Search:
@@ -47,7 +48,7 @@ class Search:
         self.base = {key(p): worst(r) for p, r in judge.residuals.items()}
         self.raw = {key(p): r for p, r in judge.residuals.items()}
         bad = judge.failing()
-        # Wrong helpers often only repeat the error of a printed equation: they are searched if all others agree.
+        # Wrong helpers often only repeat the error of a printed equation: they are searched if all other rows agree.
         self.targets = [p for p in bad if judge.step(p.equation).stage != "helper"] or bad
         self.failing = [key(p) for p in self.targets]
         self.tried = 0
@@ -243,7 +244,10 @@ class Search:
         return [c for c in touching if c.over(rows, self.base) <= 1 and (c.extra or self._runs(c))]
 
     def _runs(self, c: Candidate) -> bool:
-        """Return whether a candidate runs with one sample; with several samples, an indexed scalar would not fail."""
+        """Return whether a candidate runs with one sample, which shows errors that several samples hide.
+
+        An example is an index of a scalar: with several samples, the scalar is an array, and no error is raised.
+        """
         return residuals(self.first, c.step.equation.name, c.edits) is not None
 
     def _distinct(self, exact: list[Candidate], rows: list[Key]) -> list[list[Candidate]]:

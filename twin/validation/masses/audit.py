@@ -91,10 +91,10 @@ class Row:
     Attributes:
         name: name of the row.
         definite: whether J is positive definite with at least one sign of the products.
-        slack: kg m2, sum of the two smaller principal moments minus the largest; negative values violate the triangle
-            inequality.
-        mass_printed: kg, minimum mass with the products as printed; infinite if no mass is possible.
-        mass_negated: kg, minimum mass with the products negated; infinite if no mass is possible.
+        slack: sum of the two smaller principal moments minus the largest, in kg m2; negative values violate the
+            triangle inequality.
+        mass_printed: minimum mass in kg with the products as printed; infinite if no mass is possible.
+        mass_negated: minimum mass in kg with the products negated; infinite if no mass is possible.
         repaired: names of the misprinted cells that were repaired.
     """
 
