@@ -206,7 +206,7 @@ def play(
 
 
 def too_near(found: Clearance, k: int, t: Array, clearance: float) -> Finding:
-    """Return a finding for the nearest pair at sample k; for an overlap at the start, with the first free time."""
+    """Return a finding for the nearest pair at sample k; after an overlap at the start, suggest a free start time."""
     a, b = found.pair[k]
     least, start = float(found.distance[k]), float(found.distance[0])
     what, code = "come too close", "scene.near"

@@ -397,7 +397,7 @@ def _rates(
 
 
 def _add(out: Comparison, r: Residual, what: str, cause: str = "") -> None:
-    """Add a disagreement for a row, or an info finding if the row is a consequence of another."""
+    """Add a disagreement for a row, or an info finding if the row is a consequence of another row."""
     out.findings.append(
         r.finding(
             Kind(f"{r.quantity}.differs", "info" if r.consequence_of else "disagreement", word="tolerance"),

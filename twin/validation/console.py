@@ -164,7 +164,7 @@ def _way(c: Laws) -> Iterator[Clause]:
         f"at scale {_SCALE:g} a hand that moves 10 mm along x of {{H}} moves the tool 5 mm along y of {{RB}}",
         off,
         f"at scale {_SCALE:g} the hand moves 10 mm along x of {{H}} and the tool moves ({_triple(got)}) mm: "
-        f"{off / _MM:.3f} mm off (0, 5, 0) mm",
+        f"the distance from (0, 5, 0) mm is {off / _MM:.3f} mm",
         "use p1 = p0 + s R_T (h1 - h0), which contains the scale s",
     )
 
@@ -189,7 +189,7 @@ def _clutch(c: Laws) -> Iterator[Clause]:
         "eq2",
         "after a re-grip, the hand moves the tool as before",
         off,
-        f"after a re-grip the hand moves 10 mm, and the tool is {off / _MM:.3f} mm off",
+        f"after a re-grip the hand moves 10 mm, and the tool ends {off / _MM:.3f} mm from the correct position",
         "p1 = p0 + s R_T (h1 - h0), with h0 the hand position at the re-grip",
     )
 
@@ -215,7 +215,8 @@ def _camera(c: Laws) -> Iterator[Clause]:
         "eq2",
         "after the camera has turned, the tool moves in the camera image in the direction of the hand",
         off,
-        f"the camera has turned 30 deg, the hand moves 10 mm, and the tool is {off / _MM:.3f} mm off",
+        f"the camera has turned 30 deg, the hand moves 10 mm, and the tool ends {off / _MM:.3f} mm from the "
+        "correct position",
         "use T of the current time step, not T of the start",
     )
 
@@ -436,12 +437,12 @@ def _force(c: Laws) -> Iterator[Clause]:
     yield Clause(
         "force.size",
         "eq5",
-        "1 mm at rest gives 0.6 N, 10 mm/s at the surface 0.1 N",
+        "a depth of 1 mm at rest gives 0.6 N; a rate of 10 mm/s at the surface gives 0.1 N",
         off,
         "N",
         1e-6,
         off <= 1e-6,
-        f"1 mm at rest gives {rest:.3g} N, 10 mm/s at the surface {moving:.3g} N",
+        f"a depth of 1 mm at rest gives {rest:.3g} N; a rate of 10 mm/s at the surface gives {moving:.3g} N",
         "0.6 N/mm and 0.01 N s/mm",
     )
 

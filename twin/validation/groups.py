@@ -168,7 +168,7 @@ def recompute(tables: GroupTables, run: Measured) -> Recomputed:
 
     Args:
         tables: the printed tables.
-        run: simulates the accuracy test.
+        run: function that simulates the accuracy test.
     """
     users = {g.name: g.users for g in tables.group}
     outcomes, rows = [], []

@@ -132,10 +132,10 @@ def _small(found: Sequence[Comparison]) -> Iterator[Finding]:
             yield warning(
                 "study.small",
                 " - ".join(pair),
-                f"{pair[0]} and {pair[1]} have {n} and {m} users: with so few, p cannot be below {smallest:.3f}",
+                f"{pair[0]} and {pair[1]} have {n} and {m} users: with so few users, p cannot be below {smallest:.3f}",
                 Quantity(smallest, "1"),
                 0.05,
-                "add users: with 4 and 4, p can reach 0.029",
+                "add users: with 4 users in each group, p can be as low as 0.029",
                 word="",
             )
 

@@ -39,7 +39,7 @@ class Tolerances:
     rcm: float = 1e-9
 
     def widened(self, position: float) -> Tolerances:
-        """Return tolerances for geometry with position errors up to `position` in m; angles have a lever of 0.1 m."""
+        """Return tolerances for position errors up to `position` in m; a lever arm of 0.1 m converts them to angles."""
         p = max(position, self.position)
         r = max(position / 0.1, self.rotation)
         return Tolerances(

@@ -191,7 +191,9 @@ def _reachable(
     for alarm in kin.singularity_alarm(Ts, q).values():
         good = np.logical_and(good, ~alarm)
     if not good.any():
-        raise TwinError(f"the whole stroke of '{kin.joints[i]}' is singular with the other joints at home")
+        raise TwinError(
+            f"the equations are near a singularity on the whole stroke of '{kin.joints[i]}' (other joints: home)"
+        )
     middle = int(np.argmin(np.where(good, np.abs(q[:, i] - home[i]), np.inf)))
     first, last = middle, middle
     while first > 0 and good[first - 1]:

@@ -259,7 +259,7 @@ def _claim(trajectory: Trajectory, what: str, where: str, sample: int, size: flo
 
 def _facts(loads: list[Load], trajectory: Trajectory) -> dict[str, str]:
     """Return the maximum of each kind of quantity, as text."""
-    out = {"computed from": f"{len(trajectory.t)} samples {1e3 * trajectory.step:g} ms apart, from positions alone"}
+    out = {"computed from": f"{len(trajectory.t)} samples, {1e3 * trajectory.step:g} ms apart, without stated speeds"}
     for code in dict.fromkeys(x.code for x in loads):
         alike = [x for x in loads if x.code == code]
         most = max(alike, key=lambda x: x.size / x.limit if np.isfinite(x.limit) else 0.0)

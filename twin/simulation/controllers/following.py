@@ -47,7 +47,7 @@ class Start:
     together: float = 0.8
 
     def shown(self, grip: float, roll: float) -> bool:
-        """Return whether the travels in rad of gripper and handle roll show that a person holds the handle."""
+        """Return whether gripper travel and handle roll, both in rad, show that a person holds the handle."""
         return grip >= self.grip or roll >= self.roll or grip + roll > self.together * (self.grip + self.roll)
 
 

@@ -41,7 +41,7 @@ class Habits:
         clutched: time in s for which the clutch is pressed before and after the hands move back.
         open: angle of the grippers on the way to a target.
         grasp: time in s in which the grippers open or close.
-        central: size of the central area in which targets are visible enough, as a fraction of half the picture.
+        central: size of the central area in which targets must be, as a fraction of half the picture.
         drag: motion of the scene divided by motion of the hands, as the surgeon expects with the camera pedal pressed.
         settle: time in s that the surgeon waits for the camera, whose speed is limited.
     """
@@ -68,7 +68,7 @@ class Eye:
 
 
 class ScriptedSurgeon(Block):
-    """Writes `<hand>.pose` (16,) with tremor, `<hand>.grip`, the pedals, and `surgeon.target`: index; -1 at the start.
+    """Writes `<hand>.pose` (16,) with tremor, `<hand>.grip`, the pedals, and `surgeon.target` (index, first -1).
 
     The surgeon sees the tips (from `<robot>.q`) in the picture (`<camera>.view`) between two strokes. The device ends
     after the last target.
@@ -205,7 +205,7 @@ class ScriptedSurgeon(Block):
             yield from self._rest(0.1)
 
     def _touch(self, points: Mapping[str, Array]) -> Generator[None, None, bool]:
-        """Move the tips to their points; return whether they are there."""
+        """Move the tips to their points; return whether they have reached the points."""
         best, stalled = np.inf, 0
         while stalled < _STALLED:
             missing = self._missing(points)
@@ -222,7 +222,7 @@ class ScriptedSurgeon(Block):
         return way + self.habits.hand.misjudge * float(np.linalg.norm(way)) * self._rng.normal(size=3)
 
     def _stroke(self, ways: Mapping[str, Array], pause: float) -> Iterator[None]:
-        """Move the hands by `ways` (3,) in m as far as their range allows; at its end, move both hands back instead."""
+        """Move the hands by `ways` (3,) in m as far as their range allows; at the end of the range, move them back."""
         hand = self.habits.hand
         part = 1.0
         for name, way in ways.items():

@@ -78,7 +78,7 @@ class Conditions:
     plant: PlantName = "mujoco"
 
     def realistic(self, inertia_error: float, signs: int | None = None) -> Conditions:
-        """Return these conditions with a wrong model: given inertia error, unknown friction, encoder steps."""
+        """Return these conditions with a wrong model: the given inertia error, unknown friction, and encoder steps."""
         return replace(self, inertia_error=inertia_error, signs=signs, friction_known=False, quantisation=ENCODER)
 
 

@@ -54,7 +54,7 @@ class Recording:
         joints: tuple[str, ...],
         version: int = wire.ALONE,
     ) -> None:
-        """Begin the first recording; in version `wire.VERSION`, `robot` is the scene's name, and `links` are its links."""
+        """Begin the first recording; in version `wire.VERSION`, `robot` and `links` belong to the scene."""
         self.path, self._stem, self._saved, self._written = Path(path), Path(path).stem, 0, 0
         self._version = version
         self._of = {"robot": robot, "model_hash": model_hash, "links": list(links), "joints": list(joints)}

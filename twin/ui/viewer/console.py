@@ -267,7 +267,9 @@ class ConsoleFront(Loop):
             ]
             for k, (slider, (_, unit, _)) in enumerate(zip(self._camera, _CAMERA, strict=True)):
                 self._on(slider, f"aim {k}", lambda client, v, k=k, unit=unit: pens.aim(client, k, v * unit))
-        let_go = gui.add_button("Release the hands", hint="For other clients; also happens after 5 s without use")
+        let_go = gui.add_button(
+            "Release the hands", hint="Other clients can then use them; also happens after 5 s without use"
+        )
         let_go.on_click(lambda _: self.ask("let go", pens.release))
         if self.props is not None:
             clear = gui.add_checkbox("transparent patient", True)

@@ -152,7 +152,7 @@ def _column(x: Any) -> Array:
 def _columns(a: Any, b: Any) -> tuple[Array, Array]:
     u, v = _column(a), _column(b)
     if u.shape[1] != v.shape[1]:  # numpy would repeat a scalar; CasADi raises an error
-        raise ValueError(f"vectors of {u.shape[1]} and {v.shape[1]} entries")
+        raise ValueError(f"vectors have {u.shape[1]} and {v.shape[1]} entries; the numbers must be equal")
     return u, v
 
 

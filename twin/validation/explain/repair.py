@@ -153,12 +153,12 @@ class Search:
 
     @cached_property
     def shaken(self) -> Judge:
-        """The formula at perturbed values that no mechanism has."""
+        """Judge of the formula at perturbed values that no mechanism has."""
         return self.judge.on(self.judge.truth.perturbed())
 
     @cached_property
     def first(self) -> Judge:
-        """The formula at the first sample only."""
+        """Judge of the formula at the first sample only."""
         return self.judge.on(self.judge.truth.first())
 
     @cached_property
@@ -276,7 +276,7 @@ class Search:
         return [way for way in kept if way]
 
     def _left(self, c: Candidate) -> int | None:
-        """Return the number of wrong rows of the whole formula after edits; None if edits are outside its file."""
+        """Return the number of wrong rows of the whole formula after edits; None if an edit is in another file."""
         formula = self.judge.formula
         home = formula.equations[0]
         path = Path(inspect.unwrap(home.variants[home.default]).__code__.co_filename)  # type: ignore[attr-defined]

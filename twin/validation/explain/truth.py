@@ -57,7 +57,7 @@ class Truth:
     free: str = ""
 
     def with_parameters(self, values: Mapping[str, Any]) -> Truth:
-        """Return the same values with other parameter values in SI."""
+        """Return a copy of this object with other parameter values in SI."""
         return replace(self, symbols={**self.symbols, **values})
 
     def perturbed(self, seed: int = 1) -> Truth:

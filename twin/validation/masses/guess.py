@@ -20,8 +20,8 @@ from twin.core.spatial import Array
 BAD, GOOD, GAIN = 0.35, 0.3, 0.35
 """Limits of the relative misfit between stated tensor and filled shapes.
 
-If the misfit exceeds BAD, an explanation is searched. With the explanation, the misfit must be below GOOD, and below
-GAIN times the original misfit. Bodies that are hollow or of mixed materials have a misfit of 0.1 to 0.3.
+If the misfit exceeds BAD, the check searches for an explanation. With the explanation, the misfit must be below GOOD,
+and below GAIN times the original misfit. Bodies that are hollow or of mixed materials have a misfit of 0.1 to 0.3.
 """
 
 SIGN = 0.04
