@@ -27,7 +27,7 @@ from twin.validation.result import Residual, RowKind, headline
 from twin.validation.rows import Clock, Tolerances, rotation_vectors, row, text
 
 COARSE = 10
-"""Interval of the coarse samples (joints, points, speeds, stage); tool and loops are compared at every sample."""
+"""Every tenth sample is a coarse sample (joints, points, speeds, stage); tool and loops are compared at all samples."""
 
 Progress = Callable[[str, float], None]
 

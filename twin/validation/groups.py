@@ -137,7 +137,7 @@ class GroupTables(Table):
             if unknown := set(claim.outcomes) - known:
                 raise at(("claim", i, "outcomes"), f"there is no outcome '{min(unknown)}'")
         if self.chain is not None and self.chain.of not in {a.name for a in self.accuracy}:
-            raise at(("chain", "of"), f"there is no accuracy '{self.chain.of}'")
+            raise at(("chain", "of"), f"there is no accuracy table '{self.chain.of}'")
         return self
 
 

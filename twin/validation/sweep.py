@@ -242,7 +242,10 @@ def _mimic(model: ReferenceModel, run: Run, q: Array) -> Curve:
 
 
 def _serial(true: Array, q: Array) -> Curve:
-    """Return the error of the model with a fixed pivot or a straight line, fitted by least squares: p = c + R r."""
+    """Return the error of the model with a fixed pivot or a straight line, fitted by least squares.
+
+    The pivot model is p = c + R r, with the tool's position p and rotation R in `true` and constants c, r (3,) in m.
+    """
     R, p = true[:, :3, :3], true[:, :3, 3]
     k = len(p)
     if spatial.rotation_angle(np.swapaxes(R[:1], 1, 2) @ R).max() < _STILL:

@@ -101,7 +101,8 @@ def _clock(trajectory: Trajectory) -> Iterator[Finding]:
         yield disagreement(
             "timing.clock",
             "t",
-            f"the samples are not evenly spaced: step {step[k]:.6g} s, median {np.median(step):.6g} s; deviation",
+            f"the samples are not evenly spaced: one step is {step[k]:.6g} s, "
+            f"the median is {np.median(step):.6g} s; deviation",
             Quantity(off, "s"),
             _CLOCK,
             when=f"t = {t[k]:.3f} s",

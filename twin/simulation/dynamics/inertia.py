@@ -186,12 +186,15 @@ def _frames(table: Inertias, mechanism: Mechanism, poses: dict[str, Array]) -> l
         for key, units in _UNITS.items():
             entry = getattr(link, key)
             if entry is not None and entry.unit != units[not joint.is_angle]:
-                raise MechanismError(f"inertia.toml: {key} of {joint.name} is in {entry.unit}, but it is {joint.type}")
+                raise MechanismError(
+                    f"inertia.toml: {key} of {joint.name} is in {entry.unit}, but the joint is {joint.type}"
+                )
         T = poses[joint.parent] @ joint.T_parent_joint
         if abs(T[0, 2]) > _ALONG:
             raise MechanismError(
-                f"joint {joint.name}: its axis is {np.arcsin(abs(T[0, 2])) / DEG:.3g} deg away from perpendicular "
-                "to the x axis of the base, with all joints at zero; the link frame of inertia.toml is ambiguous"
+                f"joint {joint.name}: its axis must be perpendicular to the x axis of the base, with all joints at "
+                f"zero; the error is {np.arcsin(abs(T[0, 2])) / DEG:.3g} deg, "
+                "so the link frame of inertia.toml is ambiguous"
             )
         lines.append((T[:3, 3], T[:3, 2]))
     out, before = [], poses[mechanism.base][:3, 3]

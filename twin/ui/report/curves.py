@@ -1,4 +1,4 @@
-"""Data for the plots of a report: curves reduced to fewer samples without losing peaks, and their limits."""
+"""Data for the plots of a report: limits, and curves reduced to fewer samples without losing peaks."""
 
 from __future__ import annotations
 

@@ -107,7 +107,7 @@ class Hand:
         return np.concatenate([*parts, []])
 
     def _places(self, joint: str, count: int) -> slice:
-        """Return the indices of a passive joint in a configuration; the index of a slide is first."""
+        """Return the indices of the last `count` coordinates of a passive joint; a slide's coordinate precedes them."""
         tree = self.model.tree
         model = tree.model.joints[tree.joint_id[joint]]
         end = model.idx_q + model.nq

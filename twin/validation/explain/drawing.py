@@ -53,7 +53,7 @@ class Corrected:
 
 @dataclass(frozen=True)
 class _Tried:
-    """The CAD with one combination of parts corrected; `model` and `judge` are None if it cannot be assembled."""
+    """The CAD with one combination of parts corrected; `model`, `judge`: None if the mechanism cannot be assembled."""
 
     chosen: tuple[Suspect, ...]
     model: ReferenceModel | None = None

@@ -68,7 +68,7 @@ class Search:
         return list(out.values())
 
     def singles(self, kinds: Container[str], only: Container[tuple[str, int]] | None = None) -> list[Candidate]:
-        """Evaluate single edits of the given kinds in the statements of `own_sites`; `only`: statements to use."""
+        """Evaluate single edits of the given kinds in the statements of `own_sites`; `only` selects some of them."""
         out: list[Candidate] = []
         sites = [x for x in self.own_sites() if only is None or (x[0].equation.name, x[1].index) in only]
         for n, (step, statement) in enumerate(sites):
@@ -320,7 +320,7 @@ class Search:
     ) -> tuple[list[Candidate], bool]:
         """Return (pairs of edits with which row k agrees or nearly agrees, whether all pairs were tried).
 
-        First, pairs of any kind whose separate effects add up to the residual; then, all pairs of tokens.
+        First, pairs of any kind whose separate effects add up to the residual are tried; then, all pairs of tokens.
         """
         mine = [c for c in singles if k in c.changed and c.changed[k].shape == self.raw[k].shape]
         mine = [c for c in mine if np.isfinite(c.changed[k]).all()]

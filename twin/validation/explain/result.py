@@ -359,9 +359,9 @@ def _repair(r: Repair) -> Iterator[Part]:
 
 def _tried(r: Repair) -> str:
     if not r.seconds:
-        return f"{r.tried} edits tried"
+        return f"{r.tried} edits were tried"
     most = "every pair of tokens" if r.complete else "not every pair (--seconds gives more time)"
-    return f"{r.tried} edits and pairs tried, pairs for {r.seconds:.1f} s, {most}"
+    return f"{r.tried} edits and pairs were tried, pairs for {r.seconds:.1f} s: {most}"
 
 
 def _numbers(x: Explanation) -> Iterator[Part]:

@@ -204,7 +204,9 @@ def _impossible(rows: list[Row]) -> list[Finding]:
         why += [] if r.slack > 0 else [f"violates the triangle inequality by {-r.slack:.3g} kg m2"]
         if why:
             out.append(
-                disagreement("inertia.impossible", r.name, f"row {r.name}: impossible tensor: it {' and '.join(why)}")
+                disagreement(
+                    "inertia.impossible", r.name, f"row {r.name}: the tensor is impossible: it {' and '.join(why)}"
+                )
             )
     return out
 
