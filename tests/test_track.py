@@ -241,7 +241,7 @@ def test_a_wrong_model_keeps_centres_and_rotors(arm):
 
 
 def test_without_mujoco_or_its_file_the_way_out_is_named(arm, monkeypatch):
-    with pytest.raises(TwinError, match="or use the plant 'pinocchio'"):
+    with pytest.raises(TwinError, match="use the plant 'pinocchio'"):
         plant_of(replace(arm, mjcf=""))
     monkeypatch.setitem(sys.modules, "mujoco", None)
     with pytest.raises(TwinError, match="--plant pinocchio"):

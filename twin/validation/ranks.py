@@ -112,7 +112,9 @@ def compare(path: Path) -> Ranks:
             effect = 2 * u / (len(x) * len(y)) - 1
             found.append(Comparison(measure, (a, b), (len(x), len(y)), medians, u, p, p, effect))
     if not found:
-        raise DescriptionError(f"{path}: nothing to compare: give two groups with numbers in at least one column")
+        raise DescriptionError(
+            f"{path}: there is nothing to compare: give two groups with numbers in at least one column"
+        )
     return Ranks(path.name, _holm(found), [*_small(found)])
 
 

@@ -49,7 +49,7 @@ class _Cited(Table):
 
 
 class Mass(_Cited):
-    """A mass with its unit and origin."""
+    """A mass with its unit and provenance."""
 
     value: _Positive
     unit: Literal["kg"]

@@ -194,7 +194,9 @@ def plant_of(arm: Arm, conditions: Conditions = Conditions()) -> Plant:
     """
     if conditions.plant == "mujoco":
         if not arm.mjcf:
-            raise TwinError(f"{arm.mechanism.name}: MuJoCo needs the robot as MJCF; or use the plant 'pinocchio'")
+            raise TwinError(
+                f"{arm.mechanism.name}: MuJoCo needs the robot as MJCF; without it, use the plant 'pinocchio'"
+            )
         return MujocoPlant(arm.mjcf, [j.name for j in arm.mechanism.active], arm.rotor, arm.friction)
     if conditions.plant == "pinocchio":
         return ModelPlant(arm.dynamics())

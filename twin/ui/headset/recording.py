@@ -217,10 +217,10 @@ class Replay:
         return [d for (kind, _), d in self._others.items() if kind == "path"]
 
     def ask(self, client: str, message: wire.Message) -> None:
-        """Play, pause or seek; other requests are refused.
+        """Play, pause or seek; refuse other requests.
 
         Raises:
-            RefusedError: the request is not to play, pause or seek.
+            RefusedError: it is another request.
         """
         if isinstance(message, wire.Play):
             if message.on and self._at >= self.last:

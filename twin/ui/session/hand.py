@@ -41,7 +41,7 @@ class Hand:
         return Dragger(self.mechanism.with_rest(self.model.home().link_poses), self.bounds)
 
     def prepare(self) -> None:
-        """Compile the functions before the first drag, which then need not wait; errors are raised by the drag."""
+        """Compile the functions, so that the first drag does not wait for them; errors are raised by the drag."""
         with contextlib.suppress(AssemblyError, MechanismError):
             dragger, home = self.dragger, self.model.home()
             u = self._unknowns(home)

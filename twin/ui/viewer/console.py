@@ -324,7 +324,7 @@ class ConsoleFront(Loop):
             self._said = self._status.content = said
 
     def _set(self, control: Any, kind: str, value: Any, apart: float = 0.0) -> None:
-        """Set a control if the value in the World has changed; otherwise a new input by a user would be undone."""
+        """Set a control if the World's value has changed, and differs by more than `apart`; keep new input by users."""
         if (
             value == self._written.get(kind)
             or self.wished(kind)

@@ -118,7 +118,11 @@ def _readings(tensor: Array, centre: Array, mass: float) -> Iterator[tuple[str, 
     if np.abs(far).max() > 0.2 * np.abs(tensor).max():
         yield (
             "origin",
-            "the tensor seems to be about the mass centre, not the frame's origin as stated",
+            "the tensor seems to be about the mass centre, not about the frame's origin, as stated",
             tensor + far,
         )
-        yield "origin", "the tensor seems to be about the frame's origin, not the mass centre as stated", tensor - far
+        yield (
+            "origin",
+            "the tensor seems to be about the frame's origin, not about the mass centre, as stated",
+            tensor - far,
+        )
