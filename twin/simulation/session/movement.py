@@ -23,8 +23,8 @@ Speeds are computed from positions that are low-pass filtered at the same freque
 def speed(p: Array, dt: float) -> Array:
     """Return the speed (k,) in m/s of a point p (k, 3) in m, sampled every dt in s, by central differences.
 
-    The positions are first filtered forwards and backwards by a Butterworth filter of order 2 at `CUT_OFF`, because
-    hand states that arrive 30 to 60 times per second move the tip in steps, which have a much higher speed.
+    The positions are first filtered forwards and backwards by a Butterworth filter of order 2 at `CUT_OFF`. Without
+    this filter, hand states that arrive 30 to 60 times per second would move the tip in steps of a much higher speed.
     """
     if len(p) < 2:
         return np.zeros(len(p))
