@@ -116,7 +116,7 @@ def test_an_index_of_a_scalar_is_no_cure(tmp_path):
 @pytest.mark.parametrize("name", ["dot", "cross"])
 def test_products_of_a_scalar_and_a_vector_are_refused_as_by_casadi(name):
     vector = Matrix(np.ones((4, 3, 1)))
-    with pytest.raises(ValueError, match="vectors of 1 and 3 entries"):
+    with pytest.raises(ValueError, match="vectors have 1 and 3 entries"):
         numeric._FUNCTIONS[name](np.ones(4), vector)
     with pytest.raises(RuntimeError):
         getattr(ca, name)(ca.SX.sym("s"), ca.SX.sym("v", 3))

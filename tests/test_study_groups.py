@@ -162,7 +162,7 @@ def test_what_cannot_follow_is_found(code, old, new, tmp_path):
         ("mean = { A = 1.25, B = 1.40 }", "mean = { A = 1.25 }", "a number for each group: A, B"),
         ('["A", "B"], printed', '["A", "C"], printed', "groups are A, B"),
         ('outcomes = ["errors"]', 'outcomes = ["time"]', "there is no outcome 'time'"),
-        ('of = "lin"', 'of = "ang"', "there is no accuracy 'ang'"),
+        ('of = "lin"', 'of = "ang"', "there is no accuracy table 'ang'"),
     ],
 )
 def test_bad_files_are_told_with_their_line(old, new, said, tmp_path):

@@ -164,7 +164,7 @@ def test_only_what_changed_is_sent_in_one_block_with_one_flush(server, monkeypat
 
 @pytest.mark.parametrize(("p", "q"), [((2, 3), (3, 4)), ((3, 3), (3, 3)), ((1, 3), (1, 4)), ((3,), (4,))])
 def test_poses_of_other_shapes_are_refused(server, p, q):
-    with pytest.raises(ValueError, match=r"3 nodes are \(3, 3\) and \(3, 4\)"):
+    with pytest.raises(ValueError, match=r"3 nodes must be \(3, 3\) and \(3, 4\)"):
         writer(server, links(server, 3)).write(np.zeros(p), np.zeros(q))
 
 

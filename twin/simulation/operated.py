@@ -53,7 +53,7 @@ class Operated(Result):
         T_tool_tip: (4, 4) pose of the tip in the tool frame.
         goals: goals of the operator, in order.
         trials: one trial per seed.
-        findings: goals that were not reached, and a clutch that causes a jump.
+        findings: findings on goals that were not reached, and on a clutch that causes a jump.
     """
 
     robot: str
@@ -141,7 +141,7 @@ def run_trials(
         trials: number of trials, with the seeds seed, seed + 1, ...
         seed: seed of the first trial.
         clutch_as: variant of the clutch, eq. (7) of the SHER simulation paper, "printed" or "corrected".
-        scale: tool translation per handle translation; rotations are not scaled.
+        scale: tool translation divided by handle translation; rotations are not scaled.
         solver: solver of the joint step.
         progress: called with a description of the current step and the fraction done.
 

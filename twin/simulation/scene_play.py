@@ -37,7 +37,7 @@ PORT_TOLERANCE = 0.1e-3
 
 @dataclass(frozen=True)
 class Actor:
-    """A robot of the scene with its trajectory; `trocars` are positions (3,) in its base in m, named as in `place`."""
+    """A robot of the scene with its trajectory; `trocars`: positions (3,) in m in its base, by the names in `place`."""
 
     place: Place
     mechanism: Mechanism
@@ -53,7 +53,7 @@ class Played(Result):
         scene, actors, props: the scene, its robots, and its props (None: no props).
         t: (k,) times in s at which clearances are measured.
         by_pair: minimum clearances of each pair of owners (robots, props).
-        findings: collisions, clearances below the required one, and robots that miss their port.
+        findings: findings on collisions, too small clearances, and robots that miss their port.
     """
 
     scene: Scene
@@ -206,7 +206,7 @@ def play(
 
 
 def too_near(found: Clearance, k: int, t: Array, clearance: float) -> Finding:
-    """Return a finding for the nearest pair at sample k; for an overlap at the start, with the first free time."""
+    """Return a finding for the nearest pair at sample k; after an overlap at the start, suggest a free start time."""
     a, b = found.pair[k]
     least, start = float(found.distance[k]), float(found.distance[0])
     what, code = "come too close", "scene.near"

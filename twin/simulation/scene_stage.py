@@ -43,7 +43,7 @@ def write_scene(
     Args:
         scene: the scene.
         folder: output folder, created if it does not exist.
-        stages: layer to reference (with its motion), by robot, as a path to be written into the root layer.
+        stages: path of each robot's layer with its motion, by robot, as it is written into the root layer.
         mechanisms: mechanism by robot, to find the bodies that carry cameras.
         props: mechanism of the props; None: no props.
         duration: duration of the longest motion in s.

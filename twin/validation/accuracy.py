@@ -1,7 +1,7 @@
 """Simulate the accuracy test of a console: move haptic pens along their axes and measure the tool's displacement.
 
-The error is the tool's displacement minus the pen's displacement, both in {RB}, the frame of the robot's base. It is
-not the error of eq. (7) as printed in the console's paper.
+The error is the tool's displacement minus the pen's displacement, both in {H}, the frame of the hand. It is not the
+error of eq. (7) as printed in the console's paper.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ class Mover(Protocol):
             W_0: (4, 4) previous handle pose in {H}.
             W_1: (4, 4) current handle pose in {H}.
             T: (4, 4) pose of {H} in {RB}.
-            scale: motion scale, hand to tool.
+            scale: motion scale: tool displacement divided by hand displacement.
         """
         ...
 
@@ -59,7 +59,7 @@ def measure(
     P[:3, 3] = (0, 0, -0.1)
 
     def errors(step: float) -> np.ndarray:
-        """Return the errors (k, 3) in m, in the axes of {H}, for a pen with resolution `step` in m (0: exact)."""
+        """Return the errors (k, 3) in m, in {H}, for a pen with resolution `step` in m (0: exact)."""
         out = np.zeros_like(start)
         for i, (a, b) in enumerate(zip(start, end, strict=True)):
             W_0, W_1 = np.eye(4), np.eye(4)

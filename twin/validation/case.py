@@ -1,4 +1,4 @@
-"""Input of a validation and its parts."""
+"""Input of a validation, names of its parts, and earlier results that it can reuse."""
 
 from __future__ import annotations
 
@@ -27,7 +27,8 @@ class Case:
         stage: root layer of the robot's USD stage.
         tolerances: largest deviations that count as agreement.
         paths: the robot's planning data, to check the limits again; if None, the trajectory's findings are used.
-        baked_for_it: whether the stage's motion was baked from this trajectory. If so, a difference is a disagreement.
+        baked_for_it: whether the stage's motion was baked from this trajectory. If so, a difference is a disagreement,
+            otherwise a warning.
     """
 
     kinematics: Kinematics | None

@@ -18,7 +18,7 @@ SIDES: dict[Side, str] = {
     "motion": "baked motion (D) and CAD (B) differ",
     "protocol": "the motion breaks a limit of the protocol or of the robot",
 }
-"""Message for each side (the faulty part). Causes are listed in this order, because a later cause may follow from an
+"""Message for each side that can be faulty. Causes are listed in this order, because a later cause may follow from an
 earlier one."""
 
 _FAMILIES: dict[str, Side] = {
@@ -31,7 +31,7 @@ _FAMILIES: dict[str, Side] = {
 """Side for the first word of a finding's code; all other codes belong to the side "protocol"."""
 
 _SAME = 0.999
-"""Ratio above which two sizes count as equal; the head of the cause is then the first of the two findings."""
+"""Ratio of the sizes of two findings above which the sizes count as equal; the first finding is then the head."""
 
 
 @dataclass(frozen=True)

@@ -27,7 +27,7 @@ from twin.validation.result import Residual, RowKind, headline
 from twin.validation.rows import Clock, Tolerances, rotation_vectors, row, text
 
 COARSE = 10
-"""Interval of the coarse samples (joints, points, speeds, stage); tool and loops are compared at every sample."""
+"""Every tenth sample is a coarse sample (joints, points, speeds, stage); tool and loops are compared at all samples."""
 
 Progress = Callable[[str, float], None]
 
@@ -94,7 +94,7 @@ def compare(
 
     by_joints = trajectory.followed or any(p.type == "free" for p in trajectory.phases)
     chosen = asked is not None and by_joints and model.redundant
-    if chosen:  # redundant: the equations choose another solution than the path, so their solution is judged
+    if chosen:  # redundant: the equations may choose a solution that differs from the path, so their solution is judged
         posed = model.run_poses(Ts[rows], progress=report, near=q[rows])
     elif trajectory.followed:  # the poses were computed by driving the mechanism with these joint values
         posed = model.run(trajectory.q[rows], progress=report)
@@ -247,7 +247,7 @@ def _driven(
     clock: Clock,
     tolerances: Tolerances,
 ) -> _Blame:
-    """Compare the equations' joint values with the mechanism's, both from computed points and from the CAD's points."""
+    """Compare the mechanism's joint values with the equations', from the equations' points and the CAD's points."""
     alone = None
     if kin.closed_inverse and kin.formula.points:
         names = [n for n, s in kin.formula.points.items() if _equation_of(kin, (s,) if isinstance(s, str) else s)]
@@ -397,7 +397,7 @@ def _rates(
 
 
 def _add(out: Comparison, r: Residual, what: str, cause: str = "") -> None:
-    """Add a disagreement for a row, or an info finding if the row is a consequence of another."""
+    """Add a disagreement for a row, or an info finding if the row is a consequence of another row."""
     out.findings.append(
         r.finding(
             Kind(f"{r.quantity}.differs", "info" if r.consequence_of else "disagreement", word="tolerance"),

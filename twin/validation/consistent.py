@@ -60,7 +60,9 @@ class Fix:
         size = [f"{self.moved / MM:.2f} mm"] if self.moved > 0 else []
         size += [f"{self.turned / DEG:.2f} deg"] if self.turned > 0 else []
         reach = f"the robot reaches it ({self.why})" if self.reachable else f"out of reach: {self.why}"
-        drift = f"; on the straight path the shaft would still miss the RCM by {self.straight / MM:.2f} mm in between"
+        drift = (
+            f"; on the straight path the shaft would still miss the RCM by {self.straight / MM:.2f} mm between its ends"
+        )
         drifts = drift if self.straight > 1e-5 else ""
         return f"{self.name}, by {' and '.join(size) or '0 mm'}: {self.value}; {reach}{drifts}"
 
@@ -197,7 +199,10 @@ def _missed(trajectory: Trajectory, phase: str) -> float:
 
 
 def _rcm(trajectory: Trajectory, span: PhaseSpan) -> list[Fix]:
-    """Return the fix that moves the RCM to the point nearest to two shafts: at the RCM's first use and at phase end."""
+    """Return the fix that moves the RCM to the point nearest to two shaft axes, or an empty list if they are parallel.
+
+    The axes are those at the first use of the RCM and at the end of the phase.
+    """
     assert span.rcm is not None
     first = min(s.start for s in trajectory.phases if s.rcm is not None and np.array_equal(s.rcm, span.rcm))
     Ts, axis = (
@@ -214,7 +219,11 @@ def _rcm(trajectory: Trajectory, span: PhaseSpan) -> list[Fix]:
     at = ", ".join(f"{x / MM:.2f}" for x in best)
     moved = float(np.linalg.norm(best - span.rcm))
     enough = left <= 1e-4
-    why = "both shafts pass it" if enough else f"even there the shafts, which are skew, miss it by {left / MM:.2f} mm"
+    why = (
+        "both shafts pass through it"
+        if enough
+        else f"even there the shafts, which are skew, miss it by {left / MM:.2f} mm"
+    )
     return [Fix("move the RCM", "", moved, 0.0, f"({at}) mm", enough, why)]
 
 

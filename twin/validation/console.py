@@ -26,7 +26,7 @@ _POINT, _ANGLE = 1e-12, 1e-7
 _INCREMENTS = 10_000
 _SCALE = 0.5
 _PEN = 3.3
-"""Largest force in N of a haptic pen (ASSUMED: manufacturer's figure)."""
+"""Largest force in N of a haptic pen (ASSUMED: the value is the manufacturer's)."""
 
 
 class Laws(Protocol):
@@ -63,12 +63,15 @@ class Laws(Protocol):
             W_0: (4, 4) previous handle pose in {H}.
             W_1: (4, 4) current handle pose in {H}.
             T: (4, 4) pose of {H} in {RB}.
-            scale: motion scale, hand to tool.
+            scale: motion scale: tool displacement divided by hand displacement.
         """
         ...
 
     def turns(self, p_R0: Array, p_R1: Array, p_L0: Array, p_L1: Array, n: Array) -> tuple[float, float]:
-        """Return the camera roll about the axis n (3,) in `turn_unit`: (from the right hand, from the left hand)."""
+        """Return the camera roll in `turn_unit` about the axis n (3,): (by the right hand, by the left hand).
+
+        p_R0, p_L0 (3,) in m are the positions of the right and the left hand before the motion, p_R1, p_L1 after it.
+        """
         ...
 
     def force(self, depth: float, rate: float) -> float:
@@ -129,8 +132,8 @@ def _turn(c: Laws) -> Iterator[Clause]:
         "a pure rotation of the hand does not move the tool's wrist",
         moved,
         f"the hand turns 90 deg in place, and the tool moves {moved / _MM:.3f} mm: the tool turns about the hand's "
-        "point, 50 mm away, and not about its own point",
-        "turn the tool about its own point: R1 = dR R0, p1 = p0 + dp",
+        "origin, 50 mm away, and not about its own origin",
+        "turn the tool about its own origin: R1 = dR R0, p1 = p0 + dp",
     )
     T = _pose((0, 0, 0), (0.4, -0.7, 0.5))
     axis = np.array([0.2, 0.5, -0.3])
@@ -161,7 +164,7 @@ def _way(c: Laws) -> Iterator[Clause]:
         f"at scale {_SCALE:g} a hand that moves 10 mm along x of {{H}} moves the tool 5 mm along y of {{RB}}",
         off,
         f"at scale {_SCALE:g} the hand moves 10 mm along x of {{H}} and the tool moves ({_triple(got)}) mm: "
-        f"{off / _MM:.3f} mm off (0, 5, 0) mm",
+        f"the distance from (0, 5, 0) mm is {off / _MM:.3f} mm",
         "use p1 = p0 + s R_T (h1 - h0), which contains the scale s",
     )
 
@@ -186,7 +189,7 @@ def _clutch(c: Laws) -> Iterator[Clause]:
         "eq2",
         "after a re-grip, the hand moves the tool as before",
         off,
-        f"after a re-grip the hand moves 10 mm, and the tool is {off / _MM:.3f} mm off",
+        f"after a re-grip the hand moves 10 mm, and the tool ends {off / _MM:.3f} mm from the correct position",
         "p1 = p0 + s R_T (h1 - h0), with h0 the hand position at the re-grip",
     )
 
@@ -212,7 +215,8 @@ def _camera(c: Laws) -> Iterator[Clause]:
         "eq2",
         "after the camera has turned, the tool moves in the camera image in the direction of the hand",
         off,
-        f"the camera has turned 30 deg, the hand moves 10 mm, and the tool is {off / _MM:.3f} mm off",
+        f"the camera has turned 30 deg, the hand moves 10 mm, and the tool ends {off / _MM:.3f} mm from the "
+        "correct position",
         "use T of the current time step, not T of the start",
     )
 
@@ -242,7 +246,7 @@ def _mirror(c: Laws) -> Iterator[Clause]:
     yield _point(
         "left_handed",
         "eq2",
-        "in a left-handed scene (p' = S p, R' = S R S) the motion is the mirrored one",
+        "in a left-handed scene (mirror S: p' = S p, R' = S R S) the motion is the mirror image",
         moved + np.radians(turned) * 1e-4,
         f"in a left-handed scene the tool ends {moved / _MM:.3f} mm and {turned:.3f} deg from the mirrored pose",
         "mirror positions and rotations alike: p' = S p, R' = S R S",
@@ -433,12 +437,12 @@ def _force(c: Laws) -> Iterator[Clause]:
     yield Clause(
         "force.size",
         "eq5",
-        "1 mm at rest gives 0.6 N, 10 mm/s at the surface 0.1 N",
+        "a depth of 1 mm at rest gives 0.6 N; a rate of 10 mm/s at the surface gives 0.1 N",
         off,
         "N",
         1e-6,
         off <= 1e-6,
-        f"1 mm at rest gives {rest:.3g} N, 10 mm/s at the surface {moving:.3g} N",
+        f"a depth of 1 mm at rest gives {rest:.3g} N; a rate of 10 mm/s at the surface gives {moving:.3g} N",
         "0.6 N/mm and 0.01 N s/mm",
     )
 

@@ -28,7 +28,8 @@ COARSE_MASS, COARSE_SIZE = 0.15, 0.04
 meshes."""
 
 COARSE_MOMENT = 0.4
-"""Relative tolerance of an estimated principal moment, which grows with the fourth power of a diameter."""
+"""Relative tolerance of an estimated principal moment; it is large, because moments vary with the fourth power of
+size."""
 
 
 _AGAIN = "rebuild the stage with `twin build`"

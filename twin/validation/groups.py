@@ -137,7 +137,7 @@ class GroupTables(Table):
             if unknown := set(claim.outcomes) - known:
                 raise at(("claim", i, "outcomes"), f"there is no outcome '{min(unknown)}'")
         if self.chain is not None and self.chain.of not in {a.name for a in self.accuracy}:
-            raise at(("chain", "of"), f"there is no accuracy '{self.chain.of}'")
+            raise at(("chain", "of"), f"there is no accuracy table '{self.chain.of}'")
         return self
 
 
@@ -168,7 +168,7 @@ def recompute(tables: GroupTables, run: Measured) -> Recomputed:
 
     Args:
         tables: the printed tables.
-        run: simulates the accuracy test.
+        run: function that simulates the accuracy test.
     """
     users = {g.name: g.users for g in tables.group}
     outcomes, rows = [], []
@@ -434,7 +434,8 @@ def _chain(c: Chain, printed: Accuracy, measured: Mapping[str, Any], stds: Seque
             "study.quantised",
             printed.name,
             f"a pen with a resolution of {c.resolution_mm:g} mm explains a std up to {high * max(stds):.3f} mm in "
-            f"{c.displacements} displacements (99 %), {max(stds):.4f} mm on average; printed: {', '.join(beyond)} mm",
+            f"{c.displacements} displacements (99th percentile), {max(stds):.4f} mm on average; "
+            f"printed: {', '.join(beyond)} mm",
             Quantity(max(printed.std), "mm"),
             float(high * max(stds)),
             "look for other sources of error than the resolution of the pen",

@@ -68,7 +68,7 @@ def lengths(
 
 
 def put_down(kin: Kinematics, found: list[Finding], findings: list[Finding]) -> list[Finding]:
-    """Return the findings on the equations; the length becomes the cause if an equation uses a length that differs."""
+    """Return the findings on the equations; if an equation uses a differing length, this length becomes the cause."""
     parameters = [f.cause.removeprefix("length ") for f in found]
     causes = {}
     for e in kin.formula.equations:

@@ -20,9 +20,13 @@ SINGULAR = 1e-6
 
 
 _SINGULAR = Kind(
-    "singularity.mechanism", "disagreement", "plan the path farther from this pose: the assembly mode may change there"
+    "singularity.mechanism",
+    "disagreement",
+    "plan the path at a larger distance from this pose: the assembly mode may change there",
 )
-_JUMP = Kind("branch.jump", "disagreement", "plan the path farther from this pose", word="expected at most")
+_JUMP = Kind(
+    "branch.jump", "disagreement", "plan the path at a larger distance from this pose", word="expected at most"
+)
 
 
 def margins(trajectory: Trajectory, mechanism: Mechanism, paths: PathKinematics, clock: Clock) -> dict[str, str]:
@@ -78,7 +82,7 @@ def margins(trajectory: Trajectory, mechanism: Mechanism, paths: PathKinematics,
 def of_mechanism(
     model: ReferenceModel, posed: Run, rows: Index, clock: Clock
 ) -> tuple[dict[str, str], list[Finding], dict[str, Array]]:
-    """Return (facts, findings, curves) on the mechanism's distance from singularities.
+    """Return (facts as text, findings, curves) on the mechanism's distance from singularities.
 
     While the Jacobians have full rank, the coordinates follow the driven joints continuously and the assembly mode
     cannot change. Full rank at every compared sample and coordinates without jumps therefore exclude a change of the

@@ -112,7 +112,9 @@ def compare(path: Path) -> Ranks:
             effect = 2 * u / (len(x) * len(y)) - 1
             found.append(Comparison(measure, (a, b), (len(x), len(y)), medians, u, p, p, effect))
     if not found:
-        raise DescriptionError(f"{path}: nothing to compare: give two groups with numbers in at least one column")
+        raise DescriptionError(
+            f"{path}: there is nothing to compare: give two groups with numbers in at least one column"
+        )
     return Ranks(path.name, _holm(found), [*_small(found)])
 
 
@@ -132,10 +134,10 @@ def _small(found: Sequence[Comparison]) -> Iterator[Finding]:
             yield warning(
                 "study.small",
                 " - ".join(pair),
-                f"{pair[0]} and {pair[1]} have {n} and {m} users: with so few, p cannot be below {smallest:.3f}",
+                f"{pair[0]} and {pair[1]} have {n} and {m} users: with so few users, p cannot be below {smallest:.3f}",
                 Quantity(smallest, "1"),
                 0.05,
-                "add users: with 4 and 4, p can reach 0.029",
+                "add users: with 4 users in each group, p can be as low as 0.029",
                 word="",
             )
 

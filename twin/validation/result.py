@@ -83,7 +83,10 @@ def headline(rows: Sequence[Residual]) -> Residual:
     """Return the row to show for a group: the worst failed row, preferring rows that are not consequences of others."""
 
     def weight(r: Residual) -> tuple[int, float]:
-        """Return (class, deviation / tolerance); without a tolerance, the deviation itself. NaN counts as infinite."""
+        """Return (rank, deviation / tolerance); failed rows have the highest rank.
+
+        Without a tolerance, the second value is the deviation itself. NaN counts as infinite.
+        """
         rank = 0 if r.tolerance is None else 1 if r.agrees else 2 if r.consequence_of else 3
         return rank, math.inf if math.isnan(r.worst) else r.worst / (r.tolerance or 1.0)
 

@@ -39,7 +39,7 @@ class Tolerances:
     rcm: float = 1e-9
 
     def widened(self, position: float) -> Tolerances:
-        """Return tolerances for geometry known only to `position` in m; angles use a lever arm of 0.1 m."""
+        """Return tolerances for position errors up to `position` in m; a lever arm of 0.1 m converts them to angles."""
         p = max(position, self.position)
         r = max(position / 0.1, self.rotation)
         return Tolerances(
@@ -82,7 +82,7 @@ def row(
     clock: Clock,
     **more: str,
 ) -> Residual:
-    """Return a row from differences (k,), or (k, 3) compared by length, with the axes of the largest components."""
+    """Return a row from differences: scalars (k,), or vectors (k, 3), of which the lengths are compared."""
     values = np.linalg.norm(differences, axis=-1) if differences.ndim > 1 else np.abs(differences)
     i = int(np.argmax(np.where(np.isnan(values), -1.0, values))) if len(values) else 0
     component = ""

@@ -26,7 +26,8 @@ from twin.validation.result import Residual
 from twin.validation.rows import Clock, row, text
 
 ALL, LOOKED = 64, 12
-"""(maximum number of samples in a phase whose intervals are all measured, number measured in longer phases)."""
+"""(maximum number of samples of a phase in which all intervals are measured, number of measured intervals in longer
+phases)."""
 
 _INSIDE = np.linspace(0.0, 1.0, 9)[1:-1]
 """Positions (0 to 1) within an interval at which the distance is measured; a parabola refines the maximum."""
@@ -35,7 +36,7 @@ _INSIDE = np.linspace(0.0, 1.0, 9)[1:-1]
 _BETWEEN = Kind(
     "rcm.between",
     "disagreement",
-    "sample the motion finer, or let the joints follow the shaft between samples",
+    "use a shorter time step, or let the joints follow the shaft between samples",
     word="tolerance",
 )
 

@@ -191,7 +191,9 @@ def _reachable(
     for alarm in kin.singularity_alarm(Ts, q).values():
         good = np.logical_and(good, ~alarm)
     if not good.any():
-        raise TwinError(f"the whole stroke of '{kin.joints[i]}' is singular with the other joints at home")
+        raise TwinError(
+            f"the equations are near a singularity on the whole stroke of '{kin.joints[i]}' (other joints: home)"
+        )
     middle = int(np.argmin(np.where(good, np.abs(q[:, i] - home[i]), np.inf)))
     first, last = middle, middle
     while first > 0 and good[first - 1]:
@@ -240,7 +242,10 @@ def _mimic(model: ReferenceModel, run: Run, q: Array) -> Curve:
 
 
 def _serial(true: Array, q: Array) -> Curve:
-    """Return the error of the model with a fixed pivot or a straight line, fitted by least squares: p = c + R r."""
+    """Return the error of the model with a fixed pivot or a straight line, fitted by least squares.
+
+    The pivot model is p = c + R r, with the tool's position p and rotation R in `true` and constants c, r (3,) in m.
+    """
     R, p = true[:, :3, :3], true[:, :3, 3]
     k = len(p)
     if spatial.rotation_angle(np.swapaxes(R[:1], 1, 2) @ R).max() < _STILL:
@@ -312,7 +317,7 @@ class Strokes(Result):
             yield s.joint, stroke, name, *figures, f"{d['rotation_max'] / DEG:.2g}°", mark
 
     def write(self, folder: Path) -> None:
-        """Write one CSV file per joint with the position errors in um."""
+        """Write one CSV file per joint with the position errors in µm."""
         for s in self.sweeps:
             columns = {n: c for n, c in {"equations": s.formula, **s.standins}.items() if len(c.offset)}
             head = [f"{s.joint}_{'deg' if s.angle else 'mm'}"]

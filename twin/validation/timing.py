@@ -40,7 +40,7 @@ class Load:
         code: code of the finding if the limit is exceeded.
         what, where: the quantity, and the joint or place, for messages.
         unit: unit of `size` and `limit`.
-        size, limit: maximum and limit; an infinite limit means none.
+        size, limit: maximum of the quantity, and its limit; infinity means that there is no limit.
         t, phase: time in s and phase of the maximum.
     """
 
@@ -101,7 +101,8 @@ def _clock(trajectory: Trajectory) -> Iterator[Finding]:
         yield disagreement(
             "timing.clock",
             "t",
-            f"the samples are not evenly spaced: step {step[k]:.6g} s, median {np.median(step):.6g} s; deviation",
+            f"the samples are not evenly spaced: one step is {step[k]:.6g} s, "
+            f"the median is {np.median(step):.6g} s; deviation",
             Quantity(off, "s"),
             _CLOCK,
             when=f"t = {t[k]:.3f} s",
@@ -225,7 +226,9 @@ def _claims(trajectory: Trajectory, mechanism: Mechanism, protocol: Protocol) ->
             yield _claim(trajectory, f"joint {joint.name}", joint.name, k, off[k] / factor, limit / factor, unit)
     for span in trajectory.phases:
         limits = protocol.limits[span.type]
-        rows = slice(span.start + (1 if span.start else 0), span.stop + 1)  # shared sample: of the earlier phase
+        rows = slice(
+            span.start + (1 if span.start else 0), span.stop + 1
+        )  # a sample shared by two phases counts for the earlier phase
         v, w = _tip_speeds(trajectory, rows)
         for name, mean, given, most, unit, factor in (
             ("tip", v, trajectory.tip_velocity, limits.tip_acceleration, "mm/s", MM),
@@ -257,7 +260,7 @@ def _claim(trajectory: Trajectory, what: str, where: str, sample: int, size: flo
 
 def _facts(loads: list[Load], trajectory: Trajectory) -> dict[str, str]:
     """Return the maximum of each kind of quantity, as text."""
-    out = {"computed from": f"{len(trajectory.t)} samples {1e3 * trajectory.step:g} ms apart, from positions alone"}
+    out = {"computed from": f"{len(trajectory.t)} samples, {1e3 * trajectory.step:g} ms apart, without stated speeds"}
     for code in dict.fromkeys(x.code for x in loads):
         alike = [x for x in loads if x.code == code]
         most = max(alike, key=lambda x: x.size / x.limit if np.isfinite(x.limit) else 0.0)

@@ -1,4 +1,4 @@
-"""Check that each shaft passes through its trocar, and that stage and protocol have equal trocar positions."""
+"""Check that each shaft passes through its trocar, and that trocar positions on the stage and in the protocol agree."""
 
 from __future__ import annotations
 

@@ -31,7 +31,7 @@ class Drag:
     """Parameters of the camera motion by both hands.
 
     Attributes:
-        scale: scene motion per motion of the hands' midpoint (0.2 as in the da Vinci Research Kit).
+        scale: motion of the scene divided by motion of the hands' midpoint (0.2 as in the da Vinci Research Kit).
         lever: distance in m from the lens to the scene; the lens is at `depth` from the remote centre (ASSUMED).
         lower, upper: limits of pan, tilt, depth and roll in rad and m.
         rate: largest rates of pan, tilt, depth and roll in rad/s and m/s.
@@ -52,7 +52,7 @@ class Dragging:
     """
 
     def __init__(self, at: Array, dt: float, drag: Drag | None = None, laws: Console | None = None) -> None:
-        """Start at `at` (4,): pan, tilt, depth, roll; dt is the duration of a tick in s."""
+        """Start at pan, tilt, depth and roll `at` (4,) in rad and m; `dt` is the duration of a tick in s."""
         self.at, self.drag = np.array(at, float), drag or Drag()
         self._z, self._step = _compile(laws or console(), self.drag, dt).bind()
         self._hands, self._hands_0, self._at_0, self._at = np.split(self._z, (6, 12, 16))
@@ -94,7 +94,7 @@ def _compile(laws: Console, drag: Drag, dt: float) -> Evaluator:
 
 
 def view(at: Array) -> Array:
-    """Return the pose (4, 4) of the picture about the remote centre; at: pan, tilt, depth, roll in rad and m."""
+    """Return the pose (4, 4) of the picture about the remote centre; `at`: pan, tilt, depth, roll in rad and m."""
     return np.array(ca.DM(_view(ca.DM(at))))
 
 
@@ -116,7 +116,7 @@ def looking(T: Array) -> Array:
     if not np.allclose(view(at), T, atol=1e-6):
         off = float(np.linalg.norm(view(at)[:3, 3] - T[:3, 3]))
         raise WorldError(
-            f"the line of sight of the camera passes {off / MM:.3g} mm from its remote centre; it must pass through it"
+            f"the camera's line of sight passes {off / MM:.3g} mm from its remote centre; move it through the centre"
         )
     return at
 

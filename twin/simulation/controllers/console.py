@@ -74,7 +74,7 @@ def eq1(dW, P_0):
     return P_1
 
 
-@equation.variant("paper", of=eq1, why="as printed: one product: the tool rotates about the origin of {RB}")
+@equation.variant("paper", of=eq1, why="as printed, one product: the tool rotates about the origin of {RB}")
 def eq1_paper(dW, P_0):
     """Return the tool pose (4, 4) by the printed equation."""
     P_1 = dW @ P_0

@@ -35,7 +35,7 @@ def play(controller: Teleoperation, handle: Array, pedal: Array, tool: Array) ->
 
 
 def clutch(make: Callable[[], Teleoperation], distance: float = 0.03, hold: float = 4.0) -> ClutchReport:
-    """Test the clutch: press, release, move the handle by `distance`, press again; each step lasts `hold` in s.
+    """Test the clutch: press, release, move the handle by `distance`, press again; each step lasts `hold` s.
 
     The controller passes if the tool does not move after the second press.
     """

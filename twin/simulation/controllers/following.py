@@ -32,7 +32,8 @@ class Start:
     """Condition that must be met before a hand moves the tool.
 
     Attributes:
-        attitude, again: largest angle in rad between hand and tool at the first start, and after use of the clutch.
+        attitude, again: largest angle in rad between hand and tool: at the first start; when the hand starts again
+            after the clutch.
         grip, roll: gripper travel in rad, or rotation of the handle about its axis in rad, that shows that a person
             holds the handle.
         together: fraction of the sum of both thresholds. A sum of gripper travel and rotation above this value also
@@ -46,7 +47,7 @@ class Start:
     together: float = 0.8
 
     def shown(self, grip: float, roll: float) -> bool:
-        """Return whether the travels in rad of gripper and handle roll show that a person holds the handle."""
+        """Return whether gripper travel and handle roll, both in rad, show that a person holds the handle."""
         return grip >= self.grip or roll >= self.roll or grip + roll > self.together * (self.grip + self.roll)
 
 
@@ -102,7 +103,7 @@ class Following:
             grip: angle of the gripper in rad.
             tool: (4, 4) current tool pose in {RB}.
             T: (4, 4) pose of {H} in {RB}.
-            scale: tool motion per hand motion, limited to `SCALE`.
+            scale: tool motion divided by hand motion, limited to `SCALE`.
         """
         self._tick(hand, self.goal)
         if not self._tick.rigid:  # ignore an invalid pose

@@ -48,7 +48,7 @@ class HandStep:
         jumped: whether the hand had moved farther from `last` than `Pace.jump` or `Pace.twist` allow.
         wanted: (4, 4) tool pose in {RB} by the equations, without speed limits.
         goal: (4, 4) tool pose in {RB} after the tick: from the previous goal towards `wanted`, within the limits.
-        last: (4, 4) pose of the handle one tick earlier; write into this array.
+        last: (4, 4) pose of the handle one tick earlier; the caller writes into this array.
     """
 
     def __init__(self, laws: Console, pace: Pace, dt: float) -> None:
@@ -123,7 +123,7 @@ def _chord(angle: float) -> float:
 
 
 def _towards(T: ca.SX, wanted: ca.SX, way: float, turn: float) -> ca.SX:
-    """Return the pose reached from T towards `wanted`, by at most `way` in m and `turn` in rad."""
+    """Return the pose after one step from T towards `wanted`, of at most `way` in m and `turn` in rad."""
     step = wanted[:3, 3] - T[:3, 3]
     length = symbolic.norm(step)
     far = length > way

@@ -1,7 +1,7 @@
-"""Move a jaw by a gripper, with a calibrated offset, a lower limit, and no jump after the clutch.
+"""Move a jaw by a gripper, with a calibrated offset, a lower limit, and no jump after use of the clutch.
 
-As in the da Vinci Research Kit, the jaw follows the gripper at up to 720 deg/s. After a clutch it follows at up to 36
-deg/s until its difference from the gripper is below 2 deg.
+As in the da Vinci Research Kit, the jaw follows the gripper at up to 720 deg/s. After use of the clutch, the jaw
+follows at up to 36 deg/s until it differs from the gripper by less than 2 deg.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ class Grip:
 
     Attributes:
         travel: travel of the gripper that moves the jaw from its lower to its upper angle.
-        fast, slow: largest rates of the jaw: normally, and after a clutch.
+        fast, slow: largest rates of the jaw: in normal use; after use of the clutch.
         near: difference from the gripper below which the slow rate ends.
     """
 

@@ -74,8 +74,8 @@ class PoseToJoints(Block):
 def _near_inverse(kin: Kinematics, limits: Limits) -> ca.Function:
     """Return the function (dt in s, pose (16), q (n), auxiliary joints) -> q (n) by the closed-form inverse.
 
-    Angles are those nearest to q. All results are NaN if the pose is not rigid or out of reach, or if the step of a
-    joint that moves the tool exceeds a limit or `_NEAR`.
+    Angles are those nearest to q. All results are NaN in these cases: the pose is not rigid, it is out of reach, or a
+    joint that moves the tool would exceed a limit or the step `_NEAR`.
     """
     n, auxiliary = len(kin.joints), np.flatnonzero(kin.auxiliary).tolist()
     dt, goal, q, rest = (ca.SX.sym(*x) for x in (("dt", 1), ("goal", 16), ("q", n), ("rest", len(auxiliary))))

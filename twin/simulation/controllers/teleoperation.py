@@ -1,7 +1,8 @@
 """The mid-level controller of the SHER 3.0 simulation paper: tool rates from handle and pedal, eqs (5) to (7).
 
 The coordinates are those of the robot's equations (SHER: x, y, z in m, psi, theta in rad), with one scale each. The
-paper's Ms is 5x5 although its poses have six freedoms; this file uses as many coordinates as the robot's equations.
+paper's Ms is 5x5 although its poses have six degrees of freedom; this file uses as many coordinates as the robot's
+equations.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ class Gains:
     without integral and derivative gain, so that the tool does not overshoot.
 
     Attributes:
-        scale: Ms, tool motion per handle motion.
+        scale: Ms, tool motion divided by handle motion.
         kp, ki, kd: gains of eq. (5), in 1/s, 1/s^2 and 1.
         limit: maximum rate of the tool, in m/s or rad/s.
     """

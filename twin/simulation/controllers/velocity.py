@@ -152,9 +152,9 @@ def _damped(J: Array, e: Array, lower: Array, upper: Array) -> Array:
 
 @cache
 def _bounded(n: int) -> Evaluator:
-    """Return the function (A (n, n), b (n), lower (n), upper (n)) -> x (n) that minimises x A x / 2 - b x in bounds.
+    """Return the function (A (n, n), b (n), lower (n), upper (n)) -> x (n) that minimises x' A x / 2 - b' x in bounds.
 
-    DAQP, an active-set solver that comes with CasADi, takes about 15 us; SciPy's `lsq_linear` takes 300 us.
+    DAQP, an active-set solver that comes with CasADi, takes about 15 µs; SciPy's `lsq_linear` takes 300 µs.
     """
     z = ca.MX.sym("z", n * (n + 3))
     A, (b, lower, upper) = ca.reshape(z[: n * n], n, n), ca.vertsplit(z[n * n :], n)

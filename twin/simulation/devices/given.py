@@ -73,7 +73,7 @@ class GivenHands(Block):
         self.outputs = self._signals(0.0)
 
     def give(self, state: HandState) -> None:
-        """Pass in a new state of one hand; it is used in the next tick."""
+        """Accept a new state of one hand; the state is used in the next tick."""
         self._new.append(state)
 
     def leave(self) -> None:

@@ -60,7 +60,7 @@ def minimum_jerk(s: Array) -> Array:
 
 
 def tremor(rng: np.random.Generator, hand: Hand, lines: int = 24) -> Callable[[float], Array]:
-    """Return tremor (3,) in m as a function of time in s: sines with random phases in the hand's frequency band."""
+    """Return tremor (3,) in m as a function of time in s: `lines` sines with random phases in the band of the hand."""
     f = rng.uniform(*hand.tremor_band, (lines, 3))
     phase = rng.uniform(0, 2 * np.pi, (lines, 3))
     amplitude = hand.tremor * np.sqrt(2 / lines / 3)
@@ -94,7 +94,7 @@ class ScriptedHand(Block):
             robot: name of the robot in the World.
             kin: the robot's equations; the handle moves in their coordinates.
             goals: the goals, in order.
-            scale: tool motion per handle motion that the operator assumes, (n,) or one number.
+            scale: tool motion divided by handle motion, as assumed by the operator; (n,) or one number.
             period: time in s between two outputs.
             seed: seed of tremor and errors.
             hand: parameters of the hand motion; None: the defaults.

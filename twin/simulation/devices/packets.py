@@ -1,7 +1,7 @@
 """Hands and pedals from packets, in a documented layout, sent by haptic pens or other programs over any connection.
 
 A packet from a hand has 84 bytes, little-endian: "TWNH", version (u8, 1), hand (u8: 0 right, 1 left), pedals (u8: 1
-clutch, 2 camera), 0 (u8), sequence number (u32, per hand), time of the sender (u64, us, not used), position in {H} (3
+clutch, 2 camera), 0 (u8), sequence number (u32, per hand), time of the sender (u64, µs, not used), position in {H} (3
 float64, m), orientation (4 float64, unit quaternion, w first), gripper (float64, rad). The answer with the force has 36
 bytes: "TWNF", version, hand, 0, 0 (u8 each), sequence number of the answered packet (u32), force in {H} (3 float64, N).
 
@@ -33,7 +33,7 @@ _FAR, _OPEN, _UNIT = 10.0, 2 * math.pi, 1e-3
 def pack(
     hand: int, number: int, pose: Array, grip: float, clutch: bool = False, camera: bool = False, time: int = 0
 ) -> bytes:
-    """Return the 84 bytes of a packet; pose (4, 4) of the handle in {H}, grip in rad, time in us."""
+    """Return the 84 bytes of a packet; pose (4, 4) of the handle in {H}, grip in rad, time in µs."""
     q = spatial.quat_from_matrix_wxyz(pose[:3, :3])
     pedals = _CLUTCH * clutch + _CAMERA * camera
     return HAND.pack(_MAGIC, _VERSION, hand, pedals, 0, number % 2**32, time, *pose[:3, 3], *q, grip)

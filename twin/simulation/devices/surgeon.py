@@ -92,7 +92,7 @@ class ScriptedSurgeon(SurgeonHands):
         yield from self._rest(0.2)
 
     def _touch(self, points: Mapping[str, Array]) -> Generator[None, None, bool]:
-        """Move the tips to their points; return whether they are there."""
+        """Move the tips to their points; return whether they have reached the points."""
         best, stalled = np.inf, 0
         while stalled < _STALLED:
             missing = self._missing(points)

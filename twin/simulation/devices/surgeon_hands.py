@@ -38,8 +38,8 @@ class Habits:
         clutched: time in s for which the clutch is pressed before and after the hands move back.
         open: angle of the grippers on the way to a target.
         grasp: time in s in which the grippers open or close.
-        central: size of the central area in which targets are visible enough, as a fraction of half the picture.
-        drag: motion of the scene per motion of the hands that the surgeon expects from the camera pedal.
+        central: size of the central area in which targets must be, as a fraction of half the picture.
+        drag: motion of the scene divided by motion of the hands, as the surgeon expects with the camera pedal pressed.
         settle: time in s that the surgeon waits for the camera, whose speed is limited.
     """
 

@@ -82,7 +82,8 @@ def arm(mechanism: Mechanism, table: Inertias | None = None, *, cited: bool = Tr
     """Return the robot model of a mechanism.
 
     Args:
-        mechanism: the mechanism; its drives and actuators define the motors' limits that the inertia file does not.
+        mechanism: the mechanism; its drives and actuators define the motors' limits that the inertia file does not
+            define.
         table: inertia file of the robot; None if there is none.
         cited: whether to use the masses of the file; otherwise those of the mechanism.
         instrument: whether the last link of the file carries its instrument.
@@ -128,7 +129,7 @@ def arm(mechanism: Mechanism, table: Inertias | None = None, *, cited: bool = Tr
 def without_fixed(mechanism: Mechanism) -> Mechanism:
     """Return the mechanism without shapes, with bodies that are fixed to each other combined into one.
 
-    Passive joints that move no mass and are not part of a loop, a coupling or the path to the tool are removed.
+    Passive joints that move no mass are removed, except joints of a loop, of a coupling, or on the path to the tool.
     """
     at: dict[str, tuple[str, Array]] = {mechanism.base: (mechanism.base, np.eye(4))}  # body -> carrier, T_carrier_body
     for joint in mechanism.tree:

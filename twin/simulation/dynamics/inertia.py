@@ -2,7 +2,7 @@
 
 A link is the part moved by one joint. Its mass centre and tensor are given in its frame in the modified
 Denavit-Hartenberg form of Khalil and Kleinfinger. This frame is determined on the mechanism with all joints at zero: z
-is along the joint axis, x is along x of the base, and the origin is the point of the axis that is nearest to the axis
+is along the joint axis, and x is along x of the base. The origin is the point of the axis that is nearest to the axis
 of the next link in the file. For the last link, and if the next axis is parallel, the origin is the point of the axis
 that is nearest to the origin of the previous link.
 
@@ -49,7 +49,7 @@ class _Cited(Table):
 
 
 class Mass(_Cited):
-    """A mass with its unit and origin."""
+    """A mass with its unit and provenance."""
 
     value: _Positive
     unit: Literal["kg"]
@@ -186,12 +186,15 @@ def _frames(table: Inertias, mechanism: Mechanism, poses: dict[str, Array]) -> l
         for key, units in _UNITS.items():
             entry = getattr(link, key)
             if entry is not None and entry.unit != units[not joint.is_angle]:
-                raise MechanismError(f"inertia.toml: {key} of {joint.name} is in {entry.unit}, but it is {joint.type}")
+                raise MechanismError(
+                    f"inertia.toml: {key} of {joint.name} is in {entry.unit}, but the joint is {joint.type}"
+                )
         T = poses[joint.parent] @ joint.T_parent_joint
         if abs(T[0, 2]) > _ALONG:
             raise MechanismError(
-                f"joint {joint.name}: its axis is {np.arcsin(abs(T[0, 2])) / DEG:.3g} deg away from perpendicular "
-                "to the x axis of the base, with all joints at zero; the link frame of inertia.toml is ambiguous"
+                f"joint {joint.name}: its axis must be perpendicular to the x axis of the base, with all joints at "
+                f"zero; the error is {np.arcsin(abs(T[0, 2])) / DEG:.3g} deg, "
+                "so the link frame of inertia.toml is ambiguous"
             )
         lines.append((T[:3, 3], T[:3, 2]))
     out, before = [], poses[mechanism.base][:3, 3]
@@ -199,7 +202,7 @@ def _frames(table: Inertias, mechanism: Mechanism, poses: dict[str, Array]) -> l
         toward, along = lines[i + 1] if i + 1 < len(lines) else (before, z)
         across = along - (along @ z) * z
         step = (toward - p) @ z
-        if np.linalg.norm(across) > _ALONG:  # axes not parallel: foot of the common normal
+        if np.linalg.norm(across) > _ALONG:  # the axes are not parallel: the origin is the foot of the common normal
             step -= (along @ z) * ((toward - p) @ across) / (across @ across)
         else:
             step = (before - p) @ z

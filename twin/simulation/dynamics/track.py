@@ -28,14 +28,15 @@ from twin.simulation.dynamics.arm import Arm
 from twin.simulation.dynamics.plant import STEP, ModelPlant, MujocoPlant, Plant
 
 ENCODER = 2 * np.pi / (4096 * 4 * 50)
-"""Angle in rad at the link of one encoder step: 4096 lines, fourfold evaluation, gear ratio 50.
+"""Rotation of the link in rad for one encoder step: 4096 lines, fourfold evaluation, gear ratio 50.
 
 ASSUMED: the encoders of the PA-10 are not published; the gear ratio follows from the rotor inertias at motor and link.
 A prismatic joint has steps of this number times `LENGTH_SCALE` in m.
 """
 
 EXACT_LIMIT, TIP_LIMIT = 10e-6, 1e-3
-"""Limits of the tip error in m: with an exact model (hold of one tick only), and with a wrong one (the paper's)."""
+"""Limits of the tip error in m: with an exact model, where only the hold of one tick causes errors; with a wrong model,
+as in the paper."""
 
 _LOST = 1.0
 """Joint error in rad (times `LENGTH_SCALE` in m) beyond which the simulation stops because it diverges."""
@@ -51,7 +52,7 @@ class Conditions:
     """Conditions of a run, except the motion.
 
     Attributes:
-        rate: ticks of the controller per s.
+        rate: rate of the controller in Hz (ticks per second).
         w: control bandwidth in rad/s: Kp = w^2 and Kv = 2 w for each joint.
         inertia_error: relative error of masses and tensors in the controller's model.
         signs: seed of a random sign of the error of each part; None: the same sign for all parts (positive: too heavy).
@@ -77,7 +78,7 @@ class Conditions:
     plant: PlantName = "mujoco"
 
     def realistic(self, inertia_error: float, signs: int | None = None) -> Conditions:
-        """Return these conditions with a wrong model: given inertia error, unknown friction, encoder steps."""
+        """Return these conditions with a wrong model: the given inertia error, unknown friction, and encoder steps."""
         return replace(self, inertia_error=inertia_error, signs=signs, friction_known=False, quantisation=ENCODER)
 
 
@@ -193,7 +194,9 @@ def plant_of(arm: Arm, conditions: Conditions = Conditions()) -> Plant:
     """
     if conditions.plant == "mujoco":
         if not arm.mjcf:
-            raise TwinError(f"{arm.mechanism.name}: MuJoCo needs the robot as MJCF; or use the plant 'pinocchio'")
+            raise TwinError(
+                f"{arm.mechanism.name}: MuJoCo needs the robot as MJCF; without it, use the plant 'pinocchio'"
+            )
         return MujocoPlant(arm.mjcf, [j.name for j in arm.mechanism.active], arm.rotor, arm.friction)
     if conditions.plant == "pinocchio":
         return ModelPlant(arm.dynamics())

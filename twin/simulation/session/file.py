@@ -38,7 +38,7 @@ LONGEST = 3600.0
 _HEAD = struct.Struct("<4sII32s")
 _MAGIC, _END = b"TWNS", b"TWNE"
 _LONGEST_HEAD, _MOST_NUMBERS = 1_000_000, 10_000
-"""Maximum length of the first line in bytes; maximum count of numbers in a row."""
+"""Maximum length of the first line in bytes; maximum number of values in one row."""
 
 
 class Head(Table):
@@ -49,7 +49,7 @@ class Head(Table):
     twin: Annotated[str, Field(description="version of twin that wrote the file")]
     scene: Annotated[str, Field(description="name of the scene")]
     identity: Annotated[str, Field(pattern="^sha256:[0-9a-f]{64}$", description="hash of the World's inputs")]
-    dt: Annotated[float, Field(gt=0, description="s, of one tick")]
+    dt: Annotated[float, Field(gt=0, description="duration of one tick in s")]
     device: Annotated[list[SignalTable], Field(min_length=1, description="signals of the device, in the order of rows")]
     world: Annotated[list[SignalTable], Field(min_length=1, description="all signals, in the order of rows")]
     task: Annotated[Identifier | None, Field(description="task of the scene; null: none")] = None

@@ -47,7 +47,7 @@ class ConsoleMeasures:
 
     Attributes:
         duration: time in s of the session.
-        time: time in s from the first moment in which an arm follows its hand to the end; 0 if no arm ever follows.
+        time: time in s from the first moment at which an arm follows its hand until the end; 0 if no arm ever follows.
         clutches: number of presses of the clutch.
         clutched: time in s in which the clutch is pressed.
         camera_moves: number of presses of the camera pedal in which the camera moved.

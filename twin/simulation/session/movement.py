@@ -16,15 +16,15 @@ SHORT = 0.1
 CUT_OFF, AMPLITUDE, PADDING = 10.0, 0.05, 4
 """Parameters of the spectral arc length: largest frequency in Hz, smallest amplitude, padding as an exponent of two.
 
-Speeds are computed from positions below the same frequency.
+Speeds are computed from positions that are low-pass filtered at the same frequency.
 """
 
 
 def speed(p: Array, dt: float) -> Array:
     """Return the speed (k,) in m/s of a point p (k, 3) in m, sampled every dt in s, by central differences.
 
-    The positions are first filtered forwards and backwards by a Butterworth filter of order 2 at `CUT_OFF`. The reason:
-    hand states that arrive 30 to 60 times per second move the tip in steps, which have a much higher speed.
+    The positions are first filtered forwards and backwards by a Butterworth filter of order 2 at `CUT_OFF`. Without
+    this filter, hand states that arrive 30 to 60 times per second would move the tip in steps of a much higher speed.
     """
     if len(p) < 2:
         return np.zeros(len(p))
@@ -71,7 +71,7 @@ def economy(p: Array, parts: list[tuple[int, int]]) -> float:
 
 
 def spectral_arc_length(v: Array, dt: float) -> float:
-    """Return the smoothness of one movement with speed v (k,), sampled every dt in s: SPARC, negative, 0 is smoothest.
+    """Return the smoothness (SPARC) of one movement with speed v (k,), sampled every dt in s; it is at most 0.
 
     Source: S. Balasubramanian, A. Melendez-Calderon, A. Roby-Brami, E. Burdet, On the analysis of movement smoothness,
     J. NeuroEng. Rehabil. 12:112, 2015, eqs (1) to (3), which refines the measure of Balasubramanian et al., IEEE Trans.

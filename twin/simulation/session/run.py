@@ -29,7 +29,7 @@ SAMPLE = 5e-3
 
 _KEPT = (".q", ".follows", ".jaw", ".grip", ".pose", ".at", ".holder", ".touches", ".meets")
 _KEPT_OF = ("console.", f"{PEDALS}.", "surgeon.")
-"""Signals are kept whose names end with an item of `_KEPT`, or begin with an item of `_KEPT_OF`."""
+"""Beginnings of names of signals to be kept; signals whose names end with an item of `_KEPT` are kept as well."""
 
 Progress = Callable[[str, float], None]
 

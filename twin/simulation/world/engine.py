@@ -122,7 +122,9 @@ class World:
         if signal not in self.signals:
             raise WorldError(f"{whose} has no plant: no block writes '{signal}'")
         if self.signals.sizes[signal] != size:
-            raise WorldError(f"{whose} needs {size} numbers in '{signal}'; its plant has {self.signals.sizes[signal]}")
+            raise WorldError(
+                f"{whose} needs {size} numbers in '{signal}'; its plant writes {self.signals.sizes[signal]}"
+            )
 
     def _pinned(self, deformable: Deformable) -> None:
         owners = {p.name: p.mechanism for p in (*self._robots, *self._props)}

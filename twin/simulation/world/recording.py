@@ -29,7 +29,7 @@ _Name = Annotated[str, Field(pattern=f"^{NAME}$")]
 
 
 class SignalTable(Table):
-    """A signal: its name and its count of numbers."""
+    """A signal: its name and its number of values."""
 
     name: _Name
     size: Annotated[int, Field(ge=1)]
@@ -40,10 +40,12 @@ class Head(Table):
 
     schema_: Annotated[Literal["twin-world"], Field(alias="schema")]
     version: Literal[1]
-    dt: Annotated[float, Field(gt=0, description="s, of one tick; row k belongs to the tick that begins at k dt")]
+    dt: Annotated[
+        float, Field(gt=0, description="duration of one tick in s; row k belongs to the tick that begins at k dt")
+    ]
     ticks: Annotated[int, Field(ge=0, description="number of rows that follow")]
     signals: Annotated[list[SignalTable], Field(description="names of the signals, in the order of a row")]
-    sha256: Annotated[str, Field(pattern="^[0-9a-f]{64}$", description="of the rows")]
+    sha256: Annotated[str, Field(pattern="^[0-9a-f]{64}$", description="SHA-256 of the rows")]
 
 
 @dataclass(frozen=True)

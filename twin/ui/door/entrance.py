@@ -32,7 +32,7 @@ class Visit:
         query: query parameters; the first value of a repeated parameter.
         head: whether the method is HEAD.
         upgrade: whether a WebSocket is requested.
-        known: whether the client needs no token.
+        known: whether the client may enter without a token.
         headers: headers of the request.
     """
 

@@ -30,7 +30,8 @@ _AT_ONCE = [(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)]
 """Socket option to send small messages at once; without it, TCP can delay a message by 40 ms."""
 
 _QUIET, _SHOWN, _LONGEST = 1.0, 40, 200
-"""Time in s without a wrong payload before the next report; maximum numbers of characters: shown payload, topic."""
+"""Time in s without a wrong payload before the next report; maximum number of characters of a shown payload, of a
+topic."""
 
 
 class ScaleTopic:
@@ -79,7 +80,7 @@ class ScaleTopic:
 
     @property
     def state(self) -> dict[str, Any]:
-        """Part of the document `state`."""
+        """Entry for the broker in the document `state`."""
         return {"broker": self.broker, "topic": self.topic, "connected": self.connected, "problem": self.problem}
 
     def show(self, scale: float) -> None:
@@ -168,6 +169,6 @@ class ScaleTopic:
             scale = None
         if scale is None:
             raise TwinError(f"{text!r} is not a number; send {low:g} to {high:g}")
-        if not low <= scale <= high:  # also NaN
+        if not low <= scale <= high:  # also true for NaN
             raise TwinError(f"{scale:g} is outside {low:g} to {high:g}")
         return scale

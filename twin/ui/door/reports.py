@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 
 class Reports:
-    """Reports the first problem of each kind; the next one of a kind only after a time without problems of this kind.
+    """Reports the first problem of each kind, and later ones only after a time without problems of this kind.
 
     Attributes:
         tell: function that receives the message.

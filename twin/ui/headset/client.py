@@ -57,7 +57,7 @@ class Client:
         documents: queued (kind, text) documents.
         behind: whether it has not yet received the newest frame.
         stalled: time in s since which its connection accepts no data; None if it accepts data.
-        told_rate: time in s of the last error about its message rate.
+        told_rate: time in s of the last error message about its message rate.
     """
 
     id: str

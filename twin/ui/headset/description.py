@@ -115,7 +115,7 @@ def patients_of(robot: Robot, desk: Desk, protocols: Mapping[str, str]) -> dict[
 
 
 def _scenery(robot: Robot, desk: Desk, protocols: Mapping[str, str], patients: Mapping[str, Patient]) -> dict[str, Any]:
-    """Return the height of the floor in m, and by protocol the patient with table or the reason for its absence."""
+    """Return the height of the floor in m, and by protocol the patient with table, or why there is none."""
     none = {}
     for name, source in protocols.items():
         with contextlib.suppress(TwinError):

@@ -77,7 +77,7 @@ class Operation(LiveConsole):
 
     @property
     def about(self) -> dict[str, Any]:
-        """Data of the console in scene.json."""
+        """The data of the console for the file /scene.json."""
         table = self.table
         return {
             "hands": {hand: list(getattr(table, hand)) for hand in HANDS},

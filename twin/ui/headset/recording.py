@@ -54,7 +54,7 @@ class Recording:
         joints: tuple[str, ...],
         version: int = wire.ALONE,
     ) -> None:
-        """Begin the first recording; with `version` = `wire.VERSION`, `robot` and `links` are names of the scene."""
+        """Begin the first recording; in version `wire.VERSION`, `robot` and `links` belong to the scene."""
         self.path, self._stem, self._saved, self._written = Path(path), Path(path).stem, 0, 0
         self._version = version
         self._of = {"robot": robot, "model_hash": model_hash, "links": list(links), "joints": list(joints)}
@@ -217,10 +217,10 @@ class Replay:
         return [d for (kind, _), d in self._others.items() if kind == "path"]
 
     def ask(self, client: str, message: wire.Message) -> None:
-        """Play, pause or seek; other requests are refused.
+        """Play, pause or seek; refuse other requests.
 
         Raises:
-            RefusedError: the request is not to play, pause or seek.
+            RefusedError: it is another request.
         """
         if isinstance(message, wire.Play):
             if message.on and self._at >= self.last:

@@ -1,7 +1,7 @@
 """Frame of a scene: the frames of its robots, followed by the vertices of its deformables (fields).
 
 The part of a robot is a complete frame of `protocol`, as for a single robot, so that the code of clients for one robot
-can be reused. Vertices are stored as 16-bit fractions of the field's bounding box; the resolution is 16 um for a box of
+can be reused. Vertices are stored as 16-bit fractions of the field's bounding box; the resolution is 16 µm for a box of
 1 m.
 """
 

@@ -40,7 +40,9 @@ def figure(found: Contract) -> Figure:
         away = np.linalg.norm(found.path - found.path[0], axis=1) / MM
         right.plot(np.arange(len(away)), away, color=PALETTE[0], linewidth=0.8)
         right.plot([len(away) - 1], away[-1:], "o", color=FIT if away[-1] < 1e-9 else UNFIT)
-        right.set_title(f"closed hand motion: the tool ends {away[-1]:.2g} mm away", loc="left", fontsize=9)
+        right.set_title(
+            f"after a closed hand motion the tool ends {away[-1]:.2g} mm from its start", loc="left", fontsize=9
+        )
         right.set_xlabel("increments")
         right.set_ylabel("tool position relative to its start [mm]")
         right.grid(True, color=GRID)

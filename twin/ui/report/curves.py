@@ -1,4 +1,4 @@
-"""Data for the plots of a report: curves reduced to fewer samples without losing peaks, and their limits."""
+"""Data for the plots of a report: limits, and curves reduced to fewer samples without losing peaks."""
 
 from __future__ import annotations
 
@@ -63,12 +63,12 @@ def named(report: Report, prefix: str, times: str = "t") -> Iterator[tuple[str, 
 
 
 def rows(report: Report, quantity: RowKind, unit: str = "", pairs: str = "") -> list[Residual]:
-    """Return the residuals (rows) of a quantity in the report; only those with `unit` and in `pairs`, if given."""
+    """Return the residuals (rows) of a quantity; only those with this `unit` and pair of models `pairs`, if not ""."""
     return [r for r in report.residuals if r.quantity == quantity and unit in ("", r.unit) and pairs in ("", r.pair)]
 
 
 def tolerance(report: Report, quantity: RowKind, unit: str, pairs: str = "A-B") -> float | None:
-    """Return the smallest tolerance of the residuals that `rows` returns; None if none has a tolerance."""
+    """Return the smallest tolerance of the residuals that `rows` returns; None if no residual has a tolerance."""
     return min((r.tolerance for r in rows(report, quantity, unit, pairs) if r.tolerance), default=None)
 
 

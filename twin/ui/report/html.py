@@ -30,11 +30,11 @@ CAPTIONS = {
     "residual_matrix": "Worst residual of every compared quantity over all samples. Read a row from left to right: the "
     "first red cell is the first comparison that disagrees.",
     "active_joints": "Displacement, speed and acceleration of the active joints over the phases.",
-    "tool_motion": "Displacement, speed and acceleration of the tool frame in the base. Coloured: "
-    "planned; dashed: the independent mechanism, if it was computed.",
+    "tool_motion": "Displacement, speed and acceleration of the tool frame in the base. Coloured curves are "
+    "planned; dashed curves are those of the independent mechanism, if it was computed.",
     "residuals": "Difference between formula and mechanism on a logarithmic scale, with the tolerances.",
     "rcm": "Distance from the registered remote centre of motion (the trocar) to the shaft axis. "
-    "Logarithmic; blank while no RCM is registered.",
+    "The axis is logarithmic; there is no curve while no RCM is registered.",
     "fulcrum": "The trocar acts as a fulcrum: tip and outer shaft move to opposite sides. "
     "Sideways is the direction across the shaft in which the tip moves most.",
     "margins": "Distance to a joint limit, the end of the reach, or a singularity. A singularity measure is shown "

@@ -24,7 +24,7 @@ PAIRS = {
 _MOST_ROWS = 48
 _LONGEST = 28
 _DECADES = 6.0
-"""Orders of magnitude below or above the tolerance at which the colour of a cell is darkest."""
+"""Difference from the tolerance, in orders of magnitude, at which the colour of a cell is darkest."""
 
 
 def pair_names(report: Report) -> list[str]:

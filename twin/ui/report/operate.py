@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _LEAST = 1e-4
-"""Distance in mm below which a goal counts as reached."""
+"""Smallest drawn distance in mm; smaller distances are drawn at this value."""
 
 _TICKS = {1e-4: "0.1 µm", 1e-3: "1 µm", 1e-2: "10 µm", 0.1: "0.1 mm", 1.0: "1 mm", 10.0: "10 mm", 100.0: "100 mm"}
 

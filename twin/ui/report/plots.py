@@ -272,7 +272,7 @@ def _draw_xyz(
 
 
 def _draw_measures(ax: Axes, lines: list[tuple[str, Array, Array]], alarms: dict[str, float]) -> None:
-    """Draw absolute values of measures divided by their alarms; the five smallest in colour, others in grey."""
+    """Draw absolute values of measures divided by their alarms; the five smallest are coloured, the others are grey."""
     known = [(name, t, np.abs(y) / alarms.get(name, 1.0)) for name, t, y in lines]
     known.sort(key=lambda line: float(np.nanmin(line[2])))
     for i, (name, t, y) in enumerate(known):

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _LEAST = 0.1
-"""Distance in mm below which parts count as touching."""
+"""Smallest drawn distance in mm; smaller distances are drawn at this value."""
 
 
 def figure(played: Played) -> Figure:

@@ -135,7 +135,7 @@ def panels(
 
 
 def phase_bands(axes: list[list[Axes]], phases: tuple[PhaseSummary, ...]) -> None:
-    """Shade every second phase, and write the names of phases above the first row; numbers if a name does not fit."""
+    """Shade every second phase; write phase names above the first row, or phase numbers where a name does not fit."""
     if not phases:
         return
     t0, t1 = phases[0].t0, phases[-1].t1
@@ -237,7 +237,7 @@ def at(value: float, unit: str, t: float) -> str:
 
 
 def headline(what: str, report: Report) -> str:
-    """Return the title of a figure: its subject, the robot and the protocol."""
+    """Return the title of a figure: its subject `what`, the robot and the protocol."""
     return f"{what} · {report.robot} on {report.protocol}"
 
 

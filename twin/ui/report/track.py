@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _TICKS = 25
-"""Window of the running mean of the effort in ticks."""
+"""Length in ticks of the window for the running mean of the effort."""
 
 
 def figure(result: Tracking) -> Figure:
@@ -103,7 +103,7 @@ def _curves(ax: Axes, curves: Mapping[str, Sequence[Run]]) -> None:
 
 
 def _up_to(ax: Axes, largest: float) -> None:
-    """Set the y axis from 0 to above the largest error in m, and also above the paper's 1 mm if it is near."""
+    """Set the y axis from 0 to above the largest error in m; include the paper's 1 mm if the error exceeds 0.4 mm."""
     near = largest > 0.4 * TIP_LIMIT
     if near:
         limit_line(ax, TIP_LIMIT / UM, "1 mm, as the paper reports")

@@ -54,7 +54,7 @@ def vertices_of(frame: Frame, name: str, surface: Surface) -> Array:
     v = np.asarray(frame.fields[name], float)
     needed = int(np.max(surface.triangles, initial=-1)) + 1
     if v.ndim != 2 or v.shape[1] != 3 or len(v) < needed:
-        raise TwinError(f"field '{name}': vertices of shape {v.shape}; its triangles need ({needed}, 3)")
+        raise TwinError(f"field '{name}': the vertices have the shape {v.shape}; the triangles need ({needed}, 3)")
     if not np.isfinite(v).all():
         bad = int(np.count_nonzero(~np.isfinite(v).all(axis=1)))
         raise TwinError(f"field '{name}': {bad} of {len(v)} vertices are not finite at t = {frame.t:g} s")

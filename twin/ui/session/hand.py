@@ -41,7 +41,7 @@ class Hand:
         return Dragger(self.mechanism.with_rest(self.model.home().link_poses), self.bounds)
 
     def prepare(self) -> None:
-        """Compile the functions before the first drag, which then need not wait; errors are raised by the drag."""
+        """Compile the functions, so that the first drag does not wait for them; errors are raised by the drag."""
         with contextlib.suppress(AssemblyError, MechanismError):
             dragger, home = self.dragger, self.model.home()
             u = self._unknowns(home)
@@ -52,7 +52,8 @@ class Hand:
     def point(self, now: Assembly, body: str, p_body: Array, target: Array) -> tuple[Assembly, Dragged]:
         """Move a point (3,) in m of a body towards a target (3,) in m in the base frame.
 
-        The path starts at the last target if nothing else has moved the robot since the last drag; else at the point.
+        The path starts at the last target if nothing else has moved the robot since the last drag, otherwise at the
+        present position of the point.
         """
         last, p_body = self._last, np.asarray(p_body, float)
         if last is not None and last[0] is now and last[1] == body and np.array_equal(last[2], p_body):
@@ -106,7 +107,7 @@ class Hand:
         return np.concatenate([*parts, []])
 
     def _places(self, joint: str, count: int) -> slice:
-        """Return the indices of a passive joint in a configuration; the index of a slide is first."""
+        """Return the indices of the last `count` coordinates of a passive joint; a slide's coordinate precedes them."""
         tree = self.model.tree
         model = tree.model.joints[tree.joint_id[joint]]
         end = model.idx_q + model.nq

@@ -97,7 +97,7 @@ class Reading:
 
     @property
     def comparable(self) -> bool:
-        """Whether equations and mechanism can be compared: same assembly mode, and pose reachable by both."""
+        """Whether equations and mechanism can be compared: both are in the same assembly mode and reach the pose."""
         return not self.scope
 
     @property

@@ -22,8 +22,8 @@ class Playback:
     Attributes:
         protocol, title: name and title of the protocol.
         t: times (k,) in s.
-        x: configurations (k, nq) of the independent model.
-        q, qd, qdd: positions, speeds and accelerations (k, n) of the active joints, in m or rad, s.
+        x: configurations (k, nq) of the independent model, with its nq coordinates.
+        q, qd, qdd: positions, speeds and accelerations (k, n) of the active joints, in m or rad, and s.
         Ts_base_tool: planned tool poses (k, 4, 4).
         tip: origin (k, 3) of the moved frame in m in the base frame.
         shaft: unit vectors (k, 3) along the shaft towards the tip, in the base frame.

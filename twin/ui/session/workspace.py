@@ -70,8 +70,8 @@ class Chunk:
 def poses(job: Job, first: int, last: int) -> Array:
     """Return the poses (last - first, 4, 4) of a job with indices `first` to `last` - 1, in the order of evaluation.
 
-    Pose 0 is the present pose. The positions are a low-discrepancy sequence (additive recurrence), so that the first
-    poses of any number cover the box evenly.
+    Pose 0 is the present pose. The positions are a low-discrepancy sequence (additive recurrence), so that the first n
+    poses cover the box evenly for every n.
     """
     i = np.arange(first, last)[:, None]
     Ts = np.tile(job.T_base_tool, (last - first, 1, 1))

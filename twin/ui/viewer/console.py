@@ -274,7 +274,9 @@ class ConsoleFront(Loop):
             ]
             for k, (slider, (_, unit, _)) in enumerate(zip(self._camera, _CAMERA, strict=True)):
                 self._on(slider, f"aim {k}", lambda client, v, k=k, unit=unit: pens.aim(client, k, v * unit))
-        let_go = gui.add_button("Release the hands", hint="For other clients; also happens after 5 s without use")
+        let_go = gui.add_button(
+            "Release the hands", hint="Other clients can then use them; also happens after 5 s without use"
+        )
         let_go.on_click(lambda _: self.ask("let go", pens.release))
         if self.props is not None:
             clear = gui.add_checkbox("transparent patient", True)
@@ -336,7 +338,7 @@ class ConsoleFront(Loop):
             self._said = self._status.content = said
 
     def _set(self, control: Any, kind: str, value: Any, apart: float = 0.0) -> None:
-        """Set a control if the value in the World has changed; otherwise a new input by a user would be undone."""
+        """Set a control if the World's value has changed, and differs by more than `apart`; keep new input by users."""
         if (
             value == self._written.get(kind)
             or self.wished(kind)

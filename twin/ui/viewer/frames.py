@@ -67,7 +67,9 @@ class FrameWriter:
         n = len(self._nodes)
         positions, wxyzs = np.array(positions, float), np.array(wxyzs, float)  # copied, as handles keep references
         if positions.shape != (n, 3) or wxyzs.shape != (n, 4):
-            raise ValueError(f"poses of {n} nodes are ({n}, 3) and ({n}, 4), not {positions.shape} and {wxyzs.shape}")
+            raise ValueError(
+                f"poses of {n} nodes must be ({n}, 3) and ({n}, 4), not {positions.shape} and {wxyzs.shape}"
+            )
         moved = _differ(positions, [node.position for node in self._nodes])
         turned = _differ(wxyzs, [node.wxyz for node in self._nodes])
         with self._server.atomic():  # no other update is sent in between

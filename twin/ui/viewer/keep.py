@@ -54,8 +54,8 @@ def save_posture(description: Path, name: str, values: Mapping[str, float], *, r
         replace: whether an existing posture of this name may be overwritten; its comments are preserved.
 
     Raises:
-        DescriptionError: the name exists or is not an identifier, joints are missing or unknown, a value is not
-            finite or not within its limits, or the file was already invalid.
+        DescriptionError: the name exists or is not an identifier, joints are missing or unknown, a value is infinite,
+            NaN or outside its limits, or the file was already invalid.
         OutputError: the file cannot be written.
     """
     d = descriptions.load(description)

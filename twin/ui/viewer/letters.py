@@ -181,33 +181,33 @@ class Letters:
         assert self._gui is not None
         handle = self._gui._gui_input_handle_from_uuid.get(uuid)
         if handle is None or getattr(handle, "disabled", False):
-            raise StaleError("the element is gone, or disabled")
+            raise StaleError("the element was removed, or is disabled")
         return handle
 
     def _element(self, message: Any) -> None:
         if list(message.updates) != ["value"]:
-            raise NonsenseError(f"update of properties {list(message.updates)[:3]}")
+            raise NonsenseError(f"the message updates the properties {list(message.updates)[:3]}")
         handle, value = self._handle(message.uuid), message.updates["value"]
         if isinstance(handle, viser.GuiUploadButtonHandle):
-            raise NonsenseError("a value for an upload button")
+            raise NonsenseError("the message sets a value of an upload button")
         if not _suits(handle, value):
-            raise NonsenseError("a value of the wrong type for its element")
+            raise NonsenseError("the value has the wrong type for its element")
 
     # -- files ----------------------------------------------------------------------------------------
 
     def _begin(self, message: Any, sender: Sender, now: float) -> None:
         if not isinstance(self._handle(message.source_component_uuid), viser.GuiUploadButtonHandle):
-            raise NonsenseError("an upload to an element that accepts none")
+            raise NonsenseError("the element accepts no upload")
         if message.size_bytes > UPLOAD:
             self._tell(
                 f"the file has {message.size_bytes / 1e6:.0f} MB; at most {UPLOAD / 1e6:.1f} MB are accepted", now
             )
-            raise StaleError("too large")
+            raise StaleError("the file is too large")
         if message.size_bytes < 1 or message.part_count < 1:
-            raise NonsenseError("an empty file")
+            raise NonsenseError("the file is empty")
         if self._upload is not None and now - self._upload.since < UPLOAD_SECONDS:
             self._tell("another file is being loaded: wait until it is done", now)
-            raise StaleError("another upload")
+            raise StaleError("another upload is in progress")
         if self._upload is not None:
             self._upload.sender.cut()
         self._upload = _Upload(
@@ -223,14 +223,14 @@ class Letters:
     def _part(self, message: Any, sender: Sender) -> None:
         up = self._upload
         if up is None or up.sender is not sender or message.transfer_uuid != up.transfer:
-            raise StaleError("part of a file without an upload")  # the upload was refused
+            raise StaleError("a part of a file arrived without an upload")  # the upload was refused
         up.bytes -= len(message.content)
         up.parts -= 1
         good = message.part_index == up.next and message.source_component_uuid == up.source
         if not good or up.bytes < 0 or up.parts < 0 or (up.parts == 0) != (up.bytes == 0):
             self._upload = None
             sender.cut()  # disconnecting makes viser drop the received parts
-            raise NonsenseError("part of a file that does not match its upload")
+            raise NonsenseError("a part of a file does not match its upload")
         up.next += 1
         if up.parts == 0:
             self._upload = None
@@ -248,7 +248,7 @@ def _numbers(value: Any, name: str = "") -> None:
         for inner in value:
             _numbers(inner)
         if name == "wxyz" and not 0.9 < math.hypot(*value) < 1.1:
-            raise NonsenseError("an invalid orientation")
+            raise NonsenseError("the orientation is invalid")
     elif isinstance(value, int | float) and not abs(value) <= _FAR:
         raise NonsenseError(f"{name} = {value}")
 
@@ -276,4 +276,4 @@ def _picture(png: bytes) -> None:
     """Raise `NonsenseError` if a picture is not PNG or is too large."""
     width, height = int.from_bytes(png[16:20], "big"), int.from_bytes(png[20:24], "big")
     if png[:8] != b"\x89PNG\r\n\x1a\n" or not 0 < width * height <= _PIXELS:
-        raise NonsenseError("a picture that is not PNG, or is too large")
+        raise NonsenseError("the picture is not PNG, or is too large")

@@ -112,7 +112,7 @@ class Door:
         select_subprotocol: Callable[..., Any],
         **ours: Any,
     ) -> Any:
-        """Open the socket instead of `websockets.serve`, with viser's handler and subprotocol and our limits."""
+        """Open the socket for `websockets.serve`, with viser's handler and subprotocol and the limits defined here."""
         self.stands = True
         return listen(
             handler,

@@ -35,8 +35,8 @@ class Candidate:
         extra: values of names that the edits define.
         scores: worst residual of each row that the edits change, in units of the tolerance.
         broken: whether a row that agreed before the edits disagrees.
-        hollow: whether a fixed row becomes trivial, that is, holds for any values of its symbols.
-        dropped: symbols on which a fixed row no longer depends.
+        hollow: whether a repaired row becomes trivial, that is, holds for any values of its symbols.
+        dropped: symbols on which a repaired row no longer depends.
         changed: residuals (k, entries) of the changed rows.
     """
 
@@ -58,7 +58,7 @@ class Candidate:
 
     @property
     def serves(self) -> bool:
-        """Whether the candidate may be proposed: no agreeing row becomes wrong, and no fixed row becomes trivial."""
+        """Whether the candidate may be proposed: no agreeing row becomes wrong, and no repaired row becomes trivial."""
         return not self.broken and not self.hollow
 
     @property

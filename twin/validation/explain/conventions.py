@@ -49,7 +49,10 @@ def _name(p: Place) -> str:
 
 
 def _cured(judge: Judge, other: Judge) -> tuple[list[Place], float] | None:
-    """Return the wrong rows that agree with `other`, and their worst residual; None if none, or if a good row fails."""
+    """Return the wrong rows that agree in `other`, and their worst residual.
+
+    Return None if there is no such row, or if a row that agrees in `judge` is wrong in `other`.
+    """
     bad = judge.failing()
     now = {(p.equation, p.statement, p.position): worst(r) for p, r in other.residuals.items()}
     for p in judge.residuals:
@@ -236,7 +239,7 @@ def signed_permutations() -> list[Array]:
 
 
 def _frames(judge: Judge) -> Iterator[Convention]:
-    """Yield the fixed rotations of base or tool, or the inversion, after which a formula's pose agrees."""
+    """Yield the constant rotations of base or tool, or the inversion, after which a formula's pose agrees."""
     for place in judge.failing():
         if judge.truth.kinds[place.symbol] != "pose":
             continue

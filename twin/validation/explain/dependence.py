@@ -46,7 +46,7 @@ class Dependence:
         self._read: dict[tuple[str, Key], set[str]] = {}
 
     def judged(self, c: Candidate, rows: Collection[Key]) -> None:
-        """Set the candidate's `hollow` (a fixed row is trivial) and `dropped` (symbols it no longer depends on)."""
+        """Set the candidate's `hollow` and `dropped`, which concern its repaired rows; see `Candidate`."""
         if not rows:
             return
         if any(not self.determined(c, k) for k in rows):

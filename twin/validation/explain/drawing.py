@@ -53,7 +53,7 @@ class Corrected:
 
 @dataclass(frozen=True)
 class _Tried:
-    """The CAD with one combination of parts corrected; `model` and `judge` are None if it cannot be assembled."""
+    """The CAD with one combination of parts corrected; `model`, `judge`: None if the mechanism cannot be assembled."""
 
     chosen: tuple[Suspect, ...]
     model: ReferenceModel | None = None
@@ -74,7 +74,7 @@ class _Tried:
 
     @property
     def rank(self) -> tuple[int, bool, bool, int]:
-        """Score of this combination; evidence in the CAD counts before the rows."""
+        """Sort key of this combination, larger is better; evidence in the CAD has priority over the rows."""
         off = len(self.judge.failing()) if self.judge is not None else 10**6
         return sum(s.score for s in self.chosen), self.closes, self.agrees, -off
 

@@ -1,6 +1,7 @@
 """Generate small edits of a row: names, functions, signs, operators, numbers, indices, parentheses, terms.
 
-An edit replaces text of the file. Edits that are not valid Python, or have no value, are dropped when they are tried.
+An edit replaces text of the file. Edits after which the text is not valid Python, or cannot be evaluated, are dropped
+when they are tried.
 """
 
 from __future__ import annotations

@@ -48,7 +48,7 @@ def known(
     """Return the mechanism's values of the formula's symbols at sampled poses.
 
     A redundant mechanism has many solutions for a pose. The solution nearest to the formula's own joint values is used
-    if all rows agree with it, or if it makes fewer rows wrong than the sampled solution.
+    if no row is wrong with it, or fewer rows than with the sampled solution.
     """
     run = sample(model, progress=lambda f: progress("sample the mechanism", f))
     if not (model.redundant and formula.has("inverse")):
@@ -254,7 +254,7 @@ def _row(judge: Judge, place: Place, found: list[Found], root: Path | None) -> R
 
 
 def _margin(judge: Judge, m: Judged, root: Path | None) -> Row:
-    """Return the wrong row for a reach, measure or aspect that contradicts the mechanism."""
+    """Return the wrong row for a reach, singularity measure or aspect that contradicts the mechanism."""
     kind = {"reach": f"margin of reach '{m.name}'", "aspect": "aspect"}.get(m.kind, f"singularity measure '{m.name}'")
     size = m.size if m.size is not None and m.unit else float("nan")
     step = next((s for s in judge.steps if s.equation.name == m.equation), None)

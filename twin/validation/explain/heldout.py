@@ -13,7 +13,7 @@ from twin.validation.explain.truth import gather, sample
 _STATES, _SEED = 12, 101
 
 _ROUNDING = 10
-"""Largest residual of a correct repair at fresh states, in units of the tolerance; wrong ones exceed it by far."""
+"""Largest residual of a correct repair at fresh states, in units of the tolerance; wrong repairs exceed it by far."""
 
 
 def held_out(judge: Judge, model: ReferenceModel, found: list[Found], lost: list[Key]) -> tuple[list[Found], list[Key]]:

@@ -110,8 +110,8 @@ def identify(
 ) -> Identified | None:
     """Return the parameters whose change explains the wrong rows; None if no parameter affects these rows.
 
-    Single parameters are tried first; if several suffice, each alone, they are alternatives. Then all are fitted
-    together.
+    Single parameters are tried first; if more than one of them suffices alone, they are alternatives. Then all are
+    fitted together.
 
     Args:
         judge: the judged rows.
@@ -158,7 +158,7 @@ def identify(
 
 
 def _covariance(fit: Fit, noise: float) -> Array:
-    """Return the covariance of the fitted values in SI, from the residuals; its lower bound is the effect of rounding.
+    """Return the covariance of the fitted values in SI, from the residuals; it is never below the effect of rounding.
 
     Rows without a derivative are left out: at the limit of the reach, a changed parameter may leave no real solution.
     """

@@ -197,7 +197,7 @@ def _loops(judge: Judge, model: ReferenceModel, values: dict[str, Any]) -> Itera
 
 
 def _rotations(judge: Judge) -> Iterator[Finding]:
-    """Yield a finding for each computed pose whose rotation matrix is not orthogonal and right-handed."""
+    """Yield a finding for each computed pose whose rotation matrix is left-handed or not orthogonal."""
     for step in judge.steps:
         for name, value in outputs(judge, step.equation.name).items():
             if not isinstance(value, Matrix) or value.shape not in ((3, 3), (4, 4)):
@@ -215,7 +215,7 @@ def _rotations(judge: Judge) -> Iterator[Finding]:
 
 
 def outputs(judge: Judge, equation: str, given: dict[str, Any] | None = None) -> dict[str, Any]:
-    """Return the outputs of an equation without comparison; empty if it cannot be evaluated."""
+    """Return the outputs of an equation, by name, without comparison; `given` replaces inputs. Empty after an error."""
     step = judge.step(equation)
     if step.missing or not step.before:
         return {}

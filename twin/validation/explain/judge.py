@@ -176,7 +176,7 @@ class Judge:
                 computed.setdefault(name, value)
 
     def _stuck(self, step: Step, s: Statement, found: Residuals) -> None:
-        """Count the outputs of an equation from this statement on as wrong, because it uses an unknown name."""
+        """Count all outputs from a statement on as wrong, because the statement uses an unknown name."""
         step.stuck = True
         late = [(t, i, name) for t in step.source.statements[s.index :] for i, name in enumerate(t.writes)]
         last = step.source.statements[-1]
@@ -255,7 +255,7 @@ class Judge:
     # -- trials of edits ----------------------------------------------------------------------------------------
 
     def trial(self, step: Step, edits: list[Edit], extra: Mapping[str, Any] | None = None) -> Residuals:
-        """Return the residuals of the rows that edits change; call this method with NumPy's warnings off.
+        """Return the residuals of the rows that edits change; call this method with NumPy's warnings disabled.
 
         Args:
             step: the edited equation.
@@ -282,7 +282,7 @@ class Judge:
                 scope[name] = old
 
     def _from_before(self, step: Step, edits: list[Edit]) -> Residuals:
-        """Return the residuals of a step that are changed through an earlier step with the same edited helper."""
+        """Return the residuals of a step that change because an earlier step calls the same edited helper."""
         for earlier in self.steps[: self.steps.index(step)]:
             passes = set(earlier.equation.outputs) - set(self.truth.kinds)
             calls = any(h.source.name == edits[0].function for h in self.helpers(earlier))

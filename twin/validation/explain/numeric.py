@@ -152,7 +152,7 @@ def _column(x: Any) -> Array:
 def _columns(a: Any, b: Any) -> tuple[Array, Array]:
     u, v = _column(a), _column(b)
     if u.shape[1] != v.shape[1]:  # numpy would repeat a scalar; CasADi raises an error
-        raise ValueError(f"vectors of {u.shape[1]} and {v.shape[1]} entries")
+        raise ValueError(f"vectors have {u.shape[1]} and {v.shape[1]} entries; the numbers must be equal")
     return u, v
 
 
@@ -377,5 +377,5 @@ def to_array(x: Any, k: int) -> Array:
 
 
 def named(symbols: Mapping[str, Any], names: list[str]) -> dict[str, Any]:
-    """Return the symbols with the given names, as far as they exist."""
+    """Return the symbols whose names are given; names without a symbol are skipped."""
     return {n: symbols[n] for n in names if n in symbols}

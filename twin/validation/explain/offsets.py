@@ -1,6 +1,6 @@
-"""Find the joint offsets that a formula lacks, so that its tool pose differs from the mechanism's.
+"""Find joint offsets that are missing in a formula whose tool pose differs from the mechanism's.
 
-With these offsets, and with fixed rotations of base and tool, the pose agrees.
+With these offsets, and with constant rotations of base and tool, the pose agrees.
 
 A Denavit-Hartenberg table without joint offsets cannot be corrected by an edit of one row. An offset of the first or
 last angle is equivalent to a rotation of base or tool. For the other angles, quarter turns of up to three angles are
@@ -30,7 +30,7 @@ _ALIKE = 1e-9
 
 
 def offsets(judge: Judge) -> Iterator[Convention]:
-    """Yield the offsets of the fewest angles with which a forward formula's pose agrees."""
+    """Yield offsets of as few angles as possible with which the pose of a forward formula agrees."""
     for place in judge.failing():
         step = judge.step(place.equation)
         if step.stage != "forward" or judge.truth.kinds[place.symbol] != "pose":

@@ -81,7 +81,7 @@ class Pairs:
     def found(self, deadline: float) -> Iterator[tuple[Edit, Edit]]:
         """Yield pairs with which the row agrees at a few poses but not at perturbed values; stop at the deadline.
 
-        Call this method with NumPy's warnings off.
+        Call this method with NumPy's warnings disabled.
         """
         for a, b in self._order():
             if time.monotonic() > deadline:

@@ -35,7 +35,8 @@ _SHARED_PART = 0.2
 """Maximum fraction of the time for pairs that is used for edits shared with other rows (`_SHARED`)."""
 
 _SAME = 1e-7
-"""Relative difference of residuals, also at perturbed values, below which two edited rows are the same function."""
+"""Relative difference of residuals, also at perturbed values, below which two edited rows count as the same
+function."""
 
 
 class Search:
@@ -47,7 +48,7 @@ class Search:
         self.base = {key(p): worst(r) for p, r in judge.residuals.items()}
         self.raw = {key(p): r for p, r in judge.residuals.items()}
         bad = judge.failing()
-        # Wrong helpers often only repeat the error of a printed equation: they are searched if all others agree.
+        # Wrong helpers often only repeat the error of a printed equation: they are searched if all other rows agree.
         self.targets = [p for p in bad if judge.step(p.equation).stage != "helper"] or bad
         self.failing = [key(p) for p in self.targets]
         self.tried = 0
@@ -67,7 +68,7 @@ class Search:
         return list(out.values())
 
     def singles(self, kinds: Container[str], only: Container[tuple[str, int]] | None = None) -> list[Candidate]:
-        """Evaluate single edits of the given kinds in the statements of `own_sites`; `only`: statements to use."""
+        """Evaluate single edits of the given kinds in the statements of `own_sites`; `only` selects some of them."""
         out: list[Candidate] = []
         sites = [x for x in self.own_sites() if only is None or (x[0].equation.name, x[1].index) in only]
         for n, (step, statement) in enumerate(sites):
@@ -152,12 +153,12 @@ class Search:
 
     @cached_property
     def shaken(self) -> Judge:
-        """The formula at perturbed values that no mechanism has."""
+        """Judge of the formula at perturbed values that no mechanism has."""
         return self.judge.on(self.judge.truth.perturbed())
 
     @cached_property
     def first(self) -> Judge:
-        """The formula at the first sample only."""
+        """Judge of the formula at the first sample only."""
         return self.judge.on(self.judge.truth.first())
 
     @cached_property
@@ -243,7 +244,10 @@ class Search:
         return [c for c in touching if c.over(rows, self.base) <= 1 and (c.extra or self._runs(c))]
 
     def _runs(self, c: Candidate) -> bool:
-        """Return whether a candidate runs with one sample; with several samples, an indexed scalar would not fail."""
+        """Return whether a candidate runs with one sample, which shows errors that several samples hide.
+
+        An example is an index of a scalar: with several samples, the scalar is an array, and no error is raised.
+        """
         return residuals(self.first, c.step.equation.name, c.edits) is not None
 
     def _distinct(self, exact: list[Candidate], rows: list[Key]) -> list[list[Candidate]]:
@@ -272,7 +276,7 @@ class Search:
         return [way for way in kept if way]
 
     def _left(self, c: Candidate) -> int | None:
-        """Return the number of wrong rows of the whole formula after edits; None if edits are outside its file."""
+        """Return the number of wrong rows of the whole formula after edits; None if an edit is in another file."""
         formula = self.judge.formula
         home = formula.equations[0]
         path = Path(inspect.unwrap(home.variants[home.default]).__code__.co_filename)  # type: ignore[attr-defined]
@@ -316,7 +320,7 @@ class Search:
     ) -> tuple[list[Candidate], bool]:
         """Return (pairs of edits with which row k agrees or nearly agrees, whether all pairs were tried).
 
-        First, pairs of any kind whose separate effects add up to the residual; then, all pairs of tokens.
+        First, pairs of any kind whose separate effects add up to the residual are tried; then, all pairs of tokens.
         """
         mine = [c for c in singles if k in c.changed and c.changed[k].shape == self.raw[k].shape]
         mine = [c for c in mine if np.isfinite(c.changed[k]).all()]

@@ -24,8 +24,8 @@ class Row:
         off: largest difference, in `unit` ("mm" or "deg").
         share: fraction of the judged poses at which the row is wrong.
         worst_at, least_at: poses with the largest and the smallest difference, as text.
-        why: explanation for a row that was tested at the states where it is zero; "" for other rows. If not "", `off`
-            is NaN or a value in `unit`.
+        why: explanation for a margin that was tested at the states where it is zero; "" for other rows. `off` of such a
+            margin may be NaN.
     """
 
     equation: str
@@ -359,9 +359,9 @@ def _repair(r: Repair) -> Iterator[Part]:
 
 def _tried(r: Repair) -> str:
     if not r.seconds:
-        return f"{r.tried} edits tried"
+        return f"{r.tried} edits were tried"
     most = "every pair of tokens" if r.complete else "not every pair (--seconds gives more time)"
-    return f"{r.tried} edits and pairs tried, pairs for {r.seconds:.1f} s, {most}"
+    return f"{r.tried} edits and pairs were tried, pairs for {r.seconds:.1f} s: {most}"
 
 
 def _numbers(x: Explanation) -> Iterator[Part]:

@@ -15,7 +15,7 @@ _GRID = 12
 
 _REFINE = 6
 _STEP = 1e-6
-"""(number of Gauss-Newton steps, step in rad of their numeric derivatives)."""
+"""Step in rad of the numeric derivatives; `_REFINE` is the number of Gauss-Newton steps."""
 
 
 def fitted(rows: Callable[[Array], Mapping[Place, Array]], states: int) -> Array:

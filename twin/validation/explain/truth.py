@@ -26,7 +26,7 @@ _SPREAD = 0.06
 """Half width of the sampled box around each posture, as a fraction of the joint's range."""
 
 _REGULAR = 0.1
-"""Conditioning, relative to the best posture, below which a posture is near a singularity and skipped."""
+"""Conditioning, relative to the best posture, below which a posture counts as near a singularity and is skipped."""
 
 Kind = Literal["length", "angle", "pose"]
 
@@ -57,7 +57,7 @@ class Truth:
     free: str = ""
 
     def with_parameters(self, values: Mapping[str, Any]) -> Truth:
-        """Return the same values with other parameter values in SI."""
+        """Return a copy of this object with other parameter values in SI."""
         return replace(self, symbols={**self.symbols, **values})
 
     def perturbed(self, seed: int = 1) -> Truth:

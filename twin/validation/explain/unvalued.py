@@ -35,7 +35,7 @@ def unvalued(judge: Judge) -> list[Finding]:
             way = f"give {name} a value, or replace it by a parameter that is not used: {names}"
         else:
             way = f"give {name} a value among the parameters"
-        out.append(error("formula.unvalued", where, f"{where} reads '{name}', which has no value", suggestion=way))
+        out.append(error("formula.unvalued", where, f"{where} uses '{name}', which has no value", suggestion=way))
     return out
 
 

@@ -1,11 +1,11 @@
 """Check published tables of first and second moments of mass against physical limits.
 
 With the inertia tensor J and the first moment h about one origin, Sigma = tr(J)/2 I - J is the matrix of second
-moments. A body is physically possible only if J and Sigma are positive definite (for Sigma this is the triangle
-inequality) and its mass m makes [[Sigma, h], [h', m]] positive semidefinite, that is, m >= h' Sigma^-1 h. If no masses
-were published, no other check of the moments is possible. The check also shows the sign of the products of inertia. CAD
-programs print products as +integral(x y dm); these must be negated in the tensor, and only the correct sign gives
-plausible masses.
+moments. A body is physically possible only if J and Sigma are positive definite; for Sigma this is the triangle
+inequality. Its mass m must also make [[Sigma, h], [h', m]] positive semidefinite, that is, m >= h' Sigma^-1 h. If no
+masses were published, no other check of the moments is possible. The check also shows the sign of the products of
+inertia. CAD programs print products as +integral(x y dm); these must be negated in the tensor, and only the correct
+sign gives plausible masses.
 """
 
 from __future__ import annotations
@@ -91,10 +91,10 @@ class Row:
     Attributes:
         name: name of the row.
         definite: whether J is positive definite with at least one sign of the products.
-        slack: kg m2, sum of the two smaller principal moments minus the largest; negative values violate the triangle
-            inequality.
-        mass_printed: kg, minimum mass with the products as printed; infinite if no mass is possible.
-        mass_negated: kg, minimum mass with the products negated; infinite if no mass is possible.
+        slack: sum of the two smaller principal moments minus the largest, in kg m2; negative values violate the
+            triangle inequality.
+        mass_printed: minimum mass in kg with the products as printed; infinite if no mass is possible.
+        mass_negated: minimum mass in kg with the products negated; infinite if no mass is possible.
         repaired: names of the misprinted cells that were repaired.
     """
 
@@ -204,7 +204,9 @@ def _impossible(rows: list[Row]) -> list[Finding]:
         why += [] if r.slack > 0 else [f"violates the triangle inequality by {-r.slack:.3g} kg m2"]
         if why:
             out.append(
-                disagreement("inertia.impossible", r.name, f"row {r.name}: impossible tensor: it {' and '.join(why)}")
+                disagreement(
+                    "inertia.impossible", r.name, f"row {r.name}: the tensor is impossible: it {' and '.join(why)}"
+                )
             )
     return out
 

@@ -51,7 +51,9 @@ def of_mechanism(mechanism: Mechanism, title: str) -> Source:
     found = []
     if without:
         found.append(
-            warning("inertia.missing", without[0], f"bodies with shapes but no mass: {', '.join(without)}", when=title)
+            warning(
+                "inertia.missing", without[0], f"these bodies have shapes but no mass: {', '.join(without)}", when=title
+            )
         )
     return Source(title, tuple(bodies), tuple(found))
 

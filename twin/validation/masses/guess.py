@@ -20,8 +20,8 @@ from twin.core.spatial import Array
 BAD, GOOD, GAIN = 0.35, 0.3, 0.35
 """Limits of the relative misfit between stated tensor and filled shapes.
 
-If the misfit exceeds BAD, an explanation is searched. With the explanation, the misfit must be below GOOD, and below
-GAIN times the original misfit. Bodies that are hollow or of mixed materials have a misfit of 0.1 to 0.3.
+If the misfit exceeds BAD, the check searches for an explanation. With the explanation, the misfit must be below GOOD,
+and below GAIN times the original misfit. Bodies that are hollow or of mixed materials have a misfit of 0.1 to 0.3.
 """
 
 SIGN = 0.04
@@ -118,7 +118,11 @@ def _readings(tensor: Array, centre: Array, mass: float) -> Iterator[tuple[str, 
     if np.abs(far).max() > 0.2 * np.abs(tensor).max():
         yield (
             "origin",
-            "the tensor seems to be about the mass centre, not the frame's origin as stated",
+            "the tensor seems to be about the mass centre, not about the frame's origin, as stated",
             tensor + far,
         )
-        yield "origin", "the tensor seems to be about the frame's origin, not the mass centre as stated", tensor - far
+        yield (
+            "origin",
+            "the tensor seems to be about the frame's origin, not about the mass centre, as stated",
+            tensor - far,
+        )

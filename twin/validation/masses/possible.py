@@ -26,7 +26,7 @@ DENSITY = (30.0, 25000.0)
 """Plausible density in kg/m3 (mass / volume of closed shapes), from foam and hollow castings to tungsten."""
 
 BESIDE = 2 * MM
-"""Accepted distance in m of a mass centre outside the hull of the shapes, which may be coarse and incomplete."""
+"""Accepted distance in m of an outside mass centre from the hull of the shapes, which may be coarse and incomplete."""
 
 DEFINITE = 1e-9
 """Minimum ratio of the smallest to the largest eigenvalue of the pseudo-inertia of a body that is not flat."""
@@ -61,13 +61,13 @@ class Judged:
 
     Attributes:
         name, source, mass: as stated.
-        least: kg, minimum mass for the stated moments; infinite if they are impossible.
-        slack: kg m2, sum of the two smaller principal moments minus the largest, about the mass centre (about the
+        least: minimum mass in kg for the stated moments; infinite if the moments are impossible.
+        slack: sum of the two smaller principal moments minus the largest, in kg m2, about the mass centre (about the
             origin if no mass is stated).
         definite: ratio of the smallest to the largest eigenvalue of the pseudo-inertia, with lengths in radii of
             gyration.
-        density: kg/m3; NaN without closed shapes or without mass.
-        outside: m, distance of the mass centre from the hull of the shapes, 0 if inside; NaN without shapes or mass.
+        density: density in kg/m3; NaN without closed shapes or without mass.
+        outside: distance in m of the mass centre from the hull of the shapes, 0 if inside; NaN without shapes or mass.
         findings: the faults.
     """
 

@@ -19,7 +19,7 @@ class Moments:
     """Moments of a solid about the origin, for density 1 (after `scaled`: for a density in kg/m3).
 
     Attributes:
-        volume: m3; negative if the faces are oriented inwards.
+        volume: volume in m3; negative if the faces are oriented inwards.
         first: (3,) in m4, first moment.
         second: (3, 3) in m5, second moments: the integral of x x'.
     """
@@ -44,7 +44,9 @@ def moments(vertices: Array, triangles: np.ndarray) -> Moments:
         triangles: (m, 3) vertex indices, counter-clockwise seen from outside.
     """
     corners = np.asarray(vertices, float)[np.asarray(triangles)]
-    shift = corners.reshape(-1, 3).mean(axis=0)  # about the mean corner: far from the origin, rounding errors are large
+    shift = corners.reshape(-1, 3).mean(
+        axis=0
+    )  # sum about the mean corner, because rounding errors are large far from the origin
     corners = corners - shift
     volumes = np.einsum("ki,ki->k", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) / 6.0
     volume = float(volumes.sum())
