@@ -106,7 +106,7 @@ POSES = {
 def functions(formula):
     """The functions of a formula's file that its equations, in their default variants, are made of."""
     found, todo = [], [inspect.unwrap(e.variants[e.default]) for e in formula.equations if e.stage != "helper"]
-    home = todo[0].__globals__
+    home = _own(formula).__globals__
     while todo:
         f = todo.pop(0)
         if f not in found and f.__globals__ is home:
@@ -294,9 +294,15 @@ def _read(faulty, equation, values, output, left=""):
         return {}
 
 
+def _own(formula):
+    """Return a function of the formula's own file: the first equation may be one that several robots share."""
+    made = [inspect.unwrap(e.variants[e.default]) for e in formula.equations]
+    return next((f for f in made if "FORMULA" in f.__globals__), made[0])
+
+
 def _file_of(formula):
-    """Return the file of a formula's equations."""
-    return Path(inspect.getfile(inspect.unwrap(formula.equations[0].variants[formula.equations[0].default])))
+    """Return the formula's own file."""
+    return Path(inspect.getfile(_own(formula)))
 
 
 @contextmanager
