@@ -140,6 +140,9 @@ def test_mujoco_has_the_same_inverse_dynamics_on_the_exported_file(dynamics):
     d = Dynamics(mechanism)
     plant = MujocoPlant(mjcf_text(mechanism), [j.name for j in mechanism.active], 0.0, 0.0)
     model, data = plant.model, plant.data
+    for body in range(model.nbody):
+        if model.body(body).name.endswith("_carrier"):  # 1 g that the file adds for a slide that closes a loop
+            model.body_mass[body], model.body_inertia[body] = 1e-9, 1e-13
     for state, qd, qdd in states(d):
         plant.reset(state.q, qd)
         mujoco.mj_forward(model, data)
