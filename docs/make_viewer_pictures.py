@@ -118,7 +118,7 @@ def main() -> None:
             time.sleep(5)
             page.add_style_tag(content="[class*='mantine-Notification']{display:none!important}")
             prepare(front, page)
-            time.sleep(8)
+            time.sleep(20)
             image = Image.open(io.BytesIO(page.screenshot())).convert("RGB").quantize(256, dither=Image.Dither.NONE)
             image.save(FOLDER / f"view_{name}.png", optimize=True)
             print(f"view_{name}.png: {(FOLDER / f'view_{name}.png').stat().st_size / 1e3:.0f} kB")
