@@ -7,7 +7,7 @@ import re
 import threading
 import traceback
 from collections.abc import Callable, Mapping, Sequence
-from functools import cached_property
+from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any
 
 import casadi as ca
@@ -212,12 +212,11 @@ def attach(function: ca.Function, *arguments: Array) -> tuple[Array, Callable[[]
     out = np.zeros(function.size1_out(0))
     buffer, trigger = function.buffer()
     for i, argument in enumerate(arguments):
-        buffer.set_arg(i, argument.data)  # pyright: ignore[reportCallIssue]
-    buffer.set_res(0, out.data)  # pyright: ignore[reportCallIssue]
-
-    def call() -> None:
-        trigger()
-
+        if argument.size:
+            buffer.set_arg(i, argument.data)  # pyright: ignore[reportCallIssue]
+    if out.size:
+        buffer.set_res(0, out.data)  # pyright: ignore[reportCallIssue]
+    call = partial(trigger)
     call.__dict__["memory"] = buffer, arguments  # kept alive as long as this procedure
     return out, call
 
@@ -260,18 +259,14 @@ class Evaluator:
 
         This is faster in control loops than `one`, which needs a lock and copies its argument.
         """
-        z, out = np.zeros(self.function.size1_in(0)), np.zeros(int(np.prod(self.shape)))
-        buffer, trigger = self.function.buffer()
-        if out.size:
-            buffer.set_arg(0, z.data)  # pyright: ignore[reportCallIssue]
-            buffer.set_res(0, out.data)  # pyright: ignore[reportCallIssue]
+        z = np.zeros(self.function.size1_in(0))
+        out, compute = attach(self.function, z)
         copy = out.reshape(self.shape).copy
 
         def call() -> Array:
-            trigger()
+            compute()
             return copy()
 
-        call.__dict__["buffer"] = buffer  # keeps the buffer alive as long as this function
         return z, call
 
     @cached_property
