@@ -25,6 +25,9 @@ class ScriptedSurgeon(SurgeonHands):
     after the last target.
 
     Attributes:
+        targets: name of each target and, by hand, its point (3,) in m in the World.
+        tolerance: largest distance in m of a tip from its point.
+        hold: time in s for which the tips remain at a target.
         missed: names of the targets that the surgeon gave up.
     """
 
@@ -42,20 +45,7 @@ class ScriptedSurgeon(SurgeonHands):
         seed: int = 0,
         habits: Habits | None = None,
     ) -> None:
-        """Connect to a console.
-
-        Args:
-            device: name of the device of the pedals.
-            arms: the arm of the right and of the left hand, by hand, in this order.
-            camera: name of the arm of the camera.
-            view: angle of view in rad.
-            targets: name of each target and, by hand, its point (3,) in m in the World.
-            tolerance: largest distance in m of a tip from its point.
-            hold: time in s for which the tips remain at a target.
-            scale: motion scale of the console; the surgeon divides displacements by it.
-            dt: duration of a tick in s.
-            seed: seed of tremor and errors.
-            habits: parameters of the surgeon; None: the defaults.
+        """Connect to a console; `targets`, `tolerance` and `hold` as in the class, the others as in `SurgeonHands`.
 
         Raises:
             WorldError: the number of hands is not two, or a target is for another hand.

@@ -89,7 +89,7 @@ class SurgeonHands(Block):
             arms: the arm of the right and of the left hand, by hand, in this order.
             camera: name of the arm of the camera.
             view: angle of view in rad.
-            scale: motion scale, which the surgeon knows.
+            scale: motion scale of the console; the surgeon divides displacements by it.
             dt: duration of a tick in s.
             seed: seed of tremor and errors.
             habits: parameters of the surgeon; None: the defaults.
