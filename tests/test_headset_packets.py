@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 import twin
 from made.pens import SIDES, Pens
 from made.streaming import joined, serving
+from twin.api.act import robots_at
 from twin.cli import main
 from twin.core import spatial
 from twin.core.errors import TwinError
@@ -42,8 +43,7 @@ def scene():
 
 @pytest.fixture(scope="module")
 def robots(scene):
-    kinds = {name: twin.load(name) for name in {p.robot for p in scene.places}}
-    return {p.name: kinds[p.robot] for p in scene.places}
+    return robots_at(scene.places)
 
 
 class Running:

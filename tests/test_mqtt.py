@@ -14,6 +14,7 @@ import pytest
 import twin
 from made.broker import Broker
 from made.streaming import joined, serving
+from twin.api.act import robots_at
 from twin.core.errors import TwinError
 from twin.ui.door import mqtt
 from twin.ui.door.mqtt import ScaleTopic
@@ -30,8 +31,7 @@ def scene():
 
 @pytest.fixture(scope="module")
 def robots(scene):
-    kinds = {name: twin.load(name) for name in {p.robot for p in scene.places}}
-    return {p.name: kinds[p.robot] for p in scene.places}
+    return robots_at(scene.places)
 
 
 @pytest.fixture

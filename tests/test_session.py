@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 
 import twin
+from twin.api.act import robots_at
 from twin.api.session import FILE, operate_console, replay_session
 from twin.cli import main
 from twin.core import spatial
@@ -42,8 +43,7 @@ def davinci():
 
 @pytest.fixture(scope="module")
 def robots(davinci):
-    kinds = {name: twin.load(name) for name in {p.robot for p in davinci.places}}
-    return {p.name: kinds[p.robot] for p in davinci.places}
+    return robots_at(davinci.places)
 
 
 @pytest.fixture(scope="module")

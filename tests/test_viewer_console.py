@@ -14,7 +14,7 @@ import pytest
 import twin
 from made import headset_page
 from made.headset_page import until
-from twin.api.act import props_of
+from twin.api.act import props_of, robots_at
 from twin.core import spatial
 from twin.core.errors import WorldError
 from twin.core.units import DEG, MM
@@ -37,8 +37,7 @@ def scene():
 
 @pytest.fixture(scope="module")
 def robots(scene):
-    kinds = {name: twin.load(name) for name in {p.robot for p in scene.places}}
-    return {p.name: kinds[p.robot] for p in scene.places}
+    return robots_at(scene.places)
 
 
 class Desk:

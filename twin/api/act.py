@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,7 +13,7 @@ from twin.core.errors import TwinError, unknown
 
 if TYPE_CHECKING:
     from twin.model.mechanism import Mechanism
-    from twin.model.scene import Scene
+    from twin.model.scene import Place, Scene
     from twin.planning.protocol import Protocol
     from twin.simulation.controllers.teleoperation import Clutch
     from twin.simulation.controllers.velocity import Solver
@@ -105,14 +106,21 @@ def _actors(scene: Scene, progress: Progress) -> list[Actor]:
     from twin.simulation.scene_play import Actor, trocars_of
 
     scene.require_protocols()
-    actors = []
+    actors, robots = [], robots_at(scene.places)
     for i, place in enumerate(scene.places):
         progress(f"plan {place.name}", i / len(scene.places))
-        robot = load(place.robot)
+        robot = robots[place.name]
         protocol = robot.protocol(place.protocol)
         trajectory, mechanism = plan(robot, protocol), robot.bound(protocol).mechanism
         actors.append(Actor(place, mechanism, trajectory, trocars_of(place, mechanism, trajectory)))
     return actors
+
+
+def robots_at(places: Iterable[Place]) -> dict[str, Robot]:
+    """Return the robots of a scene by the names of their places; each robot folder is read once."""
+    places = tuple(places)
+    kinds = {name: load(name) for name in {p.robot for p in places}}
+    return {p.name: kinds[p.robot] for p in places}
 
 
 def props_of(scene: Scene) -> Mechanism | None:

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from twin.api.act import props_of
 from twin.api.make import export
 from twin.api.robot import Progress, Robot, load, silent
 from twin.core import assets
@@ -155,14 +156,13 @@ def _robot(place: Place) -> Robot:
 
 
 def _write_stage(scene: Scene, bundles: Mapping[str, Bundle], folder: Path) -> Path:
-    from twin.cad.build import read_props
     from twin.exchange.write.usd import write_simulated
     from twin.simulation.scene_stage import write_scene
 
     stages = {p.name: Path("..") / p.name / "usd" / f"{'_'.join(filter(None, (p.robot, p.protocol)))}.usda"
               for p in scene.places}  # fmt: skip
     mechanisms = {n: b.order.mechanism for n, b in bundles.items()}
-    props = None if scene.props is None else read_props(scene.props)
+    props = props_of(scene)
     stage = write_scene(scene, folder, stages, mechanisms, props, _duration(bundles))
     if not any(p.protocol for p in scene.places):  # otherwise drives would oppose the baked motions
         write_simulated(scene.name, folder)

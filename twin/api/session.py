@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from twin.api.act import load_scene, props_of
-from twin.api.robot import Progress, Robot, load, silent
+from twin.api.act import load_scene, props_of, robots_at
+from twin.api.robot import Progress, Robot, silent
 from twin.core import assets
 from twin.core.atomic import Scratch
 from twin.core.errors import AssemblyError, TwinError
@@ -447,9 +447,7 @@ def _board(scene: Scene, task: Task | None) -> tuple[Mechanism | None, Mapping[s
 
 
 def _members(scene: Scene) -> tuple[dict[str, Robot], dict[str, Member]]:
-    led = console_scene.led_by(scene)
-    kinds = {name: load(name) for name in {p.robot for p in led}}
-    robots = {p.name: kinds[p.robot] for p in led}
+    robots = robots_at(console_scene.led_by(scene))
     return robots, {n: Member(r.mechanism, r.kinematics()) for n, r in robots.items()}
 
 

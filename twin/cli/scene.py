@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from twin import api
 from twin.api.about import scene_commands
+from twin.api.act import props_of, robots_at
 from twin.cli import show
 from twin.core import assets
 from twin.core.errors import TwinError, unknown
@@ -47,11 +48,7 @@ def refuse(args: argparse.Namespace) -> None:
 
 def content(scene: Scene) -> tuple[dict[str, api.Robot], Mechanism | None]:
     """Return (robots by name in the scene, props or None) of a scene; each robot folder is read once."""
-    from twin.cad.build import read_props
-
-    kinds = {name: api.load(name) for name in {p.robot for p in scene.places}}
-    props = None if scene.props is None else read_props(scene.props)
-    return {p.name: kinds[p.robot] for p in scene.places}, props
+    return robots_at(scene.places), props_of(scene)
 
 
 def run(file: Path, args: argparse.Namespace) -> int:
