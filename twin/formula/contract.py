@@ -136,8 +136,8 @@ class Formula:
         aspects: signs that distinguish assemblies.
         branches: function that enumerates all assemblies, (q, parameters, variants) -> list of poses (4, 4), or None.
         seeds: starting values for solvers in SI: coordinates, or joints for a formula without inverse equations.
-        numbers: function (pose, parameters) -> text that names the line of the file without a value at this pose, or
-            "".
+        numbers: function of a pose and the parameters that returns a text on the line of the file without a value at
+            this pose; "" if every line has a value.
     """
 
     name: str

@@ -281,7 +281,10 @@ def _point_names(
 
 
 def _on_numbers(rows: Sequence[_Rows], coordinates: Coordinates) -> Any:
-    """Return a function (pose (4, 4), parameters) -> text on the first line without a value, or ""; None if no rows."""
+    """Return a function that names the first line of the file without a value; None if there are no rows.
+
+    The function takes a pose (4, 4) and the parameters, and returns a text; "" if every line has a value.
+    """
 
     def first(T: Array, parameters: Mapping[str, float]) -> str:
         symbols: dict[str, Any] = {**parameters, POSE_SYMBOL: T}

@@ -36,7 +36,10 @@ class Reference:
 
 
 def references(contents: Sequence[Content], truth: Mapping[str, tuple[Array, Mapping[str, Array]]]) -> dict:
-    """Return the `Reference` of each clip, by name: from `truth` if given, else the track, else the first file."""
+    """Return the `Reference` of each clip, by name.
+
+    It is from `truth` if that has the clip, otherwise from its track or, if there are no tracks, from the first file.
+    """
     out = {
         name: Reference(Clip(name, np.asarray(t, float), links), "the mechanism") for name, (t, links) in truth.items()
     }

@@ -121,7 +121,7 @@ def _ring(kept: Recording, name: str, radius: float, peg: Peg) -> RingResult:
 
 
 def _merged(flags: np.ndarray, few: int) -> list[tuple[int, int]]:
-    """Return the runs of true values in flags (k,), of which those that are at most `few` apart are one."""
+    """Return the runs of true values in flags (k,); runs that are at most `few` apart are joined."""
     out: list[tuple[int, int]] = []
     for a, b in runs(flags):
         if out and a - out[-1][1] <= few:
