@@ -288,7 +288,10 @@ def carried(path: PhasePath, course: Path, carrier: Carrier, start: Array, where
 
 
 def _followed(path: PhasePath, taken: Callable[[Array], tuple[Array, Array, Array]]) -> Followed:
-    """Return a phase as series fitted to `taken`: s (k,) -> states, driven joint values (k, n), poses (k, 4, 4)."""
+    """Return a phase as series fitted to `taken`.
+
+    `taken` is a function of s (k,) that returns states, values of driven joints (k, n), and poses (k, 4, 4).
+    """
 
     def rows(s: Array) -> Array:
         order = np.argsort(s)

@@ -186,9 +186,10 @@ class SurgeonHands(Block):
     def _stroke(
         self, ways: Mapping[str, Array], pause: float, turns: Mapping[str, Array] | None = None
     ) -> Iterator[None]:
-        """Move the hands by ways (3,) in m and turns (3,) in rad, as far as their range allows.
+        """Move the hands by displacements (3,) in m and rotations (3,) in rad.
 
-        If their range is used up, they are only moved back.
+        Both are shortened if a hand would leave its range. If less than 5 % of them is possible, the hands move back to
+        the middle of their ranges with the clutch pressed, and nothing else is done.
         """
         hand = self.habits.hand
         part = 1.0
