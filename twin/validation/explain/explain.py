@@ -254,7 +254,7 @@ def _row(judge: Judge, place: Place, found: list[Found], root: Path | None) -> R
 
 
 def _margin(judge: Judge, m: Judged, root: Path | None) -> Row:
-    """Return the wrong row for a reach, singularity measure or aspect that contradicts the mechanism."""
+    """Return the report's `Row` for a reach, singularity measure or aspect that contradicts the mechanism."""
     kind = {"reach": f"margin of reach '{m.name}'", "aspect": "aspect"}.get(m.kind, f"singularity measure '{m.name}'")
     size = m.size if m.size is not None and m.unit else float("nan")
     step = next((s for s in judge.steps if s.equation.name == m.equation), None)
