@@ -1,9 +1,9 @@
 """The hands and feet of a simulated surgeon at a console: strokes, grippers, pedals.
 
-The hands move as that of `devices.hand`: with minimum jerk to reduce the remaining error in the picture, with tremor
-and errors of judgement. If what the surgeon wants to see is outside the middle of the picture, the surgeon moves the
-camera; if a hand has left its comfortable range, it is moved back while the clutch is pressed. All of this is ASSUMED:
-hand motions at such a console are not published.
+The hands move like the hand of `devices.hand`: with minimum jerk to reduce the remaining error in the picture, with
+tremor and errors of judgement. If the targets are outside the middle of the picture, the surgeon moves the camera; if a
+hand has left its comfortable range, it is moved back while the clutch is pressed. All of this is ASSUMED: hand motions
+at such a console are not published.
 """
 
 from __future__ import annotations

@@ -47,8 +47,8 @@ def known(
 ) -> Truth:
     """Return the mechanism's values of the formula's symbols at sampled poses.
 
-    A redundant mechanism has many solutions for a pose. The solution nearest to the formula's own joint values is used
-    if no row is wrong with it, or fewer rows than with the sampled solution.
+    A redundant mechanism has many solutions for a pose. Two are compared: the sampled one, and the one nearest to the
+    formula's own joint values. The second is used if fewer rows are wrong with it, or none.
     """
     run = sample(model, progress=lambda f: progress("sample the mechanism", f))
     if not (model.redundant and formula.has("inverse")):
@@ -393,7 +393,7 @@ def _reading(search: Search, c: Candidate, root: Path | None) -> Reading:
     for e in c.edits:
         if e.kind == "left side":
             note = (
-                f"the row then determines {e.new}; in Python it must still be assigned to {e.old}: "
+                f"the row then determines {e.new}; in Python, keep {e.old} on the left side: "
                 f"{e.old} = {e.old} - {e.new} + ..."
             )
     diffs, lines = [], {}

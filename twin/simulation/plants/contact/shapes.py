@@ -1,4 +1,4 @@
-"""Shapes that MuJoCo collides: capsules of a ring, primitives or convex hulls of the parts of bodies."""
+"""Collision shapes for MuJoCo: capsules of a ring, primitives or convex hulls of the parts of bodies."""
 
 from __future__ import annotations
 
