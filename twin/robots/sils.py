@@ -262,8 +262,8 @@ FORMULA = Formula(
             "L_H",
             612.0,
             "ASSUMED",
-            f"{_EQ3} gives L_B = 612 mm; eq. (2) uses L_H, which has no value. Both are taken as the distance of "
-            "rail 3 from rail 1",
+            f"{_EQ3} gives L_B = 612 mm; eq. (2) uses L_H, which has no value. Both are taken as the distance between "
+            "rail 1 and rail 3",
         ),
     ),
     joints=tuple(ActiveJoint(f"q{i}", "prismatic") for i in range(1, 7)),

@@ -172,7 +172,7 @@ def _times_apart(clip: Clip, ref: Reference, mine: Array, its: Array) -> str:
         here, there = told_apart(clip.duration, ref.clip.duration)
         return (
             f"the clip lasts {here} s; in {ref.source} it lasts {there} s (ratio {ratio:.6g}); {len(mine)} "
-            f"of its {len(clip.times)} key times are also key times there (of {len(ref.clip.times)})"
+            f"of its {len(clip.times)} key times are among the {len(ref.clip.times)} key times there"
         )
     said = []
     for times, shared, text in (

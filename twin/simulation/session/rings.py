@@ -16,10 +16,10 @@ from twin.simulation.session.movement import runs
 from twin.simulation.world import Recording
 
 _FALL = 10 * MM
-"""Smallest distance in m by which a ring falls, without a hand, if it was dropped; ASSUMED."""
+"""Minimum fall in m of a ring that is not held, to count as a drop; ASSUMED."""
 
 _SHORT = 0.25
-"""Time in s: an interruption of a grasp, or of a collision, that is shorter does not end it; ASSUMED."""
+"""Minimum duration in s of an interruption that ends a grasp or a collision; ASSUMED."""
 
 
 @dataclass(frozen=True)

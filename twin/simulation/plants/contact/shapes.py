@@ -18,7 +18,7 @@ RING = 12
 """Number of capsules of a ring."""
 
 _ALIKE = 0.03
-"""Largest relative difference of volumes at which a primitive stands for a part."""
+"""Largest relative difference of volumes at which a primitive replaces a part."""
 
 
 @dataclass(frozen=True)
