@@ -136,7 +136,7 @@ class Contact(Block):
                 add_part(spec, body, part, jaw.T_hand_jaw, gripper.robot, **skin)
             if first is None:
                 first = name, jaw.ratio
-            else:  # jaws turn together, as far as their ratios say
+            else:  # jaws rotate together, in proportion to their ratios
                 spec.add_equality(
                     type=mujoco.mjtEq.mjEQ_JOINT,
                     name1=name,
