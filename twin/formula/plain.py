@@ -239,7 +239,7 @@ def _line_of(module: ModuleType, path: Path, name: str, key: str | None = None) 
 
 
 def _length_scale(parameters: Sequence[Parameter]) -> Any:
-    """Return the characteristic length as a function of the parameters: their median length."""
+    """Return the characteristic length as a function of the parameters: the median of those that are lengths."""
     lengths = sorted(abs(p.value) for p in parameters if p.unit in ("mm", "m") and p.value)
     scale = lengths[len(lengths) // 2] if lengths else _LENGTH
     return lambda: scale
@@ -281,7 +281,10 @@ def _point_names(
 
 
 def _on_numbers(rows: Sequence[_Rows], coordinates: Coordinates) -> Any:
-    """Return a function (pose (4, 4), parameters) -> text on the first line without a value, or ""; None if no rows."""
+    """Return a function that names the first line of the file without a value; None if there are no rows.
+
+    The function takes a pose (4, 4) and the parameters, and returns a text; "" if every line has a value.
+    """
 
     def first(T: Array, parameters: Mapping[str, float]) -> str:
         symbols: dict[str, Any] = {**parameters, POSE_SYMBOL: T}

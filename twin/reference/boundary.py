@@ -123,7 +123,7 @@ class Boundary:
         self._whole = bool(stated.valid(run, True).any())  # False: passive joints are wrong (reported elsewhere)
         good = stated.valid(run, self._whole)
         self._drawn = some[good]
-        self._why = "" if good.any() else "the equations agree with the mechanism's joint values at no state"
+        self._why = "" if good.any() else "there is no state at which the equations agree with the joint values"
         if not self._why:
             far = wander(self.motions, self._valid, self._drawn)
             self._pool = np.concatenate([self._drawn, far])
@@ -174,7 +174,7 @@ class Boundary:
         if off[k] > 1e-6 * np.abs(v).max() and s.homogeneous(self._given, _LARGER):
             what = "length" if s.kinds[i] == "reach" else "dimensionless number"
             much, usual = (f"{x / scale:.4g} {unit}".rstrip() for x in (large[k], v[k]))
-            text = f"it is not a {what}: with all lengths {_LARGER:g} times as long it is {much} instead of {usual}"
+            text = f"it is not a {what}: with all lengths multiplied by {_LARGER:g}, it changes from {usual} to {much}"
             return self._row(i, "disagrees", text, self._pool[k], float(off[k] / scale), unit)
         return None
 

@@ -84,7 +84,7 @@ def chain(q1, q2, q3, q6, q7, u_out, a, b, h, r6, r8):
 
 @equation("helper", "points in base", gives=[f"at_{n}" for n in _POINTS])
 def places(T_base_tool, P_7, W, trocar_x, trocar_y, trocar_z):
-    """Return the outer point, the end of the shaft, the tip and the trocar in base, each (3,)."""
+    """Return W (outer point), P_7 (end of the shaft), the tip and the trocar in base, each (3,)."""
     return W, P_7, T_base_tool[0:3, 3], vertcat(trocar_x, trocar_y, trocar_z)
 
 

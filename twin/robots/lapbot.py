@@ -77,7 +77,7 @@ def chain(q1, q2, q3, q7, q8, q9, u_out, a, b, r7, r10):
 
 @equation("helper", "points in base", gives=[f"at_{n}" for n in _POINTS])
 def places(T_base_tool, P_in, W, trocar_x, trocar_y, trocar_z):
-    """Return the outer point, the inner wrist, the tip and the trocar in base, each (3,)."""
+    """Return W (outer point), P_in (inner wrist), the tip and the trocar in base, each (3,)."""
     return W, P_in, T_base_tool[0:3, 3], vertcat(trocar_x, trocar_y, trocar_z)
 
 

@@ -73,7 +73,7 @@ def _check_between(content: Content, shapes: Mapping[str, Shape], joints: Sequen
                 f"claims.{key}",
                 "disagreement",
                 f"{key} states {quantity(said, unit)} for {text}; with every second key left out it is "
-                f"{quantity(cost, unit)}; a quarter of it, the estimate, is {quantity(estimate, unit)}.",
+                f"{quantity(cost, unit)}; the estimate, a quarter of this, is {quantity(estimate, unit)}.",
                 where=key,
                 size=float(said),
                 unit=unit,

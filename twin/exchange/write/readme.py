@@ -112,7 +112,7 @@ def _motions(order: Order) -> Iterator[str]:
         budget = (
             f"budget: {b.position / UM:g} um, {b.rotation / DEG:g} degrees, {b.joint_gap / UM:g} um"
             if b
-            else "measured by leaving out every second sample; with all samples the error is about a quarter"
+            else "measured with every second sample left out; with all samples the error is about a quarter of this"
         )
         yield (
             f"- {c.name}: {c.title}; {c.times[-1]:.3f} s, {len(c.times)} keys at {c.rate:g} Hz. A player that "

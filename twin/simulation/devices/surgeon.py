@@ -1,6 +1,6 @@
 """A simulated surgeon, with a random seed, who touches the targets of a task with both hands at once.
 
-The grippers open on the way and close at the target. How the hands move: `devices.surgeon_hands`.
+The grippers open on the way and close at the target. The motion of the hands is in `devices.surgeon_hands`.
 """
 
 from __future__ import annotations
