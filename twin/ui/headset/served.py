@@ -161,7 +161,7 @@ def _placed(
     described = _describe(scene.name, scene.title, placed, feed)
     described["cameras"] = _cameras(scene, robots)
     described["assumed"] = [f"{p.name}: {p.note}" for p in scene.parameters if p.provenance == "ASSUMED"]
-    if isinstance(live, Operation):
+    if not isinstance(live, Live):
         described["console"] = live.about
     preload = [f"{_ROBOTS.format(p.name)}robot.glb" for p in scene.places]
     if props is not None:
