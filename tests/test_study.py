@@ -83,7 +83,7 @@ def test_a_study_that_fits_agrees(tmp_path, capsys):
 def test_command(capsys):
     assert main(["study", "sher"]) == 1
     printed = capsys.readouterr().out
-    assert "agrees with the print" in printed
+    assert "agrees with the printed p" in printed
     verdict, way = (line.strip() for line in printed.rstrip().splitlines()[-2:])
     assert main(["study", "sher", "--json"]) == 1
     data = json.loads(capsys.readouterr().out)
@@ -108,4 +108,4 @@ def test_bad_files_are_told_with_their_line(tmp_path, capsys):
     with pytest.raises(DescriptionError, match=r"bad\.toml:\d+.*5 users, but `physical` has 2"):
         load(file)
     assert main(["study", "sils"]) == 2
-    assert "sils has no study" in capsys.readouterr().err
+    assert "sils has neither a study file nor published inertia tables" in capsys.readouterr().err

@@ -91,7 +91,7 @@ def test_the_stage_read_back_and_the_baked_motion_are_the_mechanism(judged, prot
     assert worst(report, "B-D", "baked", "rad") <= 2e-7
     between = next(r for r in rows(report, "B-D", "baked", "m") if r.tolerance is None)
     assert 1e-7 < between.worst < 5e-5
-    assert "single precision explains" in report.facts["stage"]["float32 joint frames"]
+    assert "single precision causes" in report.facts["stage"]["float32 joint frames"]
 
 
 @pytest.mark.parametrize("protocol", PROTOCOLS)

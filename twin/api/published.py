@@ -93,7 +93,10 @@ def study(source: Robot | str | Path) -> Result:
     if paths:
         return _users(paths)
     if robot.files is None or not (robot.files.cad / "exhibit.toml").is_file():
-        raise TwinError(f"{robot.name} has no study and no exhibit; give the path of a study file")
+        raise TwinError(
+            f"{robot.name} has neither a study file nor published inertia tables (cad/exhibit.toml); give the path "
+            "of a study file"
+        )
     return _inertias(robot.files.cad / "exhibit.toml")
 
 
@@ -115,7 +118,7 @@ def _users(paths: Sequence[Path]) -> Study:
         data.append({"title": printed.title, "source": printed.source, "rows": [r.as_dict() for r in rows]})
         titles.append((printed.title, printed.source))
         lines = [
-            (r.name, f"{r.printed_p:.2f}", f"{p:.3f}", name, "agrees with the print" if name == r.test() else "")
+            (r.name, f"{r.printed_p:.2f}", f"{p:.3f}", name, "agrees with the printed p" if name == r.test() else "")
             for r in rows
             for name, p in r.tests.items()
         ]

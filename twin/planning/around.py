@@ -45,7 +45,7 @@ def around(
     start, goal = np.asarray(start, float), np.asarray(goal, float)
     for name, q in (("start", start), ("goal", goal)):
         if reason := space.why(q):
-            raise ProtocolError(f"its {name} is not free: {reason}")
+            raise ProtocolError(f"at its {name}, {reason}")
     straight = line(start, goal)
     if space.free_along(straight):
         return straight

@@ -138,7 +138,7 @@ def deviation(stage: Path, robots: Mapping[str, Shown]) -> tuple[float, str, str
     for name, robot in robots.items():
         keys = sorted({0, len(robot.times) // 2, len(robot.times) - 1})
         if not robot.links:
-            return np.inf, f"{name}: its files show no link", ""
+            return np.inf, f"the files of robot {name} contain no link poses", ""
         for link, Ts in robot.links.items():
             if not (prim := opened.GetPrimAtPath(root.AppendChild(name).AppendChild(link))):
                 return np.inf, f"{name}/{link}", ""
