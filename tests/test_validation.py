@@ -192,7 +192,7 @@ def test_both_printed_equations_are_both_blamed(judged):
 def test_degrees_of_freedom_and_redundancy_are_told(judged):
     facts = judged("table2").facts["mechanism"]
     assert facts["degrees of freedom"].startswith("6,")
-    assert facts["redundant constraints"].startswith("9 (r13: 3 of offset z, turn x, turn y; r23: 3")
+    assert facts["redundant constraints"].startswith("9 (r13: 3 among offset z, turn x, turn y; r23: 3")
 
 
 def test_assumed_values_are_listed_with_reasons(judged):

@@ -212,7 +212,16 @@ class Masses(Result):
             least = sum(b.least for b in source.bodies)
             stated = sum(b.mass or 0.0 for b in source.bodies)
             rows.append(("sum", f"{stated:.4g}" if stated else "-", f"{least:.4g}", "", "", "", "", ""))
-            head = ("body", "mass kg", "minimum kg", "slack kg m2", "definite", "kg/m3", "mass centre", "")
+            head = (
+                "body",
+                "mass kg",
+                "minimum kg",
+                "triangle slack kg m2",
+                "eigenvalue ratio",
+                "kg/m3",
+                "mass centre",
+                "",
+            )
             yield Table(head, rows)
             yield ""
             yield from by_severity(source.all_findings)
