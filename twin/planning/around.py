@@ -40,7 +40,7 @@ def around(
         progress: called with the fraction done of the current search.
 
     Raises:
-        ProtocolError: start or goal is not free, or no path was found; the message lists the searches.
+        ProtocolError: start or goal collides or exceeds a limit, or no path was found; the message lists the searches.
     """
     start, goal = np.asarray(start, float), np.asarray(goal, float)
     for name, q in (("start", start), ("goal", goal)):

@@ -63,7 +63,7 @@ def _check_between(content: Content, shapes: Mapping[str, Shape], joints: Sequen
         low = said < estimate / TOO_GOOD and estimate > floor
         high = said > TOO_BAD * max(estimate, floor) and (shapes or key != "between_position")
         content.ledger.row(
-            f"{key}: stated error compared with the estimate (a quarter of the error with every second key left out)",
+            f"{key}: stated error compared with an estimate from every second key",
             abs(estimate - said),
             unit,
             fits=not low,
