@@ -77,7 +77,7 @@ def test_a_study_that_fits_agrees(tmp_path, capsys):
     assert main(["study", str(file)]) == 0
     printed = capsys.readouterr().out
     assert "paired t" in printed
-    assert printed.rstrip().endswith("follow from the printed rows (exit code 0)")
+    assert printed.rstrip().endswith("are consistent (exit code 0)")
 
 
 def test_command(capsys):

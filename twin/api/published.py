@@ -61,8 +61,8 @@ class Study(Result):
         yield from by_severity(self.findings)
         n = sum(f.severity == "disagreement" for f in self.findings)
         words = {
-            "agree": f"AGREE: {self.what} follow from the printed rows",
-            "disagree": f"DISAGREE: {n} of {self.what} {'do' if n > 1 else 'does'} not follow from the printed rows",
+            "agree": f"AGREE: {self.what} are consistent",
+            "disagree": f"DISAGREE: {n} {'inconsistencies' if n > 1 else 'inconsistency'} in {self.what}",
             "unchecked": f"UNCHECKED: not all of {self.what} could be judged",
         }
         yield f"\n  {words[self.verdict]} (exit code {self.exit_code})"
