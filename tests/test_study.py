@@ -89,7 +89,7 @@ def test_command(capsys):
     data = json.loads(capsys.readouterr().out)
     assert data["verdict"] == "disagree"
     wrong = sum(f["severity"] == "disagreement" for f in data["findings"])
-    assert verdict.startswith(f"DISAGREE: {wrong} of the printed means, p-values and claims do not follow")
+    assert verdict.startswith(f"DISAGREE: {wrong} inconsistencies in the printed means, p-values and claims")
     assert verdict.endswith("(exit code 1)")
     assert way == f"what to do: {data['what_to_do']}"
     assert len(data["studies"][0]["rows"]) == 9
@@ -98,7 +98,7 @@ def test_command(capsys):
 def test_inertia_tables_end_with_a_verdict(capsys):
     assert main(["study", "pa10"]) == 1
     verdict, way = (line.strip() for line in capsys.readouterr().out.rstrip().splitlines()[-2:])
-    assert verdict.startswith("DISAGREE: 1 of the printed masses and inertias does not follow")
+    assert verdict.startswith("DISAGREE: 1 inconsistency in the printed masses and inertias")
     assert way.startswith("what to do: ")
 
 
