@@ -173,7 +173,7 @@ def test_a_scene_is_exported_robot_by_robot_and_stands_in_one_stage(tmp_path, ca
     report = twin.audit(out)
     assert report.verdict == "agree"
     assert {c.file.split("/")[0] for c in report.checks} == {"scene.json", "hibou", "usd"}
-    with pytest.raises(TwinError, match="is an exported scene: audit it without a robot"):
+    with pytest.raises(TwinError, match="is an exported scene: omit the robot"):
         twin.audit(out, "hibou")
     where = re.search(r"xformOp:translate = \((\S+),", stage.read_text())
     assert where is not None

@@ -46,7 +46,7 @@ def _middle(d):
 
 
 def _band(d, end, x, longer):
-    """Draw a closed band about the pulleys at the origin and at `end`; one that is `longer` is drawn taut, too."""
+    """Draw a taut closed band about the pulleys at the origin and at `end`; `longer` (mm) is its error of length."""
     length = (end[0] ** 2 + end[1] ** 2) ** 0.5
     far = scaled(end, length + longer / 2)
     loop = [

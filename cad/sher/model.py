@@ -209,7 +209,7 @@ def assembly(path):
     d = dimensions(path)
     where = drawn(d)
     if where is None:
-        raise ValueError("the drawn posture is out of reach of these lengths")
+        raise ValueError("the posture in the CAD cannot be reached with these lengths")
     return cad.build(BODIES, draw(d), where, drawing().MATERIALS)
 
 

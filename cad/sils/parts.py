@@ -356,7 +356,7 @@ def _swap(tilt):
 
 # ---- struts and bars --------------------------------------------------------
 def strut(d, err):
-    """Draw the strut: a link on the side of -t of the bar, with a pressed-in apex pin."""
+    """Draw the strut, a link beside the bar (on the side of negative t), with a pressed-in apex pin."""
     top = -d.eye_half - d.washer
     low, length = top - d.plate, err("l1_mm", d.l1)
     e, s = d.strut_eye, d.strut_slot

@@ -25,7 +25,8 @@ class Program:
         order: symbols of all joints, in the order of q.
         extra_values: values (m, rad) of the joints that are not in the equations, by name; see `Compiled.auxiliary`.
         length: characteristic length in m.
-        scalars: names of the rows of `group` for "passive", "reach", "measure" and "aspect".
+        group: evaluators by kind of scalar: "passive", "reach", "measure", "aspect".
+        scalars: names of the scalars of each kind, in the order of the evaluator's output.
     """
 
     def __init__(

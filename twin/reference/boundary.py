@@ -24,7 +24,7 @@ from twin.reference.seeking import NEARLY, Mask, Valid, Walks, seek, wander
 from twin.reference.states import Run
 
 _DEGENERATE = 1e-2
-"""Relative singular value below which the mechanism counts as degenerate; walks end within 1e-5 of a zero."""
+"""Relative singular value below which the mechanism counts as degenerate; larger than the error of a walk (1e-5)."""
 
 _STARTS = 12
 """Number of states at which walks start."""
@@ -32,10 +32,10 @@ _STARTS = 12
 _LARGER = 1.25
 
 _FLAT = 1e-2
-"""Relative slope of a margin per radian, below which the margin is taken to have a minimum."""
+"""Relative slope per radian of a margin below which the margin counts as being at its minimum."""
 
 _ENDS = 0.05
-"""Relative size of another row below which it is near its own zero, which explains why the walk ended."""
+"""Relative size of another margin below which it counts as zero; the walk then ended because of that margin."""
 
 _MOSTLY = 0.3
 """Minimum ratio of the sum of an aspect's values with the preferred sign to the sum of those with the other sign.
@@ -45,7 +45,7 @@ singularity.
 """
 
 _NEGATIVE = 1e-9
-"""Size in m of a negative margin above which a state counts as out of reach; smaller margins are rounding errors."""
+"""A state counts as out of reach if a reach margin is below minus this length in m, which allows for rounding."""
 
 Status = Literal["agrees", "disagrees", "not judged"]
 
@@ -280,7 +280,10 @@ class Boundary:
             others = [j for j, kind in enumerate(s.kinds) if kind == "reach" and j != i]
             near = np.abs(self._at(x[None])[0]) < _ENDS * self._size
             if not near[others].any():
-                text = f"the mechanism's reach ends where this margin is {least} and no margin is zero"
+                text = (
+                    f"the mechanism reaches its limit at a state where this margin is {least}, not 0, and no other "
+                    "margin is near 0"
+                )
                 return self._row(i, "disagrees", text, x, value / MM, "mm")
         text = f"it did not vanish at any tested state; its minimum was {least}"
         return self._row(i, "not judged", text, x)

@@ -23,7 +23,8 @@ _DEPTH = 0.5
 """Insertion depth in mm below which the number looks like metres."""
 
 _NEAR, _FAR = 1.0, 100.0
-"""Distances in mm from the origin: a position within the first looks like metres if another is beyond the second."""
+"""Distances in mm from the origin: a position nearer than the first is probably in metres if another position is
+farther than the second."""
 
 
 def plausible(table: ProtocolTable, file: str) -> Iterator[Finding]:

@@ -36,8 +36,8 @@ class Start:
             hand starts again after the clutch.
         grip, roll: gripper travel in rad, or rotation of the handle about its axis in rad, that shows that a person
             holds the handle.
-        together: fraction of the sum of both thresholds. A sum of gripper travel and rotation above this value also
-            shows that a person holds the handle.
+        together: smaller motions of gripper and handle also suffice if their sum exceeds `together` times the sum of
+            `grip` and `roll`.
     """
 
     attitude: float = 5 * DEG

@@ -67,8 +67,8 @@ class Eye:
 class SurgeonHands(Block):
     """Writes `<hand>.pose` (16,) with tremor, `<hand>.grip`, and the pedals; a subclass decides what the hands do.
 
-    The surgeon sees the instruments (from `<robot>.q`) in the picture (`<camera>.view`) between two strokes. The device
-    ends when the work has ended.
+    The surgeon sees the instruments (from `<robot>.q`) in the picture (`<camera>.view`) only between two strokes
+    (single hand motions). The input of the device ends when the task is done.
     """
 
     def __init__(

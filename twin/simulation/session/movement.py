@@ -28,7 +28,7 @@ def speed(p: Array, dt: float) -> Array:
     if len(p) < 2:
         return np.zeros(len(p))
     if 0.5 / dt > CUT_OFF:
-        from scipy.signal import butter, sosfiltfilt  # 0.7 s, which a server has no use for at its start
+        from scipy.signal import butter, sosfiltfilt  # takes 0.7 s; a server does not need it at start
 
         low = butter(2, CUT_OFF, fs=1 / dt, output="sos")
         p = sosfiltfilt(low, p, axis=0, padlen=min(len(p) - 1, round(0.1 / dt)))
