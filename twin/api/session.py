@@ -269,8 +269,8 @@ class ConsoleSession(Result):
             b = self.board
             outcome = [(r.ring, r.peg, "-" if r.t is None else f"{r.t:.1f} s", str(r.drops)) for r in b.rings]
             yield Table(("ring", "peg", "transferred at", "dropped"), outcome)
-            yield f"  {b.transferred} of {len(b.rings)} rings transferred in {b.time:.1f} s"
-            yield f"  {b.errors} errors: {b.dropped} dropped, {b.collisions} collisions of instruments"
+            yield ""
+            yield Table((), b.rows())
         elif self.task is not None:
             targets = [
                 (x.name, "not touched" if x.t is None else f"{x.t:.1f} s", str(mm(x.nearest))) for x in self.touched
