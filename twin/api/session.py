@@ -315,8 +315,8 @@ class ConsoleSession(Result):
             b = self.board
             outcome = [(r.ring, r.peg, "-" if r.t is None else f"{r.t:.1f} s", str(r.drops)) for r in b.rings]
             yield Table(("ring", "peg", "transferred at", "dropped"), outcome)
-            yield f"  {b.transferred} of {len(b.rings)} rings transferred in {b.time:.1f} s"
-            yield f"  {b.errors} errors: {b.dropped} dropped, {b.collisions} collisions of instruments"
+            yield ""
+            yield Table((), b.rows())
         elif self.aligned is not None:
             yield Table((), _aligned_rows(self.aligned))
         elif self.task is not None:

@@ -275,6 +275,7 @@ def parser() -> argparse.ArgumentParser:
         "  twin serve my_robot/                your own robot; a USD stage also works\n"
         "  twin serve vsrs                     all robots of a scene, with one clock\n"
         "  twin serve davinci                  instruments and camera, controlled from the page or the headset\n"
+        "  twin serve davinci --task pegboard            rings to grasp, with a scoreboard\n"
         "  twin serve davinci --packets 9870 --mqtt 127.0.0.1    also by UDP packets; motion scale by MQTT\n"
         "  twin serve sils --host 0.0.0.0 --cert cert.pem --key key.pem    for every headset in the network\n"
         "  twin serve sils --record session.json        record requests and what clients see\n"
@@ -288,6 +289,7 @@ def parser() -> argparse.ArgumentParser:
     sub.add_argument("--no-browser", action="store_true", help="do not open a browser")
     sub.add_argument("--record", metavar="FILE", help="record the session: requests, states and frames, as JSON")
     sub.add_argument("--replay", metavar="FILE", help="replay a recorded session instead, frame by frame")
+    sub.add_argument("--task", metavar="NAME", help="task at the console of a scene: its rings can be grasped")
     sub.add_argument(
         "--packets",
         type=_packets,

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from twin.core import spatial
 from twin.core.spatial import Array
-from twin.model.mechanism import Body, Finish, Mesh
+from twin.model.mechanism import Body, Finish, Joint, Mechanism, Mesh
 
 BODY = "target"
 """Name of the drawn body: a plate with the rectangle."""
@@ -70,6 +70,27 @@ class Alignment:
             )
         ]
         return Body(BODY, tuple(meshes))
+
+
+def beside(props: Mechanism | None, alignment: Alignment | None) -> Mechanism | None:
+    """Return the props of a scene together with the plate of a task; both are fixed in the World.
+
+    Args:
+        props: the props, or None.
+        alignment: the task; None: the props are returned as they are.
+    """
+    if alignment is None:
+        return props
+    base = Body("scenery") if props is None else props.bodies[0]
+    whole = Mechanism(base.name, base.name, (base,), (), rest={base.name: np.eye(4)}) if props is None else props
+    T = spatial.inverse(whole.rest[whole.base])
+    joint = Joint(f"{BODY}_stands", "fixed", whole.base, BODY, T_parent_joint=T)
+    return replace(
+        whole,
+        bodies=(*whole.bodies, alignment.body()),
+        joints=(*whole.joints, joint),
+        rest={**whole.rest, BODY: np.eye(4)},
+    )
 
 
 def frame(middle: Array, facing: Array, roll: float) -> Array:

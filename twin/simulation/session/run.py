@@ -180,7 +180,7 @@ def perform(
         TwinError: the scene has no console.
     """
     device, tape = surgeon(scene, members, task, seed, scale, props=props), Tape()
-    world = console_scene.world(scene, members, device, records=False, watch=tape, task=task, props=props)
+    world = console_scene.world(scene, members, device, records=False, watch=[tape], task=task, props=props)
     writer = SessionWriter(path, head_of(scene, members, world, device, task, seed, props))
     keep = _Keep(world)
     names = [*(t.name for t in task.targets), *(t.ring for t in task.transfers)] or [task.name]
@@ -256,7 +256,7 @@ def replay(
     tape = Tape()
     task = None if start.task is None else scene.tasks[start.task]
     world = console_scene.world(
-        scene, members, recorded, dt=start.dt, records=False, watch=tape, task=task, props=props
+        scene, members, recorded, dt=start.dt, records=False, watch=[tape], task=task, props=props
     )
     if world.signals.sizes != file.sizes(start.world):
         raise WorldError(

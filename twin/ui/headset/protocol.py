@@ -303,6 +303,13 @@ class Scale(_Message):
     value: Annotated[float, Field(ge=0.05, le=1)]
 
 
+class Task(_Message):
+    """End the present attempt at the task of a console, or begin a new one."""
+
+    type: Literal["task"]
+    do: Literal["end", "restart"]
+
+
 class Ping(_Message):
     """Request a `pong` with the same t and the server's time; a grab is not released while a client sends pings."""
 
@@ -324,6 +331,7 @@ Message = (
     | Workspace
     | Hands
     | Scale
+    | Task
     | Record
     | Ping
 )

@@ -90,6 +90,8 @@ export class Views {
     light.target.position.set(0, 0, -0.1);
     for (const lamp of [light, scattered]) lamp.layers.set(SCOPE_LIGHT);
     this.scope.add(light, light.target, scattered);
+    const { line, view, stereo } = this.camera;
+    if (line !== undefined) this.scope.add(lineOf(line, view, SCOPE_LIGHT, stereo?.[1]));
     const { world } = this.app;
     this.onlooker = world.camera.clone();
     this.onlooker.clearViewOffset();
