@@ -19,8 +19,9 @@ from twin.core import spatial
 from twin.core.errors import TwinError
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM
+from twin.model import alignment
 from twin.model.mechanism import Body, Mechanism
-from twin.model.scene import Scene, Task
+from twin.model.scene import CameraTable, Scene, Task
 from twin.reference import ReferenceModel
 from twin.simulation.console_scene import HANDS
 from twin.simulation.controllers.camera import Drag
@@ -44,6 +45,9 @@ AWAY = 0.7
 
 FAR, CAVITY = 100.0, 0.4
 """Maximum drawn distance in m: in views of the room, and in the endoscope's view, which shows only the cavity."""
+
+BEFORE_LENS, THICK = 0.01, 0.006
+"""Distance in m of the line of a camera task from the lens; its thickness divided by the height of the picture."""
 
 STILL = 1e-9
 """Joint motion in rad or m that counts as rest; an arm at a limit may move by rounding errors."""
@@ -107,7 +111,10 @@ class ConsoleFront(Loop):
             self.nodes[item.name] = RobotNodes(server, f"/{item.name}", alone, poses[item.name])
         boxes = [n.box for n in self.nodes.values()]
         self.props: RobotNodes | None = None
-        if props is not None:
+        goal = None if task is None else task.alignment
+        if goal is not None:
+            self._draw_line(server, scene.cameras[self.console.table.camera], goal.line)
+        if (props := alignment.beside(props, goal)) is not None:
             self.props = RobotNodes(server, f"/{props.name}", props, ReferenceModel(props).home().link_poses)
             boxes.append(self.props.box)
         found = np.concatenate([corners(b) for b in boxes])
@@ -213,6 +220,21 @@ class ConsoleFront(Loop):
             self.say(f"{_name(client)} was closed: nothing moves")
 
     # -- views ----------------------------------------------------------------------------------------
+
+    def _draw_line(self, server: viser.ViserServer, camera: CameraTable, length: float) -> None:
+        """Draw a grey line before the lens; `length` is divided by the height of the picture."""
+        frame = self.console.members[camera.robot].mechanism.frame(camera.frame)
+        T = frame.T_body_frame @ camera.in_frame
+        height = 2 * BEFORE_LENS * np.tan(self._view_angle / 2)
+        server.scene.add_box(
+            f"/{camera.robot}/{frame.body}/line",
+            color=(154, 154, 154),
+            dimensions=(length * height, THICK * height, THICK * height),
+            wxyz=spatial.quat_from_matrix_wxyz(T[:3, :3]),
+            position=T[:3, 3] + BEFORE_LENS * T[:3, 2],
+            cast_shadow=False,
+            receive_shadow=False,
+        )
 
     def camera(self, view: str) -> tuple[Array, Array, Array]:
         """Return (camera position, target, up vector) of a view, each (3,) in m in the World."""

@@ -12,6 +12,7 @@ import {
 } from 'three';
 import type { App } from './app';
 import { type Eye, EYES, Eyes } from './eyes';
+import { lineOf } from './line';
 import { Pace } from './pace';
 import type { CameraInfo } from './protocol';
 import { poseOf } from './robot';
