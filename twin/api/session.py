@@ -216,7 +216,8 @@ class ConsoleSession(Result):
             yield disagreement(
                 "task.angles",
                 self.task.name,
-                f"AlignErr is {a.seen / DEG:.3f} deg in the picture and {a.angle / DEG:.3f} deg by projection; difference",
+                f"AlignErr is {a.seen / DEG:.3f} deg in the picture and {a.angle / DEG:.3f} deg by projection; "
+                "difference",
                 Quantity(abs(a.seen - a.angle) / DEG, "deg"),
                 camera_task.AGREE / DEG,
             )

@@ -397,9 +397,16 @@ def parser() -> argparse.ArgumentParser:
         "check a paper's tables: do totals and p-values follow from the printed rows?",
         "  twin study sher\n  twin study pa10                 inertia tables: are they physically possible?\n"
         "  twin study davinci              groups of users, and the accuracy of a console\n"
-        "  twin study my_study.toml --json\n  twin study users.csv            your own groups, with rank tests",
+        "  twin study my_study.toml --json\n  twin study users.csv            your own groups, with rank tests\n"
+        "  twin study users.csv --out study/           also page, boxes and learning curves\n"
+        "  twin study first=a.session first=b.session last=c.session last=d.session    sessions at a console",
     )
-    sub.add_argument("subject", help="a built-in robot or study, a robot folder, a study file, or a CSV of users")
+    sub.add_argument(
+        "subject",
+        nargs="+",
+        help="a built-in robot or study, a robot folder, a study file, a CSV of users, or sessions as GROUP=FILE",
+    )
+    sub.add_argument("--out", metavar="FOLDER", help="write page, picture and data of groups into this folder")
 
     sub = add(
         "console",

@@ -50,12 +50,20 @@ class CameraSurgeon(SurgeonHands):
         aside: float = 0.01,
         acuity: float = 0.02 * DEG,
     ) -> None:
-        """Connect to a console; arguments that are not listed are as in `SurgeonHands`.
+        """Connect to a console.
 
         Args:
+            device: name of the device of the pedals.
+            arms: the arm of the right and of the left hand, by hand, in this order.
+            camera: name of the arm of the camera.
+            view: angle of view over the height of the picture, in rad.
             task: name of the task.
             upper: (2, 3) left and right end of the rectangle's upper side in m in the World.
             line: length of the line divided by the height of the picture.
+            scale: motion scale of the console.
+            dt: duration of a tick in s.
+            seed: seed of tremor and errors.
+            habits: parameters of the surgeon; None: `HABITS`.
             turned: angle in rad between line and upper side that the surgeon accepts; ASSUMED.
             aside: distance of the ends from the ends of the line that the surgeon accepts, divided by the length of the
                 line; ASSUMED.

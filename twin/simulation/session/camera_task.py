@@ -1,4 +1,4 @@
-"""Measures of the camera task: time, angle by projection and in the picture, paths of the endoscope and of the hands."""
+"""Measures of the camera task: time, angle by projection and in the picture, paths of the lens and of the hands."""
 
 from __future__ import annotations
 
@@ -114,11 +114,8 @@ def in_picture(sight: Sight, view: float) -> tuple[float | None, str]:
 
 def surfaces(owner: str, bodies: Sequence[Body], Ts_world_body: Mapping[str, Array]) -> list[Surface]:
     """Return the surfaces of bodies at poses (4, 4) in the World."""
-    out = []
-    for body in bodies:
-        T = Ts_world_body[body.name]
-        for m in body.meshes:
-            out.append(
-                Surface(owner, m.name, m.vertices @ T[:3, :3].T + T[:3, 3], np.asarray(m.triangles), m.color_rgba)
-            )
-    return out
+    placed = [(m, Ts_world_body[body.name]) for body in bodies for m in body.meshes]
+    return [
+        Surface(owner, m.name, m.vertices @ T[:3, :3].T + T[:3, 3], np.asarray(m.triangles), m.color_rgba[:3])
+        for m, T in placed
+    ]

@@ -1,7 +1,8 @@
 """A picture of a small part of a scene, as a camera sees it: a rasteriser with a depth buffer and 8 samples a pixel.
 
-Of a whole picture, only the box around one surface is drawn, with everything that is not farther than it. The rasteriser needs no
-graphics driver, and gives the same picture on every machine. It shares no code with the projection in `aligned`.
+Of a whole picture, only the box around one surface is drawn, with everything that is not farther than it. The
+rasteriser needs no graphics driver, and gives the same picture on every machine. It shares no code with the
+projection in `aligned`.
 """
 
 from __future__ import annotations

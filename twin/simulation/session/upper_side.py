@@ -1,7 +1,7 @@
 """The angle of the upper side of a green rectangle in a picture, as the paper measures it: mask, upper side, slope.
 
-The mask has, of every pixel, the part that is green; an edge in it is therefore known to a fraction of a pixel. The paper
-takes two points of the upper side; here a line is fitted to all columns of it.
+The mask has, of every pixel, the part that is green; an edge in it is therefore known to a fraction of a pixel. The
+paper takes two points of the upper side; here a line is fitted to all columns of it.
 """
 
 from __future__ import annotations
