@@ -16,7 +16,7 @@ BODY = "target"
 RECTANGLE = "target_rectangle"
 """Name of the rectangle's surface."""
 
-_PLATE_RGBA = (0.35, 0.36, 0.38, 1.0)
+_PLATE_RGBA = (0.08, 0.085, 0.09, 1.0)
 _THICK, _BEFORE = 2e-3, 1e-4
 """Thickness of the plate, and distance of the rectangle before it, in m, so that the plate does not show through."""
 
