@@ -156,9 +156,10 @@ class Ranks(Result):
         u = self.users
         with (folder / "users.csv").open("w", encoding="utf-8", newline="") as file:
             out = csv.writer(file, lineterminator="\n")
-            out.writerow([_GROUP, *([] if u.sessions is None else [_SESSION]), *u.measures])
+            numbered = u.sessions if u.repeated else None
+            out.writerow([_GROUP, *([] if numbered is None else [_SESSION]), *u.measures])
             for k, group in enumerate(u.groups):
-                numbers = [] if u.sessions is None else [f"{u.sessions[k]:g}"]
+                numbers = [] if numbered is None else [f"{numbered[k]:g}"]
                 cells = ["" if math.isnan(v[k]) else f"{v[k]:.9g}" for v in u.measures.values()]
                 out.writerow([group, *numbers, *cells])
 
