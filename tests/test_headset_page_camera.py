@@ -1,4 +1,4 @@
-"""The camera task on the page, in Chromium: its endoscope's picture shows the rectangle at the angle of the projection."""
+"""The camera task on the page, in Chromium: the endoscope's picture shows the angle that the projection gives."""
 
 from __future__ import annotations
 

@@ -100,7 +100,7 @@ def keys() -> list[Key]:
 def scored(
     path: Path, columns: Mapping[str, Sequence[float]], lines: Sequence[int]
 ) -> tuple[dict[str, list[float]], list[Finding]]:
-    """Return the columns of a table of users with scores in place of answers, and findings on what is not scored.
+    """Return the columns of a table of users with scores instead of answers, and findings on what is not scored.
 
     Args:
         path: file of the table, for messages.

@@ -152,7 +152,7 @@ class Ranks(Result):
         yield from self.findings
 
     def write(self, folder: Path) -> None:
-        """Write users.csv: one row per user or session, with scores in place of answers."""
+        """Write users.csv: one row per user or session, with scores instead of answers."""
         u = self.users
         with (folder / "users.csv").open("w", encoding="utf-8", newline="") as file:
             out = csv.writer(file, lineterminator="\n")
