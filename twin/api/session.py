@@ -512,7 +512,7 @@ def _aligned(
     camera = scene.cameras[console_scene.console_of(scene).camera]
     arm, robot = arms[camera.robot], robots[camera.robot]
     T_tool_picture = console_scene.picture_in_tool(camera, arm.mechanism)
-    T_world_picture = arm.place.T_world_base @ robot.forward(arm.q[-1]) @ T_tool_picture
+    Ts_world_picture = arm.place.T_world_base @ robot.forward(arm.q) @ T_tool_picture
     frame = arm.mechanism.frame(camera.frame)
     Ts_world_camera = arm.place.T_world_base @ arm.links[frame.body] @ frame.T_body_frame @ camera.in_frame
     seen = camera_task.surfaces(alignment.BODY, [task.alignment.body()], {alignment.BODY: np.eye(4)})
@@ -524,7 +524,7 @@ def _aligned(
         seen += camera_task.surfaces(name, [b for b in other.mechanism.bodies if b.name != own], poses)
     sight = Sight(seen, Ts_world_camera[-1])
     view = camera.view_deg * DEG
-    return camera_task.measure(ran.kept, task.alignment, T_world_picture, view, sight, Ts_world_camera[:, :3, 3])
+    return camera_task.measure(ran.kept, task.alignment, Ts_world_picture, view, sight, Ts_world_camera[:, :3, 3])
 
 
 def _members(scene: Scene) -> tuple[dict[str, Robot], dict[str, Member]]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from twin.core.errors import TwinError
 from twin.core.spatial import Array
 from twin.model.alignment import Alignment
 
@@ -17,12 +16,12 @@ def seen_ends(alignment: Alignment, T_world_picture: Array, view: float) -> Arra
         T_world_picture: (4, 4) frame of the picture: x right, y up, z out of it, origin at the lens.
         view: angle of view over the height of the picture, in rad.
 
-    Raises:
-        TwinError: an end is behind the lens.
+    Returns:
+        The left and the right end; NaN if one of them is behind the lens.
     """
     p = (alignment.upper - T_world_picture[:3, 3]) @ T_world_picture[:3, :3]
     if (p[:, 2] >= 0).any():
-        raise TwinError("the rectangle is behind the lens")
+        return np.full((2, 2), np.nan)
     return p[:, :2] / (-p[:, 2:] * np.tan(view / 2))
 
 

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
-from twin.core.errors import TwinError
 from twin.core.quantity import Quantity
 from twin.core.spatial import Array
 from twin.core.units import DEG
@@ -40,6 +39,7 @@ class AlignMeasures:
         refused: the reason for that, or "".
         path: length in m of the path of the lens.
         hands: length in m of the path of each hand while it moved the camera.
+        course: (k, 2, 2) ends of the upper side in the picture over time, see `aligned.seen_ends`; NaN behind the lens.
     """
 
     time: float
@@ -49,6 +49,7 @@ class AlignMeasures:
     refused: str
     path: float
     hands: Mapping[str, float]
+    course: Array = field(compare=False)
 
     def done(self, alignment: Alignment) -> bool:
         """Return whether the upper side is aligned with the line within the tolerances."""
@@ -56,14 +57,14 @@ class AlignMeasures:
 
 
 def measure(
-    kept: Recording, alignment: Alignment, T_world_picture: Array, view: float, sight: Sight, lens: Array
+    kept: Recording, alignment: Alignment, Ts_world_picture: Array, view: float, sight: Sight, lens: Array
 ) -> AlignMeasures:
     """Return the measures of a session.
 
     Args:
         kept: signals of the session.
         alignment: the task.
-        T_world_picture: (4, 4) frame of the picture at the end, from the equations of the camera's arm.
+        Ts_world_picture: (k, 4, 4) frame of the picture over time, from the equations of the camera's arm.
         view: angle of view over the height of the picture, in rad.
         sight: what the camera sees at the end, from the mechanisms.
         lens: (k, 3) position of the lens in m.
@@ -73,18 +74,16 @@ def measure(
     moved = np.flatnonzero(np.linalg.norm(np.diff(lens, axis=0), axis=1) > 0)
     start = kept.t[presses[0]] if len(presses) else 0.0
     end = kept.t[moved[-1] + 1] if len(moved) else start
-    try:
-        ends = aligned.seen_ends(alignment, T_world_picture, view)
-        angle, off = aligned.angle(ends), aligned.off(ends, alignment.line)
-    except TwinError:
-        angle = off = np.nan
+    course = np.array([aligned.seen_ends(alignment, T, view) for T in Ts_world_picture])
+    angle, off = aligned.angle(course[-1]), aligned.off(course[-1], alignment.line)
     seen, refused = in_picture(sight, view)
     hands = {}
     for hand in HANDS:
         p = kept[f"{hand}.pose"].reshape(-1, 4, 4)[:, :3, 3]
         steps = np.linalg.norm(np.diff(p, axis=0), axis=1)
         hands[hand] = float(steps[driven[1:] & driven[:-1]].sum())
-    return AlignMeasures(max(0.0, float(end - start)), angle, off, seen, refused, movement.path_length(lens), hands)
+    path = movement.path_length(lens)
+    return AlignMeasures(max(0.0, float(end - start)), angle, off, seen, refused, path, hands, course)
 
 
 @dataclass(frozen=True)
