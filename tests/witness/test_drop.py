@@ -1,4 +1,4 @@
-"""A ring that falls on the peg board: where it comes to rest in the World, and in a simulator that nobody here wrote."""
+"""A ring that falls on the peg board: where it comes to rest in the World, and in a simulator of others."""
 
 from __future__ import annotations
 
