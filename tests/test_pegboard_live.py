@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import json
+import shutil
 from dataclasses import replace
 
 import numpy as np
 import pytest
+import trimesh
 
 import twin
 from made.headset_page import until
@@ -293,3 +296,112 @@ def test_hands_that_do_the_task_end_it_and_the_report_has_the_same_measures(scen
     assert (attempt, problem) == (1, "")
     assert b"Rings transferred" in page
     live.close()
+
+
+# -- exports -------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def written(scene, tmp_path_factory):
+    """A session with two rings, and the folder with its files."""
+    task = scene.tasks["pegboard"]
+    few = replace(scene, tasks={"pegboard": replace(task, transfers=task.transfers[:2])})
+    found, folder = operate_console(few, seed=2), tmp_path_factory.mktemp("session")
+    found.write(folder)
+    return found, folder
+
+
+def keys_of(found):
+    """Return the samples of a session that become keys: every fourth, and the last."""
+    k = len(found.t)
+    return np.unique([*range(0, k, 4), k - 1])
+
+
+@pytest.mark.slow
+def test_readers_of_others_find_the_rings_where_they_were(written):
+    import pygltflib
+    from mcap.reader import make_reader
+    from pxr import Usd, UsdGeom
+
+    found, folder = written
+    kept, keys = found.ran.kept, keys_of(found)
+    truth = {f"ring{n}": kept[f"ring{n}.pose"].reshape(-1, 4, 4) for n in (1, 2, 3, 4)}
+    assert np.linalg.norm(np.ptp(truth["ring1"][:, :3, 3], axis=0)) > 30 * MM
+
+    gltf = pygltflib.GLTF2().load(str(folder / "objects/objects.glb"))
+
+    def numbers(index, width):
+        accessor = gltf.accessors[index]
+        view = gltf.bufferViews[accessor.bufferView]
+        start = (view.byteOffset or 0) + (accessor.byteOffset or 0)
+        return np.frombuffer(gltf.binary_blob(), "<f4", accessor.count * width, start).reshape(-1, width)
+
+    (clip,) = gltf.animations
+    seen = set()
+    for channel in clip.channels:
+        name, sampler = gltf.nodes[channel.target.node].name, clip.samplers[channel.sampler]
+        t = numbers(sampler.input, 1)[:, 0]
+        if channel.target.path == "translation":
+            np.testing.assert_allclose(t, found.t[keys], atol=1e-4)
+            np.testing.assert_allclose(numbers(sampler.output, 3), truth[name][keys, :3, 3], atol=1e-6)
+            seen.add(name)
+    assert {"ring1", "ring2"} <= seen
+
+    stage = Usd.Stage.Open(str(folder / "objects/usd/objects_session.usda"))
+    for k in keys[:: len(keys) // 7]:
+        cache = UsdGeom.XformCache(Usd.TimeCode(found.t[k] * stage.GetTimeCodesPerSecond()))
+        for name, Ts in truth.items():
+            T = np.array(cache.GetLocalToWorldTransform(stage.GetPrimAtPath(f"/objects/{name}"))).T
+            np.testing.assert_allclose(T, Ts[k], atol=1e-6)
+
+    with (folder / "session.mcap").open("rb") as file:
+        messages = [json.loads(m.data) for _, _, m in make_reader(file).iter_messages(["/tf"])]
+    for k, message in zip(range(0, len(found.t), 4), messages, strict=True):
+        at = {x["child_frame_id"]: x["translation"] for x in message["transforms"]}
+        np.testing.assert_allclose([at["ring2"][axis] for axis in "xyz"], truth["ring2"][k, :3, 3], atol=1e-6)
+
+
+@pytest.mark.slow
+def test_the_audit_reads_the_rings_and_finds_one_that_was_moved(written, tmp_path):
+    _, folder = written
+    shutil.copytree(folder / "objects", tmp_path / "objects")
+    assert twin.audit(tmp_path / "objects").verdict == "agree"
+    track = tmp_path / "objects/tracks/session.json"
+    data = json.loads(track.read_text())
+    data["poses"][-7] += 1e-4
+    track.write_text(json.dumps(data))
+    assert twin.audit(tmp_path / "objects").verdict != "agree"
+
+
+def test_the_stage_of_the_scene_has_the_rings_as_rigid_bodies(scene, tmp_path):
+    from pxr import Usd, UsdGeom, UsdPhysics, UsdShade
+
+    from twin.simulation.scene_stage import write_scene
+
+    bare = replace(scene, places=(), cameras={}, touching=frozenset())
+    stage = Usd.Stage.Open(str(write_scene(bare, tmp_path, {}, {}, None, 0.0)))
+    cache = UsdGeom.XformCache()
+    for item in scene.objects:
+        prim = stage.GetPrimAtPath(f"/davinci/objects/{item.name}")
+        np.testing.assert_allclose(np.array(cache.GetLocalToWorldTransform(prim)).T, item.T_world_object, atol=1e-12)
+        assert prim.HasAPI(UsdPhysics.RigidBodyAPI)
+        mass = UsdPhysics.MassAPI(prim)
+        assert mass.GetMassAttr().Get() == pytest.approx(item.mass)
+        (mesh,) = [p for p in prim.GetChildren() if p.IsA(UsdGeom.Mesh)]
+        body = trimesh.Trimesh(UsdGeom.Mesh(mesh).GetPointsAttr().Get(), np.reshape(
+            UsdGeom.Mesh(mesh).GetFaceVertexIndicesAttr().Get(), (-1, 3)))  # fmt: skip
+        body.density = item.mass / body.volume
+        moments = np.diag(body.moment_inertia)
+        np.testing.assert_allclose(mass.GetDiagonalInertiaAttr().Get(), moments, rtol=0.03)  # of the drawn ring
+        bound = UsdShade.MaterialBindingAPI(mesh).ComputeBoundMaterial("physics")[0]
+        assert UsdPhysics.MaterialAPI(bound.GetPrim()).GetDynamicFrictionAttr().Get() == pytest.approx(item.friction)
+        assert UsdPhysics.MeshCollisionAPI(mesh).GetApproximationAttr().Get() == "convexDecomposition"
+
+
+@pytest.mark.parametrize("shape", ["ring", "box", "ball"])
+def test_the_inertia_of_an_object_is_that_of_its_surface(shape):
+    size = {"ring": (6.75 * MM, 0.7 * MM), "box": (1 * MM, 2 * MM, 3 * MM), "ball": (2 * MM,)}[shape]
+    item = Movable("x", shape, size, 2e-3, 0.5)
+    body = trimesh.Trimesh(item.mesh().vertices, item.mesh().triangles)
+    body.density = item.mass / body.volume
+    np.testing.assert_allclose(item.inertia().I_com, body.moment_inertia, rtol=0.03, atol=1e-15)

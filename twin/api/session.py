@@ -24,6 +24,7 @@ from twin.core.spatial import Array
 from twin.core.units import DEG, MM
 from twin.model import alignment
 from twin.model.mechanism import Mechanism
+from twin.model.movable import together
 from twin.model.scene import Place, Scene, Task
 from twin.reference import ReferenceModel
 from twin.simulation import console_scene, contact_scene
@@ -331,7 +332,10 @@ class ConsoleSession(Result):
         yield from by_severity(self.findings)
 
     def write(self, folder: Path) -> None:
-        """Write session.csv, session.mcap and, for each robot, <robot>/<kind>.glb and <robot>/tracks/session.*."""
+        """Write session.csv, session.mcap and, for each robot, <robot>/<kind>.glb and <robot>/tracks/session.*.
+
+        For movable objects, write objects/ with the same formats, and a USD stage with the motion.
+        """
         from twin.exchange.write.glb import write_glb
         from twin.exchange.write.tracks import write_tracks
 
@@ -341,10 +345,12 @@ class ConsoleSession(Result):
         body = np.column_stack([v[::_STRIDE] for v in columns.values()])
         np.savetxt(folder / "session.csv", body, "%.9g", ",", header=",".join(columns), comments="")
         for name, arm in self.arms.items():
-            clip = self._clip(arm)
+            clip = self._clip(name, arm.mechanism, arm.links)
             (folder / name).mkdir()
             write_glb(arm.mechanism, [clip], folder / name / f"{arm.mechanism.name}.glb")
             write_tracks(arm.mechanism, clip, folder / name / "tracks")
+        if self._moved:
+            self._write_objects(folder / "objects")
         if find_spec("mcap") is not None:
             self._write_mcap(folder / "session.mcap")
 
@@ -375,27 +381,41 @@ class ConsoleSession(Result):
         """Names of the movable objects in this session."""
         return [o.name for o in self.scene.objects if f"{o.name}.pose" in self.ran.kept.sizes]
 
-    def _clip(self, arm: Arm) -> Clip:
+    def _write_objects(self, folder: Path) -> None:
+        from twin.exchange.write.glb import write_glb
+        from twin.exchange.write.tracks import write_tracks
+        from twin.exchange.write.usd import write_usd
+
+        mechanism = together([o for o in self.scene.objects if o.name in self._moved])
+        poses = {name: self.ran.kept[f"{name}.pose"].reshape(-1, 4, 4) for name in self._moved}
+        poses[mechanism.base] = np.broadcast_to(np.eye(4), (len(self.t), 4, 4))
+        clip = self._clip("objects", mechanism, poses)
+        folder.mkdir()
+        write_glb(mechanism, [clip], folder / "objects.glb")
+        write_tracks(mechanism, clip, folder / "tracks")
+        write_usd(mechanism, [clip], folder / "usd")
+
+    def _clip(self, name: str, mechanism: Mechanism, poses: Mapping[str, Array]) -> Clip:
         from twin.exchange.write.clip import Clip, extremes, key_rows, measure_between
         from twin.exchange.write.sampled import coordinates
 
         keys = key_rows(len(self.t), _STRIDE)
-        links = {n: np.round(T, 13) + 0.0 for n, T in arm.links.items()}
-        reaches = {b.name: extremes(arm.mechanism, b) for b in arm.mechanism.bodies}
+        links = {n: np.round(T, 13) + 0.0 for n, T in poses.items()}
+        reaches = {b.name: extremes(mechanism, b) for b in mechanism.bodies}
         at_keys = {n: T[keys] for n, T in links.items()}
         return Clip(
             "session",
-            f"{arm.place.name} in a session of {self.scene.name}",
+            f"{name} in a session of {self.scene.name}",
             self.t[keys],
             at_keys,
-            coordinates(arm.mechanism, at_keys),
-            tuple(j.name for j in arm.mechanism.active),
+            coordinates(mechanism, at_keys),
+            tuple(j.name for j in mechanism.active),
             (("session", 0.0, float(self.t[-1])),),
             1 / (_STRIDE * self.ran.kept.dt),
-            measure_between(arm.mechanism, self.t, links, keys, reaches),
-            frame=arm.mechanism.tool,
+            measure_between(mechanism, self.t, links, keys, reaches),
+            frame=mechanism.tool,
             phase_rcm=(None,),
-            trocars=arm.mechanism.trocar_places,
+            trocars=mechanism.trocar_places,
         )
 
     def _write_mcap(self, path: Path) -> None:

@@ -30,13 +30,13 @@ class ScorePanel:
         self._html, self._shown = gui.add_html(""), ""
         self._end, self._again = gui.add_button("End the task"), gui.add_button("Restart")
         self._restart = restart
-        self._end.on_click(lambda event: event.client and end(_name(event.client)))
-        self._again.on_click(lambda event: event.client and restart(_name(event.client)))
+        self._end.on_click(_asking(end))
+        self._again.on_click(_asking(restart))
         self._save = gui.add_button("Save the report", visible=False, hint="A page: measures, ways of tips and rings")
-        self._save.on_click(lambda event: event.client and self._send(event.client))
+        self._save.on_click(self._send)
         self._window: viser.GuiModalHandle | None = None
         self._result: viser.GuiHtmlHandle | None = None
-        self._written = ""
+        self._written, self._closed = "", False
 
     def show(self, task: Mapping[str, Any]) -> None:
         """Show the scoreboard, which is the value "task" of the console's state."""
@@ -53,8 +53,7 @@ class ScorePanel:
 
     def _show_result(self, task: Mapping[str, Any]) -> None:
         if not task["over"]:
-            if self._window is not None:
-                self._window.close()
+            self._close()
             self._window = self._result = None
             return
         made = task["report"]
@@ -68,25 +67,35 @@ class ScorePanel:
             text = "The report is being made: the session is replayed and measured …"
         said = f"<div style='{_BOX}'>{_rows(task['rows'])}<p>{escape(text)}</p></div>"
         if self._window is None:
-            self._window = self._server.gui.add_modal(task["over"])
-            with self._window:
+            window = self._window = self._server.gui.add_modal(task["over"])
+            self._closed = False
+            with window:
                 self._result = self._server.gui.add_html(said)
-                again = self._server.gui.add_button("Restart")
-                again.on_click(lambda event: event.client and self._restart(_name(event.client)))
-                close = self._server.gui.add_button("Close")
-                close.on_click(lambda _: self._window and self._window.close())
+                self._server.gui.add_button("Restart").on_click(_asking(self._restart))
+                self._server.gui.add_button("Close").on_click(lambda _: self._close())
             self._written = said
         elif self._result is not None and said != self._written:
             self._written = self._result.content = said
 
-    def _send(self, client: viser.ClientHandle) -> None:
+    def _close(self) -> None:
+        if self._window is not None and not self._closed:
+            self._closed = True
+            self._window.close()
+
+    def _send(self, event: viser.GuiEvent) -> None:
         made = self._console.report()
-        if made is not None and made[1] is not None:
-            client.send_file_download(f"report-{made[0]}.html", made[1])
+        if event.client is not None and made is not None and made[1] is not None:
+            event.client.send_file_download(f"report-{made[0]}.html", made[1])
 
 
-def _name(client: viser.ClientHandle) -> str:
-    return f"page {client.client_id + 1}"
+def _asking(do: Callable[[str], object]) -> Callable[[viser.GuiEvent], None]:
+    """Return a callback that passes the name of the client."""
+
+    def clicked(event: viser.GuiEvent) -> None:
+        if event.client is not None:
+            do(f"page {event.client.client_id + 1}")
+
+    return clicked
 
 
 def _rows(rows: Sequence[Sequence[str]]) -> str:
