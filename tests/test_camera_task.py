@@ -236,17 +236,6 @@ def test_a_simulated_surgeon_aligns_the_endoscope_with_both_hands(performed):
     assert min(a.hands.values()) > 20 * MM
 
 
-def test_every_seed_aligns_and_no_two_move_alike(davinci, performed):
-    errors, paths = [performed.aligned.angle], [performed.aligned.path]
-    for seed in (2,):
-        found = operate_console(davinci, "camera", seed=seed)
-        assert found.verdict == "agree", [f.message for f in found.findings]
-        errors.append(found.aligned.angle)
-        paths.append(found.aligned.path)
-    assert max(map(abs, errors)) < 0.2 * DEG
-    assert len(set(paths)) == 2
-
-
 @pytest.mark.slow
 def test_more_seeds_align(davinci):
     for seed in range(10, 16):
@@ -296,13 +285,14 @@ def test_a_mechanism_that_differs_from_the_equations_shows_in_the_angles(goal, p
 # -- the command and the scene -------------------------------------------------------------------------------
 
 
-def test_the_command_writes_the_measures(davinci, tmp_path, capsys):
+def test_the_command_writes_the_measures_of_another_seed(performed, tmp_path, capsys):
     assert main(["operate", "davinci", "--task", "camera", "--seed", "4", "--out", str(tmp_path / "out")]) == 0
     assert "AlignErr in the picture" in capsys.readouterr().out
     told = json.loads((tmp_path / "out" / "session.json").read_text())["alignment"]
     assert abs(told["align_err_deg"]) < 0.2
     assert abs(told["align_err_deg"] - told["align_err_in_picture_deg"]) < 0.05
     assert told["lens_path_mm"] > 10
+    assert told["lens_path_mm"] != pytest.approx(performed.aligned.path / MM)
 
 
 def test_the_plate_stands_clear_of_the_board_and_its_pegs(davinci, goal):
