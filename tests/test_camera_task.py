@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import twin
-from twin.api.act import props_of
+from twin.api.act import props_of, robots_at
 from twin.api.session import FILE, operate_console, replay_session
 from twin.cli import main
 from twin.core import spatial
@@ -21,11 +21,14 @@ from twin.model.mechanism import Mesh
 from twin.model.movable import Movable
 from twin.model.scene import load_scene
 from twin.reference import ReferenceModel
+from twin.simulation import console_scene
 from twin.simulation.console_scene import PICTURE
 from twin.simulation.devices import camera_surgeon
-from twin.simulation.session import aligned, camera_task, picture, upper_side
+from twin.simulation.session import aligned, camera_task, picture, run, upper_side
+from twin.simulation.session.camera_referee import CameraReferee
 from twin.simulation.session.camera_task import Sight, in_picture, surfaces
 from twin.simulation.session.picture import Surface
+from twin.ui.session.console import LiveConsole
 
 pytestmark = pytest.mark.usefixtures("cad_once")
 
@@ -280,6 +283,32 @@ def test_a_mechanism_that_differs_from_the_equations_shows_in_the_angles(goal, p
     projected = aligned.angle(aligned.seen_ends(goal, T, VIEW))
     angle, _ = in_picture(Sight(plate, T @ PICTURE @ spatial.pose(spatial.rotation_z(0.1 * DEG))), VIEW)
     assert abs(angle - projected) > camera_task.AGREE
+
+
+def test_the_scoreboard_counts_what_the_report_measures(davinci, performed):
+    robots = robots_at(console_scene.led_by(davinci))
+    members = {n: run.Member(r.mechanism, r.kinematics()) for n, r in robots.items()}
+    task, referee = davinci.tasks["camera"], CameraReferee("ecm", run.SAMPLE)
+    device = run.surgeon(davinci, members, task, seed=1)
+    world = console_scene.world(davinci, members, device, records=False, watch=[referee], task=task)
+    while not world.ended:
+        world.step(1000)
+    assert referee.time == pytest.approx(performed.aligned.time, abs=2 * run.SAMPLE)
+    assert referee.moves == performed.console.camera_moves
+
+
+def test_by_hand_the_task_is_ended_and_begun_again(davinci):
+    live = LiveConsole(davinci, robots_at(console_scene.led_by(davinci)), task=davinci.tasks["camera"])
+    live.advance(0.05)
+    task = live.reading["task"]
+    assert (task["over"], task["rings"]) == (None, [])
+    assert task["rows"] == [["Time", "0.0 s"], ["Camera moves", "0"]]
+    live.end("page")
+    assert live.advance(0.05) == []
+    assert live.reading["task"]["over"] == "The task was ended."
+    live.restart("page")
+    assert live.reading["task"]["attempt"] == 2
+    live.close()
 
 
 # -- the command and the scene -------------------------------------------------------------------------------

@@ -30,6 +30,7 @@ from twin.simulation.controllers.camera import Drag
 from twin.simulation.controllers.pedals import CAMERA, FREE, TOOLS
 from twin.simulation.devices.given import GivenHands, HandState
 from twin.simulation.session import rings
+from twin.simulation.session.camera_referee import CameraReferee
 from twin.simulation.session.run import SAMPLE, head_of
 from twin.simulation.session.tape import Tape
 from twin.simulation.world import World
@@ -70,7 +71,7 @@ class LiveConsole:
         members: mechanism and equations of each robot.
         task: the task; None: no task.
         objects: the movable objects of the World.
-        referee: judge of a task with rings; None for other tasks.
+        referee: judge of a task with rings or of the camera task; None for other tasks.
         attempt: number of times that the World has been started, from 1.
         reading: the last state: controlled arms, arms at a limit, and the reason if nothing moves.
     """
@@ -111,7 +112,8 @@ class LiveConsole:
         self.objects = scene.objects if with_rings else ()
         self._pegs = contact_scene.pegs(scene, props, task) if task is not None and with_rings else {}
         self._scratch = None
-        if session is None and with_rings and report is not None:
+        judged = with_rings or (task is not None and task.alignment is not None)
+        if session is None and judged and report is not None:
             self._scratch = Scratch()
             session = Path(self._scratch.name) / "hands.session"
         self._session = session
@@ -135,6 +137,8 @@ class LiveConsole:
         if self.task is not None and self.objects:
             robots = [n for hand in HANDS for n in getattr(self.table, hand)]
             referee = rings.Referee(self.task, self.objects, self._pegs, robots, SAMPLE)
+        elif self.task is not None and self.task.alignment is not None:
+            referee = CameraReferee(self._camera, SAMPLE)
         watch = [block for block in (referee, tape) if block is not None]
         world = console_scene.world(
             self.scene, self.members, self.device, records=False, watch=watch, task=self.task, props=self._props
@@ -152,7 +156,7 @@ class LiveConsole:
 
         Raises:
             HeldError: another client controls the hands.
-            TwinError: there is no task with rings, or the session file of the new attempt cannot be written.
+            TwinError: there is no task that can be judged, or the session file of the new attempt cannot be written.
         """
         self._require_task()
         self.require_free(client)
@@ -169,7 +173,7 @@ class LiveConsole:
 
         Raises:
             HeldError: another client controls the hands.
-            TwinError: there is no task with rings.
+            TwinError: there is no task that can be judged.
         """
         self._require_task()
         self.require_free(client)
@@ -376,7 +380,7 @@ class LiveConsole:
         }
 
     def _task(self) -> dict[str, Any] | None:
-        """Return the scoreboard of a task with rings; None for other tasks."""
+        """Return the scoreboard of a task with rings or of the camera task; None for other tasks."""
         if self.referee is None or self.task is None:
             return None
         made = self.report()
