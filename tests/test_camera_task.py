@@ -119,7 +119,7 @@ def test_both_measures_agree_in_the_whole_scene(goal, davinci, performed, plate)
         arm = performed.arms[name]
         poses = {link: arm.place.T_world_base @ Ts[0] for link, Ts in arm.links.items()}
         seen += surfaces(name, arm.mechanism.bodies, poses)
-    off, reasons = random_views(goal, seen, 10, 2)
+    off, reasons = random_views(goal, seen, 4, 2)
     assert np.abs(off).max() < 0.03
     assert any("psm" in why and "covers" in why for why in reasons)
 
@@ -241,7 +241,7 @@ def test_a_simulated_surgeon_aligns_the_endoscope_with_both_hands(performed):
 
 @pytest.mark.slow
 def test_more_seeds_align(davinci):
-    for seed in range(10, 16):
+    for seed in range(10, 13):
         a = operate_console(davinci, "camera", seed=seed).aligned
         assert max(abs(a.angle), abs(a.seen)) < 0.2 * DEG, seed
         assert abs(a.seen - a.angle) < 0.05 * DEG, seed

@@ -24,6 +24,9 @@ _OFF = 0.35
 _FULL, _ABOVE = 0.97, 4
 """Part of a pixel from which on it counts as fully green; rows above the first such pixel that an edge may cross."""
 
+_INSIDE = np.arange(3, 8)
+"""Rows below the first green pixel of a column that show its full green."""
+
 _DENT = 0.02
 """Largest part of the mask's area that may be missing to a convex shape."""
 
@@ -63,11 +66,18 @@ def angle(rgb: Array) -> float:
 
 
 def _mask(rgb: Array) -> Array:
-    """Return the green part (height, width) of every pixel, 0 to 1."""
+    """Return the green part (height, width) of every pixel, 0 to 1.
+
+    What is fully green is taken from each column, a few rows below its first green pixel: light is not the same
+    everywhere.
+    """
     green = rgb[..., 1] - np.maximum(rgb[..., 0], rgb[..., 2])
     if green.max() < _GREEN:
         raise UnmeasuredError("the rectangle is not in the picture")
-    return np.clip(green / np.median(green[green > 0.5 * green.max()]), 0.0, 1.0)
+    found = green > 0.5 * green.max()
+    inside = np.minimum(found.argmax(axis=0) + _INSIDE[:, None], len(green) - 1)
+    full = np.median(np.take_along_axis(green, inside, axis=0), axis=0)
+    return np.clip(green / np.maximum(full, 0.5 * green.max()), 0.0, 1.0)
 
 
 def _require_inside(mask: Array) -> None:
@@ -100,7 +110,7 @@ def _upper(mask: Array) -> tuple[Array, Array]:
 def _longest_line(x: Array, y: Array) -> tuple[np.ndarray, float]:
     """Return which columns (k,) are on the line with the most columns, and its slope: the upper edge has corners."""
     best, slope = np.zeros(len(x), bool), 0.0
-    picks = np.unique(np.linspace(0, len(x) - 1, 48).astype(int))
+    picks = np.unique(np.linspace(0, len(x) - 1, 24).astype(int))
     for i, a in enumerate(picks):
         for b in picks[i + 1 :]:
             rise = (y[b] - y[a]) / (x[b] - x[a])
