@@ -118,7 +118,7 @@ def closing(psm, item, solids=(), *, gravity=DOWN, moves=lambda q, t: q, frictio
         out[6] = max(0.0, q0[6] * (1 - t / 0.2))
         return moves(out, t)
 
-    gripper = Gripper("psm", mechanism, kin.forward, np.eye(4), EFFORT)
+    gripper = Gripper("psm", mechanism, kin, np.eye(4), EFFORT)
     contact = Contact([item], solids, [gripper], {"psm": q0}, gravity=tuple(gravity), friction=friction)
     robots = [Placed("psm", mechanism)]
     return World(robots=robots, objects=[item], plants=[Led(q), contact], records=records)
@@ -149,7 +149,7 @@ def test_a_grip_slips_at_the_limit_of_friction(psm, friction, share, slips):
     q0[6] = 2 * b + 1e-3  # 4 um from the ball
     shut = q0.copy()
     shut[6] = 0.0
-    gripper = Gripper("psm", mechanism, kin.forward, np.eye(4), EFFORT)
+    gripper = Gripper("psm", mechanism, kin, np.eye(4), EFFORT)
     contact = Contact([ball], [], [gripper], {"psm": q0}, gravity=tuple(G * across), friction=0.0)
     world = World(plants=[Led(lambda t: shut), contact], records=False)
     world.step(50)
@@ -225,7 +225,7 @@ def test_a_swept_ring_stays_before_the_instrument(psm):
     floor = tip[2, 3] / MM - 2
     rest = Solid("floor", [box("floor", (-100, -100, floor - 5), (100, 100, floor))], 0.5)
     ball = Movable("ball", "ball", (2 * MM,), 1e-3, 0.2, spatial.pose(p=tip[:3, 3] + side * 8 * MM))
-    gripper = Gripper("psm", mechanism, kin.forward, np.eye(4), EFFORT)
+    gripper = Gripper("psm", mechanism, kin, np.eye(4), EFFORT)
     world = World(plants=[Led(q), Contact([ball], [rest], [gripper], {"psm": q0})], records=False)
     for _ in range(15):
         world.step(10)
@@ -246,8 +246,8 @@ def test_instruments_report_what_they_touch_and_stay_exact(psm):
         out[2] += 0.02 * np.clip(t / 0.19, 0, 1)
         return out
 
-    gripper = Gripper("psm", mechanism, kin.forward, np.eye(4), EFFORT)
-    other = Gripper("psm", mechanism, kin.forward, spatial.pose(p=[0.03, 0, 0]), EFFORT)
+    gripper = Gripper("psm", mechanism, kin, np.eye(4), EFFORT)
+    other = Gripper("psm", mechanism, kin, spatial.pose(p=[0.03, 0, 0]), EFFORT)
     other.robot = "other"
     contact = Contact([], [rest], [gripper, other], {"psm": q0, "other": q0})
 
@@ -280,7 +280,7 @@ def test_instruments_report_what_they_touch_and_stay_exact(psm):
 def test_the_links_stand_where_the_reference_model_has_them(psm):
     mechanism, kin = psm
     model = twin.load("davinci_psm").reference()
-    gripper = Gripper("psm", mechanism, kin.forward, np.eye(4), EFFORT)
+    gripper = Gripper("psm", mechanism, kin, np.eye(4), EFFORT)
     assert [b.name for b in gripper.links] == ["hand", "wrist", "shaft"]
     q = mechanism.posture("aside")
     poses = model.solve(q).link_poses
@@ -313,6 +313,6 @@ def test_bad_objects_are_named(psm):
     with pytest.raises(WorldError, match=r"'(ring|a fixed part)' and '(ring|a fixed part)' overlap by \d+\.\d+ mm"):
         Contact([replace(RING, T_world_object=spatial.pose(p=[0, 0, -0.001]))], [FLOOR])
     with pytest.raises(WorldError, match="torque of a jaw is 0 N m"):
-        Gripper("psm", mechanism, kin.forward, np.eye(4), 0.0)
+        Gripper("psm", mechanism, kin, np.eye(4), 0.0)
     with pytest.raises(WorldError, match="object 'ring' has no plant"):
         World(objects=[RING])

@@ -25,6 +25,7 @@ from twin.core.spatial import Array
 from twin.core.units import UM
 from twin.exchange.write.bundle import Bundle, chosen_formats
 from twin.exchange.write.clip import Budget, home_poses
+from twin.model.movable import together
 from twin.model.scene import Place, Scene, load_scene
 
 _TOLERANCE = 1 * UM
@@ -74,6 +75,17 @@ class SceneBundle(Result):
                     "checks": len(bundles[p.name].checks),
                 }
                 for p in self.scene.places
+            ],
+            "objects": [
+                {
+                    "name": o.name,
+                    "shape": o.shape,
+                    "size_m": list(o.size),
+                    "mass_kg": o.mass,
+                    "friction": o.friction,
+                    "T_world_object": o.T_world_object.tolist(),
+                }
+                for o in self.scene.objects
             ],
             "checks": list(self.checks),
             "parameters": [
@@ -133,6 +145,10 @@ def export_scene(
                 budget=budget,
                 progress=lambda label, part, name=place.name: progress(f"{name}: {label}", part),
             )
+        if scene.objects and "glb" in kinds:
+            from twin.exchange.write.glb import write_glb
+
+            write_glb(together(scene.objects), (), work / "objects.glb")
         checks = (_check(_write_stage(scene, bundles, work / "usd"), scene, bundles),) if "usd" in kinds else ()
         found = SceneBundle(scene, kinds, bundles, checks)
         (work / "scene.json").write_text(found.to_json() + "\n", encoding="utf-8")
@@ -190,6 +206,8 @@ def _check(stage: Path, scene: Scene, bundles: Mapping[str, Bundle]) -> dict[str
     from twin.exchange.audit.scene import Shown, deviation
 
     shown = {p.name: Shown(p.T_world_base, *_keys(bundles[p.name])) for p in scene.places}
+    if scene.objects:
+        shown["objects"] = Shown(np.eye(4), np.zeros(1), {o.name: o.T_world_object[None] for o in scene.objects})
     return _row(*deviation(stage, shown))
 
 
@@ -229,6 +247,10 @@ def _readme(scene: Scene, formats: Sequence[str]) -> str:
     ]
     if led := [p.name for p in scene.places if not p.protocol]:
         lines.append(f"A console controls {', '.join(led)}: no motion; scene.json has the joint values at its start.")
+    if scene.objects:
+        lines.append("Movable objects: scene.json has their shapes, masses, friction and T_world_object at the start.")
+        if "glb" in formats:
+            lines.append("objects.glb   the movable objects at the start, in world.")
     if "usd" in formats:
         lines.append(f"usd/{scene.name}.usda   all robots at their base poses with their motions, and the props.")
     if "usd" in formats and not any(p.protocol for p in scene.places):

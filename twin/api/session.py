@@ -21,13 +21,17 @@ from twin.core.findings import Finding, by_severity, disagreement, info, warning
 from twin.core.quantity import Quantity, mm
 from twin.core.result import Part, Result, Table
 from twin.core.spatial import Array
-from twin.core.units import MM
+from twin.core.units import DEG, MM
+from twin.model import alignment
 from twin.model.mechanism import Mechanism
+from twin.model.movable import together
 from twin.model.scene import Place, Scene, Task
+from twin.reference import ReferenceModel
 from twin.simulation import console_scene, contact_scene
 from twin.simulation.console_scene import HANDS, PEDALS, Member
 from twin.simulation.contact_scene import Peg
-from twin.simulation.session import measures, movement, rings
+from twin.simulation.session import camera_task, measures, movement, rings
+from twin.simulation.session.camera_task import AlignMeasures, Sight
 from twin.simulation.session.measures import ArmMeasures, ConsoleMeasures
 from twin.simulation.session.rings import BoardMeasures
 from twin.simulation.session.run import Ran
@@ -75,6 +79,7 @@ class ConsoleSession(Result):
         lost: sentence that says where the file ends; "" if the file is complete.
         recorded: content of the session file of a simulated surgeon; None for a replayed file.
         pegs: pegs of a task with rings, by name.
+        aligned: measures of a task with an alignment; None for another task.
     """
 
     scene: Scene
@@ -86,6 +91,7 @@ class ConsoleSession(Result):
     lost: str = ""
     recorded: bytes | None = None
     pegs: Mapping[str, Peg] = field(default_factory=dict)
+    aligned: AlignMeasures | None = None
 
     kind = "session"
 
@@ -94,6 +100,7 @@ class ConsoleSession(Result):
         """The verdict as text."""
         if self.verdict == "agree":
             done = "All targets were touched" if self.board is None else "All rings are on their pegs"
+            done = done if self.aligned is None else "The endoscope is aligned"
             return "The replay gives the same bytes" if self.source else done
         return super().word
 
@@ -182,10 +189,40 @@ class ConsoleSession(Result):
                 for r in self.board.rings
                 if r.t is None
             ]
+        out += self._unaligned()
         if find_spec("mcap") is None:
             text = f"session.mcap is not written: pip install 'twin-robotics[{EXTRAS['mcap']}]'"
             out.append(info("session.no_mcap", "", text))
         return out
+
+    def _unaligned(self) -> Iterator[Finding]:
+        """Yield findings on a camera that is not aligned, and on two angles that differ or of which one is missing."""
+        if (a := self.aligned) is None or self.task is None or self.task.alignment is None:
+            return
+        wanted = self.task.alignment
+        if np.isnan(a.angle):
+            yield disagreement("task.missed", self.task.name, "at the end, the rectangle is behind the lens")
+        elif not a.done(wanted):
+            yield disagreement(
+                "task.missed",
+                self.task.name,
+                f"the upper side of the rectangle is not aligned: its ends are up to {a.off:.0%} of the line's length "
+                f"from the line's ends (allowed: {wanted.off:.0%}); AlignErr",
+                Quantity(abs(a.angle) / DEG, "deg"),
+                wanted.tolerance / DEG,
+                word="allowed",
+            )
+        if a.seen is None:
+            yield warning("task.unseen", self.task.name, f"AlignErr cannot be measured in the picture: {a.refused}")
+        elif abs(a.seen - a.angle) > camera_task.AGREE:
+            yield disagreement(
+                "task.angles",
+                self.task.name,
+                f"AlignErr is {a.seen / DEG:.3f} deg in the picture and {a.angle / DEG:.3f} deg by projection; "
+                "difference",
+                Quantity(abs(a.seen - a.angle) / DEG, "deg"),
+                camera_task.AGREE / DEG,
+            )
 
     def content(self) -> dict[str, Any]:
         """Return the measures; keys end with their unit."""
@@ -221,6 +258,17 @@ class ConsoleSession(Result):
             "scale": list(c.scale),
             "task": None if self.task is None else self.task.name,
             "targets": [{"name": x.name, "t_s": x.t, "nearest_mm": x.nearest / MM} for x in self.touched],
+            "alignment": None
+            if (a := self.aligned) is None
+            else {
+                "time_s": a.time,
+                "align_err_deg": a.angle / DEG if np.isfinite(a.angle) else None,
+                "align_err_in_picture_deg": None if a.seen is None else a.seen / DEG,
+                "not_in_picture": a.refused or None,
+                "off_line": a.off if np.isfinite(a.off) else None,
+                "lens_path_mm": a.path / MM,
+                "hand_paths_mm": {hand: p / MM for hand, p in a.hands.items()},
+            },
             "board": None
             if (board := self.board) is None
             else {
@@ -270,8 +318,10 @@ class ConsoleSession(Result):
             b = self.board
             outcome = [(r.ring, r.peg, "-" if r.t is None else f"{r.t:.1f} s", str(r.drops)) for r in b.rings]
             yield Table(("ring", "peg", "transferred at", "dropped"), outcome)
-            yield f"  {b.transferred} of {len(b.rings)} rings transferred in {b.time:.1f} s"
-            yield f"  {b.errors} errors: {b.dropped} dropped, {b.collisions} collisions of instruments"
+            yield ""
+            yield Table((), b.rows())
+        elif self.aligned is not None:
+            yield Table((), _aligned_rows(self.aligned))
         elif self.task is not None:
             targets = [
                 (x.name, "not touched" if x.t is None else f"{x.t:.1f} s", str(mm(x.nearest))) for x in self.touched
@@ -283,7 +333,10 @@ class ConsoleSession(Result):
         yield from by_severity(self.findings)
 
     def write(self, folder: Path) -> None:
-        """Write session.csv, session.mcap and, for each robot, <robot>/<kind>.glb and <robot>/tracks/session.*."""
+        """Write session.csv, session.mcap and, for each robot, <robot>/<kind>.glb and <robot>/tracks/session.*.
+
+        For movable objects, write objects/ with the same formats, and a USD stage with the motion.
+        """
         from twin.exchange.write.glb import write_glb
         from twin.exchange.write.tracks import write_tracks
 
@@ -293,10 +346,12 @@ class ConsoleSession(Result):
         body = np.column_stack([v[::_STRIDE] for v in columns.values()])
         np.savetxt(folder / "session.csv", body, "%.9g", ",", header=",".join(columns), comments="")
         for name, arm in self.arms.items():
-            clip = self._clip(arm)
+            clip = self._clip(name, arm.mechanism, arm.links)
             (folder / name).mkdir()
             write_glb(arm.mechanism, [clip], folder / name / f"{arm.mechanism.name}.glb")
             write_tracks(arm.mechanism, clip, folder / name / "tracks")
+        if self._moved:
+            self._write_objects(folder / "objects")
         if find_spec("mcap") is not None:
             self._write_mcap(folder / "session.mcap")
 
@@ -327,27 +382,41 @@ class ConsoleSession(Result):
         """Names of the movable objects in this session."""
         return [o.name for o in self.scene.objects if f"{o.name}.pose" in self.ran.kept.sizes]
 
-    def _clip(self, arm: Arm) -> Clip:
+    def _write_objects(self, folder: Path) -> None:
+        from twin.exchange.write.glb import write_glb
+        from twin.exchange.write.tracks import write_tracks
+        from twin.exchange.write.usd import write_usd
+
+        mechanism = together([o for o in self.scene.objects if o.name in self._moved])
+        poses = {name: self.ran.kept[f"{name}.pose"].reshape(-1, 4, 4) for name in self._moved}
+        poses[mechanism.base] = np.broadcast_to(np.eye(4), (len(self.t), 4, 4))
+        clip = self._clip("objects", mechanism, poses)
+        folder.mkdir()
+        write_glb(mechanism, [clip], folder / "objects.glb")
+        write_tracks(mechanism, clip, folder / "tracks")
+        write_usd(mechanism, [clip], folder / "usd")
+
+    def _clip(self, name: str, mechanism: Mechanism, poses: Mapping[str, Array]) -> Clip:
         from twin.exchange.write.clip import Clip, extremes, key_rows, measure_between
         from twin.exchange.write.sampled import coordinates
 
         keys = key_rows(len(self.t), _STRIDE)
-        links = {n: np.round(T, 13) + 0.0 for n, T in arm.links.items()}
-        reaches = {b.name: extremes(arm.mechanism, b) for b in arm.mechanism.bodies}
+        links = {n: np.round(T, 13) + 0.0 for n, T in poses.items()}
+        reaches = {b.name: extremes(mechanism, b) for b in mechanism.bodies}
         at_keys = {n: T[keys] for n, T in links.items()}
         return Clip(
             "session",
-            f"{arm.place.name} in a session of {self.scene.name}",
+            f"{name} in a session of {self.scene.name}",
             self.t[keys],
             at_keys,
-            coordinates(arm.mechanism, at_keys),
-            tuple(j.name for j in arm.mechanism.active),
+            coordinates(mechanism, at_keys),
+            tuple(j.name for j in mechanism.active),
             (("session", 0.0, float(self.t[-1])),),
             1 / (_STRIDE * self.ran.kept.dt),
-            measure_between(arm.mechanism, self.t, links, keys, reaches),
-            frame=arm.mechanism.tool,
+            measure_between(mechanism, self.t, links, keys, reaches),
+            frame=mechanism.tool,
             phase_rcm=(None,),
-            trocars=arm.mechanism.trocar_places,
+            trocars=mechanism.trocar_places,
         )
 
     def _write_mcap(self, path: Path) -> None:
@@ -401,7 +470,9 @@ def operate_console(
         file = Path(folder) / FILE
         ran = run.perform(scene, members, chosen, file, seed=seed, scale=scale, props=props, progress=progress)
         recorded = file.read_bytes()
-    return ConsoleSession(scene, "", seed, chosen, ran, _arms(scene, robots, ran), recorded=recorded, pegs=pegs)
+    arms = _arms(scene, robots, ran)
+    aligned = _aligned(scene, chosen, robots, ran, arms, props)
+    return ConsoleSession(scene, "", seed, chosen, ran, arms, recorded=recorded, pegs=pegs, aligned=aligned)
 
 
 def replay_session(
@@ -436,15 +507,45 @@ def replay_session(
     run.require_scene(session, path, placed, members, props)
     ran = run.replay(session, placed, members, progress, props)
     arms = _arms(placed, robots, ran)
-    return ConsoleSession(placed, str(path), start.seed, task, ran, arms, session.lost, pegs=pegs)
+    aligned = _aligned(placed, task, robots, ran, arms, props)
+    return ConsoleSession(placed, str(path), start.seed, task, ran, arms, session.lost, pegs=pegs, aligned=aligned)
 
 
 def _board(scene: Scene, task: Task | None) -> tuple[Mechanism | None, Mapping[str, Peg]]:
-    """Return the props and the pegs of a task with rings; other tasks need neither."""
-    if task is None or not task.transfers:
+    """Return the props and the pegs of a task; a task with targets needs neither, an alignment no pegs."""
+    if task is None or not (task.transfers or task.alignment):
         return None, {}
     props = props_of(scene)
-    return props, contact_scene.pegs(scene, props, task)
+    return props, contact_scene.pegs(scene, props, task) if task.transfers else {}
+
+
+def _aligned(
+    scene: Scene,
+    task: Task | None,
+    robots: Mapping[str, Robot],
+    ran: Ran,
+    arms: Mapping[str, Arm],
+    props: Mechanism | None,
+) -> AlignMeasures | None:
+    """Return the measures of an alignment: by the camera's equations, and in a picture drawn from the mechanisms."""
+    if task is None or task.alignment is None:
+        return None
+    camera = scene.cameras[console_scene.console_of(scene).camera]
+    arm, robot = arms[camera.robot], robots[camera.robot]
+    T_tool_picture = console_scene.picture_in_tool(camera, arm.mechanism)
+    Ts_world_picture = arm.place.T_world_base @ robot.forward(arm.q) @ T_tool_picture
+    frame = arm.mechanism.frame(camera.frame)
+    Ts_world_camera = arm.place.T_world_base @ arm.links[frame.body] @ frame.T_body_frame @ camera.in_frame
+    seen = camera_task.surfaces(alignment.BODY, [task.alignment.body()], {alignment.BODY: np.eye(4)})
+    if props is not None:
+        seen += camera_task.surfaces(props.name, props.bodies, ReferenceModel(props).home().link_poses)
+    for name, other in arms.items():
+        poses = {link: other.place.T_world_base @ Ts[-1] for link, Ts in other.links.items()}
+        own = frame.body if name == camera.robot else ""  # the lens does not see the link that it is in
+        seen += camera_task.surfaces(name, [b for b in other.mechanism.bodies if b.name != own], poses)
+    sight = Sight(seen, Ts_world_camera[-1])
+    view = camera.view_deg * DEG
+    return camera_task.measure(ran.kept, task.alignment, Ts_world_picture, view, sight, Ts_world_camera[:, :3, 3])
 
 
 def _members(scene: Scene) -> tuple[dict[str, Robot], dict[str, Member]]:
@@ -468,6 +569,18 @@ def _arms(scene: Scene, robots: Mapping[str, Robot], ran: Ran) -> dict[str, Arm]
         at = place.T_world_base @ links[frame.body] @ frame.T_body_frame
         out[place.name] = Arm(place, mechanism, q, links, at[:, :3, 3])
     return out
+
+
+def _aligned_rows(a: AlignMeasures) -> list[tuple[str, str]]:
+    angle = "-" if np.isnan(a.angle) else f"{a.angle / DEG:+.3f} deg"
+    return [
+        ("AlignErr by projection", angle),
+        ("AlignErr in the picture", "-" if a.seen is None else f"{a.seen / DEG:+.3f} deg"),
+        ("ends of the upper side from those of the line", "-" if np.isnan(a.off) else f"{a.off:.1%} of its length"),
+        ("time at the camera", f"{a.time:.1f} s"),
+        ("path of the lens", str(mm(a.path))),
+        *((f"path of the {hand} hand at the camera", str(mm(p))) for hand, p in a.hands.items()),
+    ]
 
 
 def _number(value: float) -> str:

@@ -275,6 +275,7 @@ def parser() -> argparse.ArgumentParser:
         "  twin serve my_robot/                your own robot; a USD stage also works\n"
         "  twin serve vsrs                     all robots of a scene, with one clock\n"
         "  twin serve davinci                  instruments and camera, controlled from the page or the headset\n"
+        "  twin serve davinci --task pegboard            rings to grasp, with a scoreboard\n"
         "  twin serve davinci --packets 9870 --mqtt 127.0.0.1    also by UDP packets; motion scale by MQTT\n"
         "  twin serve sils --host 0.0.0.0 --cert cert.pem --key key.pem    for every headset in the network\n"
         "  twin serve sils --record session.json        record requests and what clients see\n"
@@ -288,6 +289,7 @@ def parser() -> argparse.ArgumentParser:
     sub.add_argument("--no-browser", action="store_true", help="do not open a browser")
     sub.add_argument("--record", metavar="FILE", help="record the session: requests, states and frames, as JSON")
     sub.add_argument("--replay", metavar="FILE", help="replay a recorded session instead, frame by frame")
+    sub.add_argument("--task", metavar="NAME", help="task at the console of a scene: its rings can be grasped")
     sub.add_argument(
         "--packets",
         type=_packets,
@@ -395,9 +397,16 @@ def parser() -> argparse.ArgumentParser:
         "check a paper's tables: do totals and p-values follow from the printed rows?",
         "  twin study sher\n  twin study pa10                 inertia tables: are they physically possible?\n"
         "  twin study davinci              groups of users, and the accuracy of a console\n"
-        "  twin study my_study.toml --json\n  twin study users.csv            your own groups, with rank tests",
+        "  twin study my_study.toml --json\n  twin study users.csv            your own groups, with rank tests\n"
+        "  twin study users.csv --out study/           also page, boxes and learning curves\n"
+        "  twin study first=a.session first=b.session last=c.session last=d.session    sessions at a console",
     )
-    sub.add_argument("subject", help="a built-in robot or study, a robot folder, a study file, or a CSV of users")
+    sub.add_argument(
+        "subject",
+        nargs="+",
+        help="a built-in robot or study, a robot folder, a study file, a CSV of users, or sessions as GROUP=FILE",
+    )
+    sub.add_argument("--out", metavar="FOLDER", help="write page, picture and data of groups into this folder")
 
     sub = add(
         "console",

@@ -9,6 +9,7 @@ import ssl
 import sys
 import threading
 import webbrowser
+from collections import ChainMap
 from collections.abc import Callable
 from importlib import resources
 from pathlib import Path
@@ -59,6 +60,8 @@ def _what(args: argparse.Namespace) -> tuple[str, Callable[[], Served]]:
         if linked is not None:
             raise TwinError(f"{option} requires a scene with a console, such as davinci; {args.robot} is a robot")
         _require_no_session(args)
+        if args.task is not None:
+            raise TwinError(f"--task applies to the console of a scene; {args.robot} is a robot")
         robot = api.load(args.robot)
         if args.protocol is not None:
             robot.protocol(args.protocol)
@@ -70,10 +73,16 @@ def _what(args: argparse.Namespace) -> tuple[str, Callable[[], Served]]:
     scene = load_scene(file)
     robots, props = scenes.content(scene)
     if scene.console is not None:
+        from twin.cli.session import report
+        from twin.simulation.session.run import task_of
+
+        task = None if args.task is None else task_of(scene, args.task)
         session = None if args.session is None else Path(args.session)
         return scene.name, lambda: served.of_console(
-            scene, robots, props, session, args.packets, args.mqtt, args.mqtt_topic
+            scene, robots, props, session, args.packets, args.mqtt, args.mqtt_topic, task, report
         )
+    if args.task is not None:
+        raise TwinError(f"--task: scene '{scene.name}' has no console: add the table [console] to {file.name}")
     if linked is not None:
         raise TwinError(f"{option}: scene '{scene.name}' has no console: add the table [console] to {file.name}")
     _require_no_session(args)
@@ -105,7 +114,7 @@ async def _run(
         if args.record is not None:
             recording = Recording(Path(args.record), name, shown.model_hash, live.links, live.joints, live.version)
         web = Path(str(resources.files("twin.ui.headset"))) / "web" / "dist"
-        own = files.page_files(web, shown.preload) | shown.files
+        own = ChainMap(files.page_files(web, shown.preload) | shown.files, shown.late)
         advice = "" if context is not None else _ADVICE
         address = Address(args.host, port, context is not None, name, advice)
         gate = Gate(args.host, port, context is not None, address.say)

@@ -10,6 +10,17 @@ from twin.cli import show
 from twin.core import assets
 
 
+def report(file: str, scene: str) -> bytes:
+    """Return the page that `twin session FILE --scene SCENE --out FOLDER` writes."""
+    from twin.core.atomic import Scratch
+    from twin.ui.report.files import write_result
+
+    with Scratch() as folder:
+        found = replay_session(file, scene)
+        pages = write_result(found, Path(folder))
+        return (Path(folder) / pages[0]).read_bytes()
+
+
 def session(args: argparse.Namespace) -> int:
     """Replay the session and print its measures; with --out, write page, picture and data.
 

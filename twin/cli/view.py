@@ -125,10 +125,11 @@ def _what(args: argparse.Namespace) -> tuple[str, Callable[[viser.ViserServer, d
         return open_page(f"twin · {scene.name}", actors, props, server, **more)
 
     def of_console(server: viser.ViserServer, more: dict[str, Any]) -> ConsoleFront:
+        from twin.cli.session import report
         from twin.ui.viewer.console import ConsoleFront
 
         robots, props = scenes.content(scene)
-        return ConsoleFront(f"twin · {scene.name}", scene, robots, props, server, more["stopping"], task)
+        return ConsoleFront(f"twin · {scene.name}", scene, robots, props, server, more["stopping"], task, report)
 
     return scene.name, of_scene if scene.console is None or args.html is not None else of_console
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import product
 from typing import Literal
@@ -9,7 +10,8 @@ from typing import Literal
 import numpy as np
 
 from twin.core.spatial import Array
-from twin.model.mechanism import Finish, Mesh
+from twin.model.inertia import Inertia
+from twin.model.mechanism import TOOL, Body, Finish, Frame, Joint, Mechanism, Mesh
 
 ShapeName = Literal["ring", "box", "ball"]
 
@@ -51,6 +53,28 @@ class Movable:
             radius, wire = self.size if self.shape == "ring" else (0.0, self.size[0])
             vertices, triangles = _turned(radius, wire)
         return Mesh(self.name, vertices, triangles.astype(np.int32), self.color_rgba, Finish(roughness=0.4))
+
+    def inertia(self) -> Inertia:
+        """Return the inertia of the solid shape in the frame of the object."""
+        if self.shape == "ring":
+            radius, wire = self.size
+            across = radius**2 / 2 + 5 / 8 * wire**2
+            moments = np.array([across, across, radius**2 + 3 / 4 * wire**2])
+        elif self.shape == "ball":
+            moments = np.full(3, 2 / 5 * self.size[0] ** 2)
+        else:
+            squares = np.square(self.size)
+            moments = (squares.sum() - squares) / 3
+        return Inertia(self.mass, np.zeros(3), np.diag(self.mass * moments))
+
+
+def together(objects: Sequence[Movable], name: str = "objects") -> Mechanism:
+    """Return the objects as free bodies of one mechanism, whose base has no shape and is the World."""
+    bodies = [Body(name), *(Body(o.name, (o.mesh(),), o.inertia()) for o in objects)]
+    joints = [Joint(f"free_{o.name}", "free", name, o.name, T_parent_joint=o.T_world_object) for o in objects]
+    rest = {name: np.eye(4)} | {o.name: o.T_world_object for o in objects}
+    frames = (Frame(TOOL, name, np.eye(4)),)  # the solvers of loops require one
+    return Mechanism(name, name, tuple(bodies), tuple(joints), frames, rest=rest)
 
 
 def _turned(radius: float, wire: float) -> tuple[Array, np.ndarray]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,6 +14,8 @@ from twin.core.errors import TwinError, unknown
 from twin.core.provenance import Parameter
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM, linear
+from twin.model import alignment
+from twin.model.alignment import Alignment
 from twin.model.movable import Movable, ShapeName
 from twin.schema import Identifier, Origin, Table, Vector, at, error_at, load_toml
 
@@ -163,11 +165,45 @@ class TargetTable(Table):
         return self
 
 
+class AlignTable(Table):
+    """A green rectangle on a plate, and a grey line in the middle of the picture; the camera is to align them.
+
+    The rectangle's middle is at `position_mm` in the world frame; `facing` points out of the plate; `roll_deg` turns
+    the rectangle about `facing`, from its upper side being horizontal. `line` is the length of the line divided by the
+    height of the picture. The task is done if, at the end, the upper side of the rectangle is within `tolerance_deg`
+    of the line, and its ends are within `tolerance_line` times the length of the line from the line's ends.
+    """
+
+    position_mm: Vector
+    facing: Vector
+    roll_deg: float = Field(gt=-45, lt=45)
+    size_mm: tuple[float, float]
+    plate_mm: tuple[float, float]
+    color: str = Field("#20a040", pattern="^#[0-9a-f]{6}$", description="sRGB; green exceeds red and blue")
+    line: float = Field(ge=0.1, le=0.95)
+    tolerance_deg: float = Field(gt=0, le=10)
+    tolerance_line: float = Field(gt=0, le=0.5)
+
+    @model_validator(mode="after")
+    def _whole(self) -> AlignTable:
+        if not np.linalg.norm(self.facing[:2]) > 0:
+            raise at("facing", f"{list(self.facing)} is vertical: the plate then has no upper side")
+        if min(self.size_mm) <= 0:
+            raise at("size_mm", f"width and height must be above 0 mm; {list(self.size_mm)} was given")
+        if min(p - s for p, s in zip(self.plate_mm, self.size_mm, strict=True)) <= 0:
+            raise at("plate_mm", f"the plate {list(self.plate_mm)} must be larger than the rectangle")
+        red, green, blue = (int(self.color[k : k + 2], 16) for k in (1, 3, 5))
+        if green < 1.5 * max(red, blue):
+            raise at("color", f"{self.color} is not green enough to be found in the picture: green must be at least "
+                     "1.5 times red and blue")  # fmt: skip
+        return self
+
+
 class TaskTable(Table):
-    """A task at the console: either targets to touch in this order, or rings to bring to pegs in any order.
+    """A task at the console: targets to touch in this order, rings to bring to pegs, or a camera to align.
 
     A target is touched when all its tips have been within the tolerance for `hold_s`, without interruption. A ring is
-    transferred when it lies around its peg and nothing holds it.
+    transferred when it lies around its peg and nothing holds it. For `align`, see `AlignTable`.
     """
 
     title: str = Field(min_length=1)
@@ -175,16 +211,21 @@ class TaskTable(Table):
     hold_s: float | None = Field(None, ge=0, le=10)
     target: list[TargetTable] = Field(default_factory=list)
     transfer: list[TransferTable] = Field(default_factory=list)
+    align: AlignTable | None = None
     provenance: Origin
     note: str = Field(min_length=1)
 
     @model_validator(mode="after")
     def _one_kind(self) -> TaskTable:
-        if bool(self.target) == bool(self.transfer):
-            raise at("title", "a task needs `target` or `transfer`, with at least one entry, and not both")
+        kinds = [name for name in ("target", "transfer", "align") if getattr(self, name)]
+        if len(kinds) != 1:
+            found = " and ".join(f"`{k}`" for k in kinds) or "none of them"
+            raise at(
+                "title", f"a task needs `target` or `transfer` with at least one entry, or `align`; it has {found}"
+            )
         for key in ("tolerance_mm", "hold_s"):
             if (getattr(self, key) is None) == bool(self.target):
-                raise at(key if self.transfer else "title", f"a task with `{'target' if self.target else 'transfer'}` "
+                raise at("title" if self.target else key, f"a task with `{kinds[0]}` "
                          f"{'needs' if self.target else 'takes no'} `{key}`")  # fmt: skip
         return self
 
@@ -225,7 +266,7 @@ class Transfer:
 
 @dataclass(frozen=True)
 class Task:
-    """A task at a console; it has targets or transfers.
+    """A task at a console; it has targets, transfers or an alignment.
 
     Attributes:
         name, title: name and title.
@@ -233,6 +274,7 @@ class Task:
         hold: time in s for which all tips of a target must be within the tolerance.
         targets: the targets, in order.
         transfers: rings to bring to pegs.
+        alignment: what the camera is to align, or None.
     """
 
     name: str
@@ -241,6 +283,7 @@ class Task:
     hold: float
     targets: tuple[Target, ...]
     transfers: tuple[Transfer, ...] = ()
+    alignment: Alignment | None = None
 
 
 @dataclass(frozen=True)
@@ -380,7 +423,27 @@ def _task(name: str, task: TaskTable) -> Task:
         points = {"right": target.right_mm, "left": target.left_mm}
         targets.append(Target(target.name, {h: np.array(p) * MM for h, p in points.items() if p is not None}))
     transfers = tuple(Transfer(t.ring, t.peg) for t in task.transfer)
-    return Task(name, task.title, (task.tolerance_mm or 0.0) * MM, task.hold_s or 0.0, tuple(targets), transfers)
+    return Task(
+        name,
+        task.title,
+        (task.tolerance_mm or 0.0) * MM,
+        task.hold_s or 0.0,
+        tuple(targets),
+        transfers,
+        None if task.align is None else _alignment(task.align),
+    )
+
+
+def _alignment(a: AlignTable) -> Alignment:
+    return Alignment(
+        alignment.frame(np.array(a.position_mm) * MM, np.array(a.facing, float), a.roll_deg * DEG),
+        (a.size_mm[0] * MM, a.size_mm[1] * MM),
+        (a.plate_mm[0] * MM, a.plate_mm[1] * MM),
+        _rgba(a.color),
+        a.line,
+        a.tolerance_deg * DEG,
+        a.tolerance_line,
+    )
 
 
 def _transfers(path: Path, name: str, task: TaskTable, table: SceneTable) -> None:
@@ -400,7 +463,6 @@ def _object(name: str, o: ObjectTable) -> Movable:
     axis = np.array(o.axis, float)
     R = spatial.frame_from_axes(axis, np.eye(3)[int(np.argmin(np.abs(axis)))])
     factor = 0.5 if o.shape == "box" else 1.0
-    red, green, blue = (linear(int(o.color[k : k + 2], 16) / 255) for k in (1, 3, 5))
     return Movable(
         name,
         o.shape,
@@ -408,8 +470,14 @@ def _object(name: str, o: ObjectTable) -> Movable:
         o.mass_g * 1e-3,
         o.friction,
         spatial.pose(R, np.array(o.position_mm) * MM),
-        (red, green, blue, 1.0),
+        _rgba(o.color),
     )
+
+
+def _rgba(color: str) -> tuple[float, float, float, float]:
+    """Return the linear colour of an sRGB text such as "#20a040"."""
+    red, green, blue = (linear(int(color[k : k + 2], 16) / 255) for k in (1, 3, 5))
+    return red, green, blue, 1.0
 
 
 def _console(path: Path, console: ConsoleTable, table: SceneTable, names: list[str]) -> None:
@@ -461,8 +529,24 @@ def _parameters(table: SceneTable) -> list[Parameter]:
         if task.tolerance_mm is not None and task.hold_s is not None:
             out.append(Parameter(f"task {name} tolerance", task.tolerance_mm * MM, "mm", task.tolerance_mm, *origin))
             out.append(Parameter(f"task {name} hold", task.hold_s, "s", task.hold_s, *origin))
+        if (a := task.align) is not None:
+            out += _align_parameters(name, a, *origin)
         for target in task.target:
             for hand, point in (("right", target.right_mm), ("left", target.left_mm)):
                 for axis, v in zip("xyz", point or (), strict=False):
                     out.append(Parameter(f"task {name} {target.name} {hand} {axis}", v * MM, "mm", v, *origin))
     return out
+
+
+def _align_parameters(name: str, a: AlignTable, provenance: Origin, note: str) -> Iterator[Parameter]:
+    lengths = {f"rectangle {axis}": v for axis, v in zip("xyz", a.position_mm, strict=True)}
+    for what, size in (("rectangle", a.size_mm), ("plate", a.plate_mm)):
+        lengths |= {f"{what} width": size[0], f"{what} height": size[1]}
+    for what, v in lengths.items():
+        yield Parameter(f"task {name} {what}", v * MM, "mm", v, provenance, note)
+    for axis, v in zip("xyz", a.facing, strict=True):
+        yield Parameter(f"task {name} facing {axis}", v, "1", v, provenance, note)
+    for what, v in (("roll", a.roll_deg), ("tolerance", a.tolerance_deg)):
+        yield Parameter(f"task {name} {what}", v * DEG, "deg", v, provenance, note)
+    for what, v in (("line", a.line), ("tolerance of the line", a.tolerance_line)):
+        yield Parameter(f"task {name} {what}", v, "1", v, provenance, note)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,7 +16,7 @@ from twin.core.spatial import Array
 from twin.core.units import DEG, MM
 from twin.kinematics import Kinematics
 from twin.model.mechanism import Mechanism
-from twin.model.scene import ConsoleTable, Place, Scene, Task
+from twin.model.scene import CameraTable, ConsoleTable, Place, Scene, Task
 from twin.simulation import contact_scene
 from twin.simulation.controllers.camera import Dragging, HandsToCamera, looking
 from twin.simulation.controllers.following import Arm, HandToPose
@@ -70,7 +70,7 @@ def world(
     device: Block,
     dt: float = 1e-3,
     records: bool = True,
-    watch: Block | None = None,
+    watch: Sequence[Block] = (),
     task: Task | None = None,
     props: Mechanism | None = None,
 ) -> World:
@@ -85,7 +85,7 @@ def world(
         device: block that writes the poses and gripper angles of `HANDS`, and the states of the pedals.
         dt: duration of one tick in s.
         records: whether every tick is recorded; see `World`.
-        watch: block without outputs that reads all signals at the end of each tick.
+        watch: blocks without outputs that read all signals at the end of a tick.
         task: a task; if it has transfers, the instruments touch objects and the solid bodies of the props.
         props: mechanism of the props; only needed for such a task.
 
@@ -120,7 +120,7 @@ def world(
         objects=scene.objects if touching else (),
         devices=[device],
         controllers=controllers,
-        plants=[*plants, *([] if watch is None else [watch])],
+        plants=[*plants, *watch],
         dt=dt,
         records=records,
     )
@@ -175,6 +175,9 @@ def identity(
             [peg.name, plain(peg.end), plain(peg.foot), plain(peg.radius)]
             for peg in contact_scene.pegs(scene, props, task).values()
         ]
+    if task is not None and (a := task.alignment) is not None:
+        about.append([plain(a.T_world_plate), plain(a.size), plain(a.plate), plain(a.line), camera.view_deg])
+        about.append([plain(a.tolerance), plain(a.off)])
     return "sha256:" + hashlib.sha256(json.dumps(about).encode()).hexdigest()
 
 
@@ -190,7 +193,7 @@ def _camera(
             f"{scene.file}: camera '{table.camera}' is on {frame.body}; a console can move only a camera on "
             f"{tool.body}, the body of the tool of {place.name}"
         )
-    T_tool_view = spatial.inverse(tool.T_body_frame) @ frame.T_body_frame @ camera.in_frame @ PICTURE
+    T_tool_view = picture_in_tool(camera, member.mechanism)
     T_world_centre = spatial.pose(place.T_world_base[:3, :3], next(iter(place.p_world_ports.values())))
     T_world_view = place.T_world_base @ member.kin.forward(q[place.name]) @ T_tool_view
     law = Dragging(looking(spatial.inverse(T_world_centre) @ T_world_view), dt)
@@ -198,6 +201,12 @@ def _camera(
     return HandsToCamera(
         place.name, *HANDS, law, np.eye(4), T_world_centre, place.T_world_base, T_view_tool=T_view_tool
     )
+
+
+def picture_in_tool(camera: CameraTable, mechanism: Mechanism) -> Array:
+    """Return the frame (4, 4) of the picture in the tool of the camera's robot; both are on one body."""
+    tool, frame = (mechanism.frame(n) for n in (mechanism.tool, camera.frame))
+    return spatial.inverse(tool.T_body_frame) @ frame.T_body_frame @ camera.in_frame @ PICTURE
 
 
 PICTURE = np.diag([1.0, -1.0, -1.0, 1.0])

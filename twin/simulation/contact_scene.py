@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -47,7 +47,7 @@ def contact(
     """
     table = _table(scene)
     grippers = [
-        Gripper(name, mechanism, _forward(kin), place.T_world_base, table.jaw_effort_n_mm * MM)
+        Gripper(name, mechanism, kin, place.T_world_base, table.jaw_effort_n_mm * MM)
         for name, (place, mechanism, kin) in arms.items()
     ]
     return Contact(scene.objects, _solids(scene, props), grippers, q, friction=table.friction)
@@ -100,13 +100,3 @@ def _box(part: Mesh, solid: Solid) -> tuple[Array, Array]:
     """Return the lower and the upper corner (3,) of the box around a part in the World."""
     p = part.vertices @ solid.T_world_body[:3, :3].T + solid.T_world_body[:3, 3]
     return p.min(axis=0), p.max(axis=0)
-
-
-def _forward(kin: Kinematics) -> Callable[[Array], Array]:
-    last: list[Array | None] = [None]
-
-    def forward(q: Array) -> Array:
-        last[0] = kin.forward(q, last[0])
-        return last[0]
-
-    return forward

@@ -1,7 +1,7 @@
 """Write one USD stage for a scene: references to the robots' stages, each at its place, the props, and the cameras.
 
 Props do not move: they are static colliders with their exact triangles. Engines accept exact triangles only for static
-colliders. Collisions of bodies that touch by design are switched off.
+colliders. Collisions of bodies that touch by design are switched off. Movable objects are rigid bodies at their start.
 """
 
 from __future__ import annotations
@@ -11,20 +11,25 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
-from pxr import Gf, Kind, Sdf, Usd, UsdGeom, UsdPhysics
+from pxr import Gf, Kind, Sdf, Usd, UsdGeom, UsdPhysics, UsdShade
 
 from twin.core import spatial
 from twin.core.spatial import Array
 from twin.core.units import DEG
 from twin.model.mechanism import Mechanism
+from twin.model.movable import together
 from twin.model.scene import CameraTable, Scene
 from twin.reference import ReferenceModel
 from twin.usd import gf
 from twin.usd.write.geometry import mesh_paths, write_geometry
 from twin.usd.write.layers import describe, new_layer, save
+from twin.usd.write.physics import write_inertia
 
 APERTURE_MM = 20.955
 """Horizontal aperture of the USD cameras in mm (USD's default); the focal length follows from the angle of view."""
+
+OBJECTS = "objects"
+"""Name of the prim that contains the movable objects, and of their layer."""
 
 LOOK = spatial.pose(np.diag([1.0, -1.0, -1.0]))
 """Rotation from a scope's frame (view along z) to a USD camera (view along -z, y up)."""
@@ -65,6 +70,8 @@ def write_scene(
             collider = stage.OverridePrim(f"/{scene.name}{mesh}")
             UsdPhysics.CollisionAPI.Apply(collider)
             UsdPhysics.MeshCollisionAPI.Apply(collider).CreateApproximationAttr(UsdPhysics.Tokens.none)
+    if scene.objects:
+        references[f"/{scene.name}/{OBJECTS}"] = f"./{_objects(stage, scene, folder).name}"
     for place in scene.places:
         out = UsdGeom.Xform.Define(stage, f"/{scene.name}/{place.name}")
         references[f"/{scene.name}/{place.name}"] = os.fspath(stages[place.name])
@@ -76,6 +83,28 @@ def write_scene(
     for prim, asset in references.items():
         layer.GetPrimAtPath(prim).referenceList.Prepend(Sdf.Reference(asset))
     return save(layer, path)
+
+
+def _objects(stage: Usd.Stage, scene: Scene, folder: Path) -> Path:
+    """Write the shapes of the movable objects, and make them rigid bodies of the scene; return the layer of shapes."""
+    mechanism = together(scene.objects, OBJECTS)
+    shapes = write_geometry(mechanism, folder / f"{OBJECTS}.usdc", mechanism.rest)
+    UsdGeom.Xform.Define(stage, f"/{scene.name}/{OBJECTS}")
+    for item in scene.objects:
+        body = stage.OverridePrim(f"/{scene.name}/{OBJECTS}/{item.name}")
+        UsdPhysics.RigidBodyAPI.Apply(body)
+        write_inertia(body, item.inertia())
+        collider = stage.OverridePrim(f"/{scene.name}{mesh_paths(mechanism)[item.name]}")
+        UsdPhysics.CollisionAPI.Apply(collider)
+        # a convex hull would close the hole of a ring
+        UsdPhysics.MeshCollisionAPI.Apply(collider).CreateApproximationAttr(UsdPhysics.Tokens.convexDecomposition)
+        material = UsdShade.Material.Define(stage, f"/{scene.name}/{OBJECTS}/{item.name}/friction")
+        surface = UsdPhysics.MaterialAPI.Apply(material.GetPrim())
+        surface.CreateStaticFrictionAttr(float(item.friction))
+        surface.CreateDynamicFrictionAttr(float(item.friction))
+        binding = UsdShade.MaterialBindingAPI.Apply(collider)
+        binding.Bind(material, UsdShade.Tokens.weakerThanDescendants, "physics")
+    return shapes
 
 
 def _let_touch(stage: Usd.Stage, scene: Scene, props: Mechanism | None) -> None:

@@ -1,4 +1,9 @@
-"""Compare groups of users by rank tests in each column of a CSV file, with a correction for the number of tests."""
+"""Compare groups of users by rank tests in each measure, with a correction for the number of tests.
+
+The effect is the rank-biserial correlation, which equals Cliff's delta (N. Cliff, Psychological Bulletin 114(3), 1993):
+the fraction of pairs in which the value of the first group is larger, minus that in which it is smaller. The measure A
+of Vargha and Delaney (J. Educational and Behavioral Statistics 25(2), 2000) is (effect + 1) / 2.
+"""
 
 from __future__ import annotations
 
@@ -13,12 +18,61 @@ from typing import Any
 import numpy as np
 
 from twin.core.errors import DescriptionError
-from twin.core.findings import Finding, warning
+from twin.core.findings import Finding, info, warning
 from twin.core.foreign.text import read_text
 from twin.core.quantity import Quantity
 from twin.core.result import Part, Result, Table
+from twin.core.spatial import Array
+from twin.validation.questionnaires import scored
 
-_GROUP = "group"
+_GROUP, _SESSION, _USER = "group", "session", "user"
+"""Columns that are no measures: group, number of the session of a user, name of the user."""
+
+
+@dataclass(frozen=True)
+class Users:
+    """A table of users or of their sessions.
+
+    Attributes:
+        file: name of the file.
+        groups: (k,) group of each row.
+        sessions: (k,) number of the session in each row; None: the table does not say it.
+        repeated: whether rows with other numbers are sessions of the same users.
+        measures: values (k,) by measure; NaN: an empty cell.
+        findings: findings on questionnaires.
+    """
+
+    file: str
+    groups: Sequence[str]
+    sessions: Sequence[float] | None
+    repeated: bool
+    measures: Mapping[str, Sequence[float]]
+    findings: Sequence[Finding] = ()
+
+    def samples(self, measure: str) -> dict[str, Array]:
+        """Return the values of a measure by group; of repeated sessions, the first and the last one of each group."""
+        values, groups = np.array(self.measures[measure], float), np.array(self.groups)
+        out = {}
+        for group in dict.fromkeys(self.groups):
+            mine = groups == group
+            if self.sessions is None or not self.repeated:
+                out[group] = values[mine]
+                continue
+            numbers = np.array(self.sessions)
+            for n in sorted({numbers[mine].min(), numbers[mine].max()}):
+                out[f"{group}, session {n:g}"] = values[mine & (numbers == n)]
+        return {group: x[np.isfinite(x)] for group, x in out.items()}
+
+    def pairs(self, measure: str) -> list[tuple[str, str]]:
+        """Return the pairs to compare: all groups; of repeated sessions, all last ones, and first with last ones."""
+        names = list(self.samples(measure))
+        if not self.repeated:
+            return list(combinations(names, 2))
+        by_group: dict[str, list[str]] = {}
+        for name in names:
+            by_group.setdefault(name.rpartition(", session ")[0], []).append(name)
+        learned = [(x[0], x[-1]) for x in by_group.values() if len(x) > 1]
+        return learned + list(combinations([x[-1] for x in by_group.values()], 2))
 
 
 @dataclass(frozen=True)
@@ -29,9 +83,11 @@ class Comparison:
         measure, groups: names of the measure and of the two groups.
         counts, medians: number of users and median of each group.
         u: Mann-Whitney U of the first group.
-        p: two-sided p-value; exact without ties, normal approximation with ties.
+        exact: whether p is exact; with ties, it is the normal approximation with correction for ties and continuity.
+        p: two-sided p-value.
         holm: p-value with Holm's correction for all comparisons.
         effect: rank-biserial correlation; 1 if every value of the first group is above every value of the second.
+        superiority: measure A: probability that a value of the first group is above one of the second; ties count half.
     """
 
     measure: str
@@ -39,9 +95,11 @@ class Comparison:
     counts: tuple[int, int]
     medians: tuple[float, float]
     u: float
+    exact: bool
     p: float
     holm: float
     effect: float
+    superiority: float
 
 
 @dataclass(frozen=True)
@@ -49,17 +107,22 @@ class Ranks(Result):
     """Rank tests of all groups of users.
 
     Attributes:
-        file: name of the CSV file.
+        users: the table.
         comparisons: one per pair of groups and measure.
-        findings: warnings about groups too small for a significant result.
+        findings: warnings about groups too small for a significant result, and notes on questionnaires.
     """
 
-    file: str
+    users: Users
     comparisons: Sequence[Comparison]
     findings: Sequence[Finding]
 
     kind = "study"
     judges = False
+
+    @property
+    def file(self) -> str:
+        """Name of the file."""
+        return self.users.file
 
     def content(self) -> dict[str, Any]:
         """Return plain data."""
@@ -75,47 +138,91 @@ class Ranks(Result):
                 f"{c.counts[0]}, {c.counts[1]}",
                 f"{c.medians[0]:.4g}, {c.medians[1]:.4g}",
                 f"{c.u:g}",
-                f"{c.p:.4f}",
+                f"{c.p:.4f}{'' if c.exact else '*'}",
                 f"{c.holm:.4f}",
                 f"{c.effect:+.2f}",
             )
             for c in self.comparisons
         ]
         yield Table(("measure", "groups", "users", "medians", "U", "p", "p (Holm)", "effect"), rows)
+        yield "  effect: rank-biserial correlation = Cliff's delta = 2 A - 1, A of Vargha and Delaney"
+        if not all(c.exact for c in self.comparisons):
+            yield "  *: with ties, normal approximation; the others are exact"
         yield ""
         yield from self.findings
+
+    def write(self, folder: Path) -> None:
+        """Write users.csv: one row per user or session, with scores instead of answers."""
+        u = self.users
+        with (folder / "users.csv").open("w", encoding="utf-8", newline="") as file:
+            out = csv.writer(file, lineterminator="\n")
+            numbered = u.sessions if u.repeated else None
+            out.writerow([_GROUP, *([] if numbered is None else [_SESSION]), *u.measures])
+            for k, group in enumerate(u.groups):
+                numbers = [] if numbered is None else [f"{numbered[k]:g}"]
+                cells = ["" if math.isnan(v[k]) else f"{v[k]:.9g}" for v in u.measures.values()]
+                out.writerow([group, *numbers, *cells])
 
 
 def compare(path: Path) -> Ranks:
     """Test every pair of groups in every numeric column of a CSV file; empty cells are skipped.
 
+    Columns ssq_1 to ssq_16 and ueq_1 to ueq_26 are answers to questionnaires, and are scored. With a column `session`,
+    rows are sessions of the same users: the last ones of all groups are compared, and the first with the last ones.
+
     Args:
-        path: CSV file with a header, a column `group`, and one row per user.
+        path: CSV file with a header, a column `group`, and one row per user or session.
 
     Raises:
-        DescriptionError: the column is missing, there is only one group, or a cell is not a number (with its line
-            number).
+        DescriptionError: the column is missing, there is only one group, every group has only one value, or a cell is
+            not a number (with its line number).
+    """
+    return compare_users(_read(path), str(path))
+
+
+def compare_users(users: Users, source: str = "") -> Ranks:
+    """Test the pairs of groups of a table in every measure; `source` names it in messages.
+
+    Raises:
+        DescriptionError: there is only one group, or every group has only one value.
     """
     from scipy import stats
 
-    columns = _read(path)
     found: list[Comparison] = []
-    for measure, groups in columns.items():
-        for a, b in combinations(groups, 2):
-            x, y = np.array(groups[a]), np.array(groups[b])
+    for measure in users.measures:
+        samples = users.samples(measure)
+        for a, b in users.pairs(measure):
+            x, y = samples[a], samples[b]
             if not len(x) or not len(y):
                 continue
             ties = len(np.unique(np.concatenate([x, y]))) < len(x) + len(y)
             test = stats.mannwhitneyu(x, y, method="asymptotic" if ties else "exact")
             u, medians = float(test.statistic), (float(np.median(x)), float(np.median(y)))
             p = 1.0 if math.isnan(test.pvalue) else float(test.pvalue)
-            effect = 2 * u / (len(x) * len(y)) - 1
-            found.append(Comparison(measure, (a, b), (len(x), len(y)), medians, u, p, p, effect))
+            part = u / (len(x) * len(y))
+            counts = (len(x), len(y))
+            found.append(Comparison(measure, (a, b), counts, medians, u, not ties, p, p, 2 * part - 1, part))
+    source = source or users.file
     if not found:
         raise DescriptionError(
-            f"{path}: there is nothing to compare: give two groups with numbers in at least one column"
+            f"{source}: there is nothing to compare: give two groups with numbers in at least one column"
         )
-    return Ranks(path.name, _holm(found), [*_small(found)])
+    if all(c.counts == (1, 1) for c in found):
+        raise DescriptionError(
+            f"{source}: every group has only one session or user, and a rank test of one against one says nothing: "
+            "give at least 4 in each group"
+        )
+    return Ranks(users, _holm(found), [*users.findings, *_repeated(users), *_small(found)])
+
+
+def _repeated(users: Users) -> Iterator[Finding]:
+    if users.repeated:
+        yield info(
+            "study.repeated",
+            _SESSION,
+            "the rank test takes first and last sessions as values of different users; those of one user are not "
+            "independent",
+        )
 
 
 def _holm(found: Sequence[Comparison]) -> list[Comparison]:
@@ -142,32 +249,44 @@ def _small(found: Sequence[Comparison]) -> Iterator[Finding]:
             )
 
 
-def _read(path: Path) -> Mapping[str, Mapping[str, list[float]]]:
-    """Return the values by column and group, both in the order of the file."""
+def _read(path: Path) -> Users:
+    """Return the table of a CSV file."""
     try:
         rows = list(csv.reader(read_text(path, "CSV", "utf-8-sig").splitlines()))
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise DescriptionError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from error
     if not rows or _GROUP not in (head := [h.strip() for h in rows[0]]):
         raise DescriptionError(f"{path}:1: the header needs a column '{_GROUP}', as in: {_GROUP},time_s,errors")
+    if twice := next((h for h in head if h and head.count(h) > 1), None):
+        raise DescriptionError(f"{path}:1: the header has '{twice}' twice")
     at = head.index(_GROUP)
-    measures = [(i, h) for i, h in enumerate(head) if i != at and h]
-    out: dict[str, dict[str, list[float]]] = {h: {} for _, h in measures}
+    numbers = [(i, h) for i, h in enumerate(head) if h not in (_GROUP, _USER, "")]
+    columns: dict[str, list[float]] = {h: [] for _, h in numbers}
+    groups: list[str] = []
+    lines: list[int] = []
     for line, row in enumerate(rows[1:], 2):
         if not any(cell.strip() for cell in row):
             continue
         if len(row) != len(head):
             raise DescriptionError(f"{path}:{line}: {len(row)} cells; the header has {len(head)}")
-        group = row[at].strip()
-        for i, measure in measures:
-            cell, values = row[i].strip(), out[measure].setdefault(group, [])
-            if not cell:
-                continue
-            try:
-                value = float(cell)
-            except ValueError:
-                value = math.nan
-            if not math.isfinite(value):
-                raise DescriptionError(f"{path}:{line}: {measure} is '{cell}'; give a finite number, or leave it empty")
-            values.append(value)
-    return out
+        groups.append(row[at].strip())
+        lines.append(line)
+        for i, measure in numbers:
+            columns[measure].append(_number(row[i].strip(), f"{path}:{line}: {measure}", measure != _SESSION))
+    sessions = columns.pop(_SESSION, None)
+    measures, findings = scored(path, columns, lines)
+    return Users(path.name, groups, sessions, sessions is not None, measures, findings)
+
+
+def _number(cell: str, where: str, optional: bool) -> float:
+    """Return the number in a cell; NaN if it is empty and optional."""
+    if not cell and optional:
+        return math.nan
+    try:
+        value = float(cell)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        way_out = "a finite number, or leave it empty" if optional else "the number of the session"
+        raise DescriptionError(f"{where} is '{cell}'; give {way_out}")
+    return value

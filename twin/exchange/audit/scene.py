@@ -63,6 +63,9 @@ def audit_scene(folder: Path, audited: Callable[[Path], Audited]) -> Audited:
             one.found = [replace(f, where=f"{name}/{f.where}") for f in one.found]
         ledgers += theirs
     ledger.row("robots", float(len(robots)), "found")
+    if robots and (objects := _objects(folder, ledger)):
+        robots["objects"] = Shown(np.eye(4), np.zeros(1), objects)
+        ledger.row("objects", float(len(objects)), "found")
     for stage in sorted((folder / "usd").glob("*.usda")) if robots else ():
         ledgers.append(_audit_stage(stage, robots))
     return contents, ledgers
@@ -89,6 +92,20 @@ def _places(folder: Path, ledger: Ledger) -> Iterator[tuple[str, str, Array, Pat
             ledger.add("scene.folder", "error", f"robot '{name}': the scene has no folder '{own}'.", where=name)
         else:
             yield name, protocol, T, path
+
+
+def _objects(folder: Path, ledger: Ledger) -> dict[str, Array]:
+    """Return T_world_object (1, 4, 4) of each movable object in scene.json, by name; report a wrong entry."""
+    try:
+        rows = json.loads((folder / FILE).read_text(encoding="utf-8")).get("objects", [])
+        out = {str(r["name"]): np.array(r["T_world_object"], float).reshape(1, 4, 4) for r in rows}
+    except (ValueError, KeyError, TypeError) as error:
+        ledger.add("scene.objects", "error", f"its list of objects is damaged: {type(error).__name__}, {error}.")
+        return {}
+    if not all(np.isfinite(T).all() for T in out.values()):
+        ledger.add("scene.objects", "error", "a pose in its list of objects is not finite.")
+        return {}
+    return out
 
 
 def _shown(contents: Sequence[Content], protocol: str, T_world_base: Array) -> Shown:

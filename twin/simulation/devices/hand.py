@@ -64,7 +64,8 @@ def tremor(rng: np.random.Generator, hand: Hand, lines: int = 24) -> Callable[[f
     f = rng.uniform(*hand.tremor_band, (lines, 3))
     phase = rng.uniform(0, 2 * np.pi, (lines, 3))
     amplitude = hand.tremor * np.sqrt(2 / lines / 3)
-    return lambda t: amplitude * np.sin(2 * np.pi * f * t + phase).sum(axis=0)
+    turns = 2 * np.pi * f
+    return lambda t: amplitude * np.add.reduce(np.sin(turns * t + phase), axis=0)
 
 
 class ScriptedHand(Block):

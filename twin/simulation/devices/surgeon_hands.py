@@ -27,6 +27,10 @@ _DRAGS = 20
 """Maximum number of strokes with the camera pedal for one target; then the surgeon accepts the picture."""
 
 
+_EYE = np.eye(4)
+"""Copied in every tick, which is faster than `np.eye`."""
+
+
 @dataclass(frozen=True)
 class Habits:
     """Parameters of the surgeon, SI; all ASSUMED.
@@ -129,7 +133,7 @@ class SurgeonHands(Block):
     def _said(self, t: float) -> dict[str, ArrayLike]:
         out: dict[str, ArrayLike] = {}
         for hand in self.arms:
-            pose = np.eye(4)
+            pose = _EYE.copy()
             pose[:3, :3], pose[:3, 3] = self._R[hand], self._p[hand] + self._shake[hand](t)
             out[f"{hand}.pose"], out[f"{hand}.grip"] = pose.ravel(), self._grip[hand]
         out |= {f"{self.device}.clutch": float(self._clutch), f"{self.device}.camera": float(self._camera)}

@@ -1,19 +1,21 @@
-"""Judge a task with rings from the recorded poses: transferred and dropped rings, collisions of instruments, time."""
+"""Judge a task with rings sample by sample: transferred and dropped rings, collisions of instruments, time, events.
+
+A page shows what `Referee` has seen so far; a report shows what another `Referee` sees in the recorded signals.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-
-import numpy as np
+from dataclasses import dataclass, field
+from typing import Any, Literal
 
 from twin.core.spatial import Array
 from twin.core.units import MM
 from twin.model.movable import Movable
 from twin.model.scene import Task
 from twin.simulation.contact_scene import Peg
-from twin.simulation.session.movement import runs
-from twin.simulation.world import Recording
+from twin.simulation.world import Block, Recording, Signals
 
 _FALL = 10 * MM
 """Minimum fall in m of a ring that is not held, to count as a drop; ASSUMED."""
@@ -68,64 +70,245 @@ class BoardMeasures:
         """Drops and collisions; n_Err."""
         return self.dropped + self.collisions
 
+    def rows(self) -> list[tuple[str, str]]:
+        """Return the measures as names and values, in the order in which pages and reports show them."""
+        return [
+            ("Time", f"{self.time:.1f} s"),
+            ("Rings transferred", f"{self.transferred} of {len(self.rings)}"),
+            ("Rings dropped", str(self.dropped)),
+            ("Instrument collisions", str(self.collisions)),
+            ("Errors", str(self.errors)),
+        ]
+
+
+@dataclass(frozen=True)
+class Event:
+    """Something that a page tells at once.
+
+    Attributes:
+        t: time in s.
+        tone: "good": a ring is on its peg; "bad": an error; "plain": no measure.
+        text: the sentence.
+    """
+
+    t: float
+    tone: Literal["good", "plain", "bad"]
+    text: str
+
+
+class Referee(Block):
+    """Judges a task with rings while it is performed; it writes no signal.
+
+    Signals: `<ring>.pose`, `<ring>.holder`, and `<robot>.touches`, `<robot>.meets`, `<robot>.follows`.
+
+    Attributes:
+        events: what has happened, in the order of time.
+    """
+
+    outputs: Mapping[str, Array] = {}
+
+    def __init__(
+        self, task: Task, objects: Sequence[Movable], pegs: Mapping[str, Peg], robots: Sequence[str], period: float
+    ) -> None:
+        """Begin with no sample.
+
+        Args:
+            task: a task with transfers.
+            objects: the objects of the scene.
+            pegs: the pegs, by name.
+            robots: the instruments, in the order of the numbers in `<ring>.holder`.
+            period: time in s between two samples.
+        """
+        shapes = {o.name: o for o in objects}
+        self.period, self.events, self._names = period, list[Event](), tuple(robots)
+        few = round(_SHORT / period)
+        self._rings = [_Ring(shapes[t.ring], pegs[t.peg], few) for t in task.transfers]
+        self._hits = [_Contacts(few) for _ in robots]
+        self._meetings = _Contacts(few)
+        self._samples, self._begun = 0, -1
+
+    def step(self, signals: Signals, t: float, dt: float) -> dict[str, Array]:
+        """Judge the signals at the end of this tick."""
+        self.see(signals.now)
+        return {}
+
+    def see(self, now: Mapping[str, Array]) -> None:
+        """Judge one sample, `period` after the sample before."""
+        k = self._samples
+        self._samples += 1
+        if self._begun < 0 and any(now[f"{name}.follows"][0] > 0.5 for name in self._names):
+            self._begun = k
+        for ring in self._rings:
+            name = ring.name
+            if (news := ring.see(k, now[f"{name}.pose"], int(now[f"{name}.holder"][0]))) is not None:
+                done = sum(r.settled for r in self._rings)
+                count = f": {done} of {len(self._rings)}" if news[0] == "good" else ""
+                self._tell(k, news[0], news[1] + count)
+        met = False
+        for name, hits in zip(self._names, self._hits, strict=True):
+            met |= bool(now[f"{name}.meets"][0] > 0.5)
+            if hits.see(k, bool(now[f"{name}.touches"][0] > 0.5)):
+                self._tell(k, "bad", f"{name} touched the board")
+        if self._meetings.see(k, met):
+            self._tell(k, "bad", f"{' and '.join(self._names)} touched each other")
+
+    @property
+    def complete(self) -> bool:
+        """Whether all rings lie around their pegs, without a hand for some time."""
+        return all(ring.settled for ring in self._rings)
+
+    def measures(self) -> BoardMeasures:
+        """Return the measures of all samples so far."""
+        dt = self.period
+        found = [ring.result(dt) for ring in self._rings]
+        start = max(self._begun, 0) * dt
+        end = max((self._samples * dt if r.t is None else r.t for r in found), default=start)
+        if self._begun < 0:
+            end = start
+        return BoardMeasures(found, sum(h.count for h in self._hits) + self._meetings.count, end - start)
+
+    def content(self, last: int = 5) -> dict[str, Any]:
+        """Return the scoreboard as plain data: the measures, the state and colour of each ring, the `last` events."""
+        return {
+            "rows": [list(row) for row in self.measures().rows()],
+            "rings": [[ring.name, ring.state(self._names), ring.color] for ring in self._rings],
+            "events": [[round(e.t, 1), e.tone, e.text] for e in self.events[-last:]],
+        }
+
+    def _tell(self, k: int, tone: Literal["good", "plain", "bad"], text: str) -> None:
+        self.events.append(Event(k * self.period, tone, text))
+
 
 def measure(
     kept: Recording, task: Task, objects: Sequence[Movable], pegs: Mapping[str, Peg], robots: Sequence[str]
 ) -> BoardMeasures:
-    """Return the measures of a task with transfers.
-
-    Args:
-        kept: signals of the session, with `<ring>.pose`, `<ring>.holder`, and `touches`, `meets` of each robot.
-        task: the task.
-        objects: the objects of the scene.
-        pegs: the pegs, by name.
-        robots: the instruments.
-    """
-    shapes = {o.name: o for o in objects}
-    rings = [_ring(kept, t.ring, shapes[t.ring].size[0], pegs[t.peg]) for t in task.transfers]
-    few = round(_SHORT / kept.dt)
-    collisions = sum(len(_merged(kept[f"{name}.touches"][:, 0] > 0.5, few)) for name in robots)
-    met = np.any([kept[f"{name}.meets"][:, 0] > 0.5 for name in robots], axis=0)
-    begun = np.flatnonzero(np.any([kept[f"{name}.follows"][:, 0] > 0.5 for name in robots], axis=0))
-    start = float(kept.t[begun[0]]) if len(begun) else 0.0
-    end = max((float(kept.t[-1]) + kept.dt if r.t is None else r.t for r in rings), default=start)
-    return BoardMeasures(rings, collisions + len(_merged(met, few)), end - start)
+    """Return the measures of a task with transfers; the arguments are those of `Referee`, `kept` its signals."""
+    referee = Referee(task, objects, pegs, robots, kept.dt)
+    names = [f"{t.ring}.{what}" for t in task.transfers for what in ("pose", "holder")]
+    names += [f"{robot}.{what}" for robot in robots for what in ("touches", "meets", "follows")]
+    columns = [(name, kept[name]) for name in names]
+    for k in range(len(kept.rows)):
+        referee.see({name: column[k] for name, column in columns})
+    return referee.measures()
 
 
-def around(Ts: Array, radius: float, peg: Peg) -> np.ndarray:
-    """Return (k,) bool: whether the peg passes through the hole of a ring at poses Ts (k, 4, 4) in the World.
+def around(T: Array, radius: float, peg: Peg) -> bool:
+    """Return whether a ring at a pose T (16,), row by row, in the World has the peg in its hole.
 
     It does if the peg's axis intersects the plane of the ring at less than `radius` in m from the ring's centre.
     """
-    n, middle = Ts[:, :3, 2], Ts[:, :3, 3]
-    way = peg.end - peg.foot
-    slope = n @ way
-    s = np.sum(n * (middle - peg.foot), axis=1) / np.where(np.abs(slope) < 1e-12, np.inf, slope)
-    cut = peg.foot + s[:, None] * way
-    return (np.abs(slope) >= 1e-12) & (s >= 0) & (s <= 1) & (np.linalg.norm(cut - middle, axis=1) < radius)
+    _, _, nx, x, _, _, ny, y, _, _, nz, z, *_ = T.tolist()
+    (fx, fy, fz), (ex, ey, ez) = peg.foot.tolist(), peg.end.tolist()
+    wx, wy, wz = ex - fx, ey - fy, ez - fz
+    slope = nx * wx + ny * wy + nz * wz
+    if abs(slope) < 1e-12:
+        return False
+    s = (nx * (x - fx) + ny * (y - fy) + nz * (z - fz)) / slope
+    off = math.hypot(fx + s * wx - x, fy + s * wy - y, fz + s * wz - z)
+    return 0 <= s <= 1 and off < radius
 
 
-def _ring(kept: Recording, name: str, radius: float, peg: Peg) -> RingResult:
-    Ts = kept[f"{name}.pose"].reshape(-1, 4, 4)
-    held = np.zeros(len(Ts), bool)
-    for a, b in _merged(kept[f"{name}.holder"][:, 0] >= 0, round(_SHORT / kept.dt)):
-        held[a : b + 1] = True
-    placed = around(Ts, radius, peg) & ~held
-    drops = 0
-    for a, b in runs(~held):
-        after_grasp = a > 0
-        if after_grasp and not placed[b] and Ts[a, 2, 3] - Ts[b, 2, 3] > _FALL:
-            drops += 1
-    last = runs(placed)[-1] if placed[-1:].any() else None
-    return RingResult(name, peg.name, None if last is None else float(kept.t[last[0]]), drops)
+@dataclass
+class _Contacts:
+    """Counts the runs of samples with contact; runs that are at most `few` samples apart are one."""
+
+    few: int
+    count: int = 0
+    last: int | None = None
+
+    def see(self, k: int, on: bool) -> bool:
+        """Return whether a run begins at sample k."""
+        if not on:
+            return False
+        begins = self.last is None or k - self.last > self.few
+        self.count += begins
+        self.last = k
+        return begins
 
 
-def _merged(flags: np.ndarray, few: int) -> list[tuple[int, int]]:
-    """Return the runs of true values in flags (k,); runs that are at most `few` apart are joined."""
-    out: list[tuple[int, int]] = []
-    for a, b in runs(flags):
-        if out and a - out[-1][1] <= few:
-            out[-1] = out[-1][0], b
+@dataclass
+class _Ring:
+    """A ring, its peg, and its history: held or free, and since when around its peg."""
+
+    item: Movable
+    peg: Peg
+    few: int
+    drops: int = 0
+    at: int = -1
+    held: int | None = None
+    """Last sample with a hand; None: no hand has held the ring yet."""
+    holder: int = -1
+    free: float | None = None
+    """Height in m at which the last hand has left the ring; None: a hand holds it, or none has held it yet."""
+    z: float = 0.0
+    placed: int | None = None
+    told: str = field(default="")
+
+    @property
+    def name(self) -> str:
+        return self.item.name
+
+    @property
+    def color(self) -> str:
+        """Colour for a page, "#rrggbb", from linear components."""
+        shown = [12.92 * c if c <= 0.0031308 else 1.055 * c ** (1 / 2.4) - 0.055 for c in self.item.color_rgba[:3]]
+        return "#" + "".join(f"{round(255 * min(max(c, 0.0), 1.0)):02x}" for c in shown)
+
+    @property
+    def fell(self) -> bool:
+        """Whether the ring has been dropped since the last hand has left it."""
+        return self.free is not None and self.placed is None and self.free - self.z > _FALL
+
+    @property
+    def left(self) -> bool:
+        """Whether no hand holds the ring, and none has for some time."""
+        return self.holder < 0 and (self.held is None or self.at - self.held > self.few)
+
+    @property
+    def settled(self) -> bool:
+        """Whether the ring is around its peg, and no hand has held it for some time."""
+        return self.placed is not None and self.left
+
+    def see(self, k: int, T: Array, holder: int) -> tuple[Literal["good", "plain", "bad"], str] | None:
+        """Judge sample k; return tone and text of an event, or None."""
+        before, self.at, self.holder = self.holder, k, holder
+        if holder >= 0:
+            if self.held is None or k - self.held > self.few:  # a shorter gap does not end the grasp before
+                self.drops += self.fell
+            self.held, self.free, self.placed = k, None, None
         else:
-            out.append((a, b))
-    return out
+            self.z = float(T[11])
+            if before >= 0:
+                self.free = self.z
+            if not around(T, self.item.size[0], self.peg):
+                self.placed = None
+            elif self.placed is None:
+                self.placed = k
+        return self._news()
+
+    def _news(self) -> tuple[Literal["good", "plain", "bad"], str] | None:
+        if self.holder >= 0:
+            now = "" if self.told != "placed" else "taken"
+        elif not self.left:
+            return None
+        else:
+            now = "placed" if self.placed is not None else "dropped" if self.fell else ""
+        before, self.told = self.told, now
+        if now == before:
+            return None
+        if now == "placed":
+            return "good", f"{self.name} is on its peg"
+        if now == "dropped":
+            return "bad", f"{self.name} was dropped"
+        return ("plain", f"{self.name} has left its peg") if before == "placed" else None
+
+    def state(self, robots: Sequence[str]) -> str:
+        """Return where the ring is, in words."""
+        if self.holder >= 0:
+            return f"held by {robots[self.holder]}"
+        return "on its peg" if self.settled else "dropped" if self.fell and self.left else "not on its peg"
+
+    def result(self, dt: float) -> RingResult:
+        """Return the result of all samples so far, which are dt in s apart."""
+        t = None if self.placed is None else self.placed * dt
+        return RingResult(self.name, self.peg.name, t, self.drops + self.fell)

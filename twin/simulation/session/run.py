@@ -15,6 +15,7 @@ from twin.model.mechanism import Mechanism
 from twin.model.scene import Scene, Task
 from twin.simulation import console_scene, contact_scene
 from twin.simulation.console_scene import HANDS, PEDALS, Member
+from twin.simulation.devices.camera_surgeon import CameraSurgeon
 from twin.simulation.devices.recorded import Recorded
 from twin.simulation.devices.ring_surgeon import Ring, RingSurgeon
 from twin.simulation.devices.surgeon import ScriptedSurgeon
@@ -117,7 +118,7 @@ def surgeon(
     scale: float | None = None,
     dt: float = 1e-3,
     props: Mechanism | None = None,
-) -> ScriptedSurgeon | RingSurgeon:
+) -> ScriptedSurgeon | RingSurgeon | CameraSurgeon:
     """Return the simulated surgeon of a task, who controls the first arm of each hand.
 
     Args:
@@ -145,6 +146,8 @@ def surgeon(
             for t in task.transfers
         ]
         return RingSurgeon(PEDALS, arms, camera.robot, view, rings, scale, dt, seed)
+    if (a := task.alignment) is not None:
+        return CameraSurgeon(PEDALS, arms, camera.robot, view, task.name, a.upper, a.line, scale, dt, seed)
     targets = [(t.name, t.p_world) for t in task.targets]
     return ScriptedSurgeon(PEDALS, arms, camera.robot, view, targets, task.tolerance, task.hold, scale, dt, seed)
 
@@ -177,10 +180,10 @@ def perform(
         TwinError: the scene has no console.
     """
     device, tape = surgeon(scene, members, task, seed, scale, props=props), Tape()
-    world = console_scene.world(scene, members, device, records=False, watch=tape, task=task, props=props)
+    world = console_scene.world(scene, members, device, records=False, watch=[tape], task=task, props=props)
     writer = SessionWriter(path, head_of(scene, members, world, device, task, seed, props))
     keep = _Keep(world)
-    names = [*(t.name for t in task.targets), *(t.ring for t in task.transfers)]
+    names = [*(t.name for t in task.targets), *(t.ring for t in task.transfers)] or [task.name]
     try:
         while not world.ended and not writer.full:
             world.step(file.CHUNK)
@@ -253,7 +256,7 @@ def replay(
     tape = Tape()
     task = None if start.task is None else scene.tasks[start.task]
     world = console_scene.world(
-        scene, members, recorded, dt=start.dt, records=False, watch=tape, task=task, props=props
+        scene, members, recorded, dt=start.dt, records=False, watch=[tape], task=task, props=props
     )
     if world.signals.sizes != file.sizes(start.world):
         raise WorldError(

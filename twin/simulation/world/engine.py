@@ -163,7 +163,7 @@ class World:
                 if hazards:
                     self._change(memory, hazards, t)
             for block, every, dt, memory, hazards in self._moved:
-                if tick % every == 0 and (out := block.step(signals, t, dt)):
+                if (every == 1 or tick % every == 0) and (out := block.step(signals, t, dt)):
                     _write(block, out, memory)
                 if hazards:
                     self._change(memory, hazards, t)
@@ -220,9 +220,10 @@ class World:
 
 def _write(block: Block, out: Mapping[str, ArrayLike] | None, memory: Mapping[str, Array]) -> None:
     for name, value in (out or {}).items():
-        if name not in memory:
+        view = memory.get(name)
+        if view is None:
             raise WorldError(f"{type(block).__name__} writes '{name}', which is not among its outputs")
-        put(memory[name], name, value)
+        put(view, name, value)
 
 
 def _once(names: Iterable[str]) -> set[str]:

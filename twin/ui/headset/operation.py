@@ -18,21 +18,26 @@ from twin.api import Robot
 from twin.core import spatial
 from twin.core.errors import TwinError
 from twin.core.spatial import Array
-from twin.model.scene import Scene
+from twin.model.mechanism import Mechanism
+from twin.model.scene import Scene, Task
 from twin.simulation.console_scene import HANDS, PEDALS
 from twin.simulation.controllers.following import SCALE
 from twin.simulation.devices.given import HandState
 from twin.simulation.devices.packets import Packets
-from twin.simulation.session.file import LONGEST, SessionWriter
-from twin.simulation.session.run import head_of
-from twin.simulation.session.tape import Tape
+from twin.ui.door.answers import File
 from twin.ui.door.mqtt import ScaleTopic
 from twin.ui.headset import protocol as wire
 from twin.ui.headset.packet_hands import UDP, PacketHands
 from twin.ui.headset.protocol import RefusedError
 from twin.ui.headset.scene_frame import pack_scene
-from twin.ui.session.console import HeldError, LiveConsole
+from twin.ui.session.console import HeldError, LiveConsole, MakeReport
 from twin.ui.session.timeline import RATE
+
+REPORT = "/report-{}.html"
+"""Path of the report of an attempt at a task."""
+
+_PAPER = "default-src 'none'; style-src 'unsafe-inline'; img-src data:; base-uri 'none'; form-action 'none'"
+"""Content-Security-Policy of a report, which has no scripts and contains its styles and pictures."""
 
 HEARTBEAT = 6
 """Number of ticks after which a frame is sent even if nothing has moved."""
@@ -47,28 +52,34 @@ class Operation(LiveConsole):
         packets: hands by UDP; None before `listen`.
         tablet: motion scale by MQTT; None before `connect`.
         send: function that sends a document to all clients.
+        files: reports of finished attempts, by path.
     """
 
     device: Packets
 
     replays, alone, version = False, False, wire.VERSION
 
-    def __init__(self, scene: Scene, robots: Mapping[str, Robot], session: Path | None = None) -> None:
-        """Create the World with the robots at the places of the scene; `session` is the session file (None: no file).
+    def __init__(
+        self,
+        scene: Scene,
+        robots: Mapping[str, Robot],
+        session: Path | None = None,
+        task: Task | None = None,
+        props: Mechanism | None = None,
+        report: MakeReport | None = None,
+    ) -> None:
+        """Create the World with the robots at the places of the scene; for the arguments see `LiveConsole`.
 
         Raises:
-            TwinError: the scene has no console, or the console does not match its robots.
+            TwinError: the scene has no console, the console does not match its robots, or the task its props.
             OutputError: the session cannot be written.
         """
         self.packets: PacketHands | None = None
         self.tablet: ScaleTopic | None = None
         self._connection: asyncio.Future[None] | None = None
-        self._tape = None if session is None else Tape()
+        self.files: dict[str, File] = {}
         scale = 1.0 if scene.console is None else scene.console.scale
-        super().__init__(scene, robots, Packets(PEDALS, HANDS, scale), self._tape)
-        self._session = None
-        if session is not None:
-            self._session = SessionWriter(session, head_of(scene, self.members, self.world, self.device))
+        super().__init__(scene, robots, Packets(PEDALS, HANDS, scale), session, task, props, report)
         self.send: Callable[[dict[str, Any]], object] = lambda document: None
         self._bodies = {n: [b.name for b in m.mechanism.bodies] for n, m in self.members.items()}
         self._tick, self._sent, self._seq = -1.0, float(-HEARTBEAT), 0
@@ -89,7 +100,8 @@ class Operation(LiveConsole):
     @property
     def links(self) -> tuple[str, ...]:
         """Names of all links, "<robot>/<link>"."""
-        return tuple(f"{robot}/{name}" for robot, names in self._bodies.items() for name in names)
+        own = [f"{robot}/{name}" for robot, names in self._bodies.items() for name in names]
+        return (*own, *(f"{wire.OBJECTS}/{item.name}" for item in self.objects))
 
     @property
     def joints(self) -> tuple[str, ...]:
@@ -115,38 +127,13 @@ class Operation(LiveConsole):
         self._connection = asyncio.ensure_future(self.tablet.run())
 
     def close(self) -> None:
-        """End the connections to packets and broker, and complete the session file."""
+        """End the connections to packets and broker; complete the session file, and remove temporary files."""
         if self.packets is not None:
             self.packets.door.close()
             self.packets = None
         if self._connection is not None:
             self._connection.cancel()
-        self._write()
-        session, self._session = self._session, None
-        try:
-            if session is not None:
-                session.close()
-        except TwinError as error:
-            logging.getLogger(__name__).error("the session is incomplete: %s", error)
-
-    def _write(self) -> None:
-        """Write the ticks since the last call to the session file; an error ends the recording, not the World."""
-        session, rows = self._session, None if self._tape is None else self._tape.take()
-        if session is None or rows is None:
-            return
-        rows = rows[: self.world.tick - session.ticks]  # without the row of a failed tick
-        try:
-            if len(rows):
-                session.add(rows)
-            if session.full:
-                session.close()
-                text = "the session has reached %g s, the maximum: %s is complete"
-                logging.getLogger(__name__).warning(text, LONGEST, session.path)
-                self._session = None
-        except TwinError as error:
-            session.abandon()
-            self._session = None
-            logging.getLogger(__name__).error("the session is no longer recorded: %s", error)
+        super().close()
 
     # -- time -----------------------------------------------------------------------------------------
 
@@ -162,7 +149,9 @@ class Operation(LiveConsole):
             self._send(text)
         if self.tablet is not None and self.reading["scale"] != scale:
             self.tablet.show(self.reading["scale"])
-        row = np.concatenate([self.world.signals[f"{n}.q"] for n in self.members])
+        self._publish()
+        poses = [self.world.signals[f"{item.name}.pose"] for item in self.objects]
+        row = np.concatenate([*(self.world.signals[f"{n}.q"] for n in self.members), *poses])
         moved = self._shown is None or not np.array_equal(row, self._shown)
         if not moved and tick - self._sent < HEARTBEAT:
             return None
@@ -171,7 +160,7 @@ class Operation(LiveConsole):
             self._look()
         self._sent = tick
         self._seq += 1
-        robots = [self._pack(name, server_time) for name in self.members]
+        robots = [self._pack(name, server_time) for name in (*self.members, *([wire.OBJECTS] if self.objects else []))]
         return pack_scene(self._seq - 1, server_time, self.world.t, 0, robots, ())
 
     def _before_steps(self, parts: int, dt: float) -> None:
@@ -181,7 +170,7 @@ class Operation(LiveConsole):
     def _after_steps(self, behind: bool) -> None:
         if behind and self.packets is not None:  # use all packets at once, so that the delay does not grow
             self._exchange(self.packets, 1, self.world.dt)
-        self._write()
+        super()._after_steps(behind)
 
     def _exchange(self, packets: PacketHands, parts: int, dt: float) -> None:
         """Receive packets for the next steps of the World, which take dt in s, and send the forces."""
@@ -212,9 +201,17 @@ class Operation(LiveConsole):
             T_base_world = spatial.inverse(self._places[name].T_world_base)
             poses = wire.sevens(T_base_world @ np.stack([frame.link_poses[name][b] for b in bodies]))
             self._sevens[name] = wire.near_signs(poses, self._sevens.get(name))
+        if self.objects:
+            poses = wire.sevens(np.stack([frame.link_poses[item.name][item.name] for item in self.objects]))
+            self._sevens[wire.OBJECTS] = wire.near_signs(poses, self._sevens.get(wire.OBJECTS))
+
+    def _publish(self) -> None:
+        """Offer the newest report as a file."""
+        if (made := self.report()) is not None and made[1] is not None and REPORT.format(made[0]) not in self.files:
+            self.files[REPORT.format(made[0])] = File(made[1], "text/html; charset=utf-8", policy=_PAPER)
 
     def _pack(self, name: str, server_time: float) -> bytes:
-        poses, q = self._sevens[name], self.world.signals[f"{name}.q"]
+        poses, q = self._sevens[name], self.world.signals[f"{name}.q"] if name in self.members else np.zeros(0)
         return wire.pack(self._seq - 1, server_time, 0.0, 0, wire.pack_body(poses, q, None), len(poses), len(q))
 
     # -- requests of clients --------------------------------------------------------------------------
@@ -236,9 +233,19 @@ class Operation(LiveConsole):
                 return self._hands(client, message)
             if isinstance(message, wire.Scale):
                 return self.rescale(client, message.value)
+            if isinstance(message, wire.Task):
+                return self._task_message(client, message)
         except HeldError as error:
             raise RefusedError("held", str(error)) from None
         raise RefusedError("refused", "only the hands of the console control these robots: send `hands`")
+
+    def _task_message(self, client: str, message: wire.Task) -> None:
+        try:
+            (self.restart if message.do == "restart" else self.end)(client)
+        except HeldError:
+            raise
+        except TwinError as error:
+            raise RefusedError("refused", str(error)) from None
 
     def _hands(self, client: str, message: wire.Hands) -> None:
         states = [

@@ -53,6 +53,9 @@ _HEADER = struct.Struct("<IIddHHI")
 
 # -- frames ---------------------------------------------------------------------------------------------
 
+OBJECTS = "objects"
+"""Name of the movable objects in lists of links: "objects/ring1"."""
+
 
 @dataclass(frozen=True, eq=False)
 class Frame:
@@ -303,6 +306,13 @@ class Scale(_Message):
     value: Annotated[float, Field(ge=0.05, le=1)]
 
 
+class Task(_Message):
+    """End the present attempt at the task of a console, or begin a new one."""
+
+    type: Literal["task"]
+    do: Literal["end", "restart"]
+
+
 class Ping(_Message):
     """Request a `pong` with the same t and the server's time; a grab is not released while a client sends pings."""
 
@@ -324,6 +334,7 @@ Message = (
     | Workspace
     | Hands
     | Scale
+    | Task
     | Record
     | Ping
 )

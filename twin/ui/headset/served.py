@@ -6,7 +6,7 @@ import base64
 import hashlib
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,10 +16,13 @@ from twin.api import Robot
 from twin.core import spatial
 from twin.core.errors import TwinError
 from twin.core.units import DEG, MM
+from twin.model import alignment
 from twin.model.mechanism import Mechanism
-from twin.model.scene import Place, Scene
+from twin.model.movable import together
+from twin.model.scene import Place, Scene, Task
 from twin.ui.door.answers import File
 from twin.ui.headset import files
+from twin.ui.headset import protocol as wire
 from twin.ui.headset.description import describe, numbers, pose
 from twin.ui.headset.live import Live
 from twin.ui.headset.twin import Twin
@@ -29,11 +32,12 @@ from twin.ui.session.timeline import Clock
 
 if TYPE_CHECKING:
     from twin.ui.headset.operation import Operation
+    from twin.ui.session.console import MakeReport
 
 _ROBOTS = "robots/{}/"
 """Path of the files of a robot in a scene."""
 
-_PROPS = "props.glb"
+_PROPS, _OBJECTS = "props.glb", "objects.glb"
 
 Endpoint = tuple[str, int]
 """Host and port."""
@@ -49,6 +53,7 @@ class Served:
         model_hash: hash of the displayed geometry.
         files: all files except those of the page, by path.
         preload: paths of the files that the page requests first.
+        late: files that appear while the server runs, by path.
     """
 
     live: Live | Operation
@@ -56,6 +61,7 @@ class Served:
     model_hash: str
     files: dict[str, File]
     preload: tuple[str, ...]
+    late: dict[str, File] = field(default_factory=dict)
 
     @property
     def hello(self) -> dict[str, Any]:
@@ -110,6 +116,8 @@ def of_console(
     packets: Endpoint | None = None,
     mqtt: Endpoint | None = None,
     topic: str | None = None,
+    task: Task | None = None,
+    report: MakeReport | None = None,
 ) -> Served:
     """Return the content for a scene whose robots are controlled by its console; call this function in an event loop.
 
@@ -121,6 +129,8 @@ def of_console(
         packets: address for hands by UDP; None: no packets.
         mqtt: address of the MQTT broker for the motion scale; None: no broker.
         topic: topic of the motion scale; None: twin/<scene>/scale.
+        task: the task at the console; None: no task.
+        report: makes the report of an attempt at the task, see `LiveConsole`.
 
     Raises:
         TwinError: the scene has no console, the console does not match its robots, or the port of packets is in use.
@@ -129,7 +139,7 @@ def of_console(
     # It imports MuJoCo and the simulation, which a single robot does not need.
     from twin.ui.headset.operation import Operation
 
-    operation = Operation(scene, robots, session)
+    operation = Operation(scene, robots, session, task, props, report)
     try:
         if packets is not None:
             operation.listen(*packets)
@@ -140,7 +150,8 @@ def of_console(
         raise
     about = [describe(robots[p.name], Desk(robots[p.name]), {}, {}, p) for p in scene.places]
     nothing = {"protocols": [], "variants": [], "postures": [], "has_workspace": False}
-    return _placed(scene, robots, operation, [a | nothing for a in about], props, None)
+    shown = alignment.beside(props, None if task is None else task.alignment)
+    return _placed(scene, robots, operation, [a | nothing for a in about], shown, None)
 
 
 def _placed(
@@ -160,9 +171,15 @@ def _placed(
         placed.append({**one, "files": folder, "ports": _ports(place)})
     described = _describe(scene.name, scene.title, placed, feed)
     described["cameras"] = _cameras(scene, robots)
+    if not isinstance(live, Live) and live.task is not None and (a := live.task.alignment) is not None:
+        next(c for c in described["cameras"] if c["name"] == live.table.camera)["line"] = a.line
     described["assumed"] = [f"{p.name}: {p.note}" for p in scene.parameters if p.provenance == "ASSUMED"]
     if not isinstance(live, Live):
         described["console"] = live.about
+        if live.objects:
+            glb = glb_bytes(together(live.objects, wire.OBJECTS))
+            own |= files.glb_file(_OBJECTS, glb)
+            described["objects"] = {"file": _OBJECTS, "names": [item.name for item in live.objects]}
     preload = [f"{_ROBOTS.format(p.name)}robot.glb" for p in scene.places]
     if props is not None:
         glb = glb_bytes(props)
@@ -173,7 +190,8 @@ def _placed(
     text = json.dumps(described, sort_keys=True).encode()
     described["model_hash"] = "sha256:" + hashlib.sha256(text).hexdigest()
     own |= files.scene_file(described)
-    return Served(live, scene.name, described["model_hash"], own, tuple(preload))
+    late = {} if isinstance(live, Live) else live.files
+    return Served(live, scene.name, described["model_hash"], own, tuple(preload), late)
 
 
 def _describe(name: str, title: str, robots: Sequence[dict[str, Any]], feed: Feed | None) -> dict[str, Any]:

@@ -7,7 +7,7 @@ import secrets
 import ssl
 import time
 from collections import OrderedDict
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from http import HTTPStatus
 from typing import Any
 
@@ -53,7 +53,7 @@ class StreamServer:
         self,
         source: Source,
         hello: dict[str, Any],
-        files: dict[str, File],
+        files: Mapping[str, File],
         gate: Gate,
         recording: Recording | None = None,
     ) -> None:

@@ -8,9 +8,11 @@ import numpy as np
 
 from twin.api.session import ConsoleSession
 from twin.core.units import DEG, MM
+from twin.model.alignment import Alignment
 from twin.simulation import console_scene
 from twin.simulation.console_scene import HANDS, PEDALS
 from twin.simulation.session import movement
+from twin.simulation.session.camera_task import AlignMeasures
 from twin.ui.report.curves import thin
 from twin.ui.report.style import GRID, INK, NEAR, PALETTE, WIDTH, styled
 
@@ -43,7 +45,11 @@ def figure(found: ConsoleSession) -> Figure:
         tall = height - base - 0.8
         for i, (title, x, y) in enumerate(_VIEWS):
             place = (left + i * (wide / 2 + 0.02), base / height, wide / 2 - 0.06, tall / height)
-            _paths(out.add_axes(place), found, arms, title, x, y)
+            ax = out.add_axes(place)
+            if found.aligned is None or found.task is None or found.task.alignment is None:
+                _paths(ax, found, arms, title, x, y)
+            else:
+                (_picture if i == 0 else _angle)(ax, found, found.aligned, found.task.alignment)
         who = "a person" if found.seed is None else f"simulated surgeon, seed {found.seed}"
         title = f"{found.scene.name}: session of {found.ran.duration:.1f} s, {who}"
         out.text(0.012, 1 - 0.24 / height, title, fontsize=11, fontweight="bold", va="center")
@@ -62,6 +68,31 @@ def figure(found: ConsoleSession) -> Figure:
         middle.tick_params(labelbottom=False, length=2.5)
         _bands(low, found, arms)
         return out
+
+
+def _picture(ax: Axes, found: ConsoleSession, aligned: AlignMeasures, goal: Alignment) -> None:
+    """Draw the line and the upper side of the rectangle in the picture, at the start and at the end."""
+    line = goal.line
+    ax.plot([-line, line], [0, 0], color=INK, lw=3, alpha=0.35)
+    for ends, style in ((aligned.course[0], "--"), (aligned.course[-1], "-")):
+        ax.plot(ends[:, 0], ends[:, 1], style, color=PALETTE[2], lw=1.4)
+    ax.set_aspect("equal")
+    ax.set_xlim(-1.3, 1.3)
+    ax.set_ylim(-1, 1)
+    ax.set_title("picture: thick = line, thin = upper side; dashed = start", loc="left", fontsize=9)
+    ax.grid(True, color=GRID)
+    ax.tick_params(length=2.5)
+
+
+def _angle(ax: Axes, found: ConsoleSession, aligned: AlignMeasures, goal: Alignment) -> None:
+    """Draw AlignErr by projection over time, with its tolerance."""
+    way = aligned.course[:, 1] - aligned.course[:, 0]
+    ax.plot(*thin(found.t, np.arctan2(way[:, 1], way[:, 0]) / DEG, _POINTS), color=PALETTE[2], lw=1.0)
+    ax.axhspan(-goal.tolerance / DEG, goal.tolerance / DEG, color=NEAR, alpha=0.4, lw=0)
+    ax.set_title("AlignErr [deg] over time [s]; band = tolerance", loc="left", fontsize=9)
+    ax.yaxis.tick_right()
+    ax.grid(True, color=GRID)
+    ax.tick_params(length=2.5)
 
 
 def _paths(ax: Axes, found: ConsoleSession, arms: list[tuple[str, str]], title: str, x: int, y: int) -> None:

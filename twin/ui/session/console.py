@@ -9,14 +9,17 @@ from __future__ import annotations
 import logging
 import math
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from twin.api import Robot
 from twin.core import spatial
+from twin.core.atomic import Scratch
 from twin.core.errors import TwinError
+from twin.core.jobs import Call
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM
 from twin.model.mechanism import Mechanism
@@ -27,7 +30,11 @@ from twin.simulation.controllers.camera import Drag
 from twin.simulation.controllers.pedals import CAMERA, FREE, TOOLS
 from twin.simulation.devices.given import GivenHands, HandState
 from twin.simulation.session import rings
-from twin.simulation.world import Block
+from twin.simulation.session.camera_referee import CameraReferee
+from twin.simulation.session.run import SAMPLE, head_of
+from twin.simulation.session.tape import Tape
+from twin.simulation.world import World
+from twin.ui.session.recorder import Recorder
 
 _BUDGET, _CHUNK = 0.012, 4
 """Maximum real time in s for steps of the World per call; number of steps between two checks of this time."""
@@ -42,8 +49,15 @@ _WALL = (0.5 * MM, 1 * DEG)
 """Minimum distance in m and angle in rad between goal and tool at which a joint limit is reported."""
 
 
+_NICE = 10
+"""Increase of the nice value of the process that makes a report: the World shall keep its pace."""
+
+MakeReport = Callable[[str, str], bytes]
+"""Function at the top level of a module: (session file, scene file) -> page of the report, HTML."""
+
+
 class HeldError(TwinError):
-    """Another client controls the hands."""
+    """Another client controls the hands, or the task has ended."""
 
 
 class LiveConsole:
@@ -55,8 +69,10 @@ class LiveConsole:
         device: the input device, which receives the hands of a client.
         owner: identifier of the client whose hands control the robots; None: no client.
         members: mechanism and equations of each robot.
-        transfers: rings to bring to pegs.
+        task: the task; None: no task.
         objects: the movable objects of the World.
+        referee: judge of a task with rings or of the camera task; None for other tasks.
+        attempt: number of times that the World has been started, from 1.
         reading: the last state: controlled arms, arms at a limit, and the reason if nothing moves.
     """
 
@@ -65,9 +81,10 @@ class LiveConsole:
         scene: Scene,
         robots: Mapping[str, Robot],
         device: GivenHands | None = None,
-        watch: Block | None = None,
+        session: Path | None = None,
         task: Task | None = None,
         props: Mechanism | None = None,
+        report: MakeReport | None = None,
     ) -> None:
         """Create the World with the robots at the places of the scene.
 
@@ -75,38 +92,134 @@ class LiveConsole:
             scene: the scene.
             robots: robots by the names of their places.
             device: the input device; None: `GivenHands`.
-            watch: see `World`.
+            session: session file; the files of later attempts have its name with a number. None: no file, or a
+                temporary one if a report is made.
             task: a task; if it has transfers, the World has movable objects and contact.
             props: mechanism of the props; only needed for such a task.
+            report: makes the report of an attempt, in another process; None: no reports.
 
         Raises:
             TwinError: the scene has no console, the console does not match its robots, or the task its props.
+            OutputError: the session cannot be written.
         """
         if scene.console is None:
             raise TwinError(f"scene '{scene.name}' has no console: add the table [console] to {scene.file.name}")
         self.scene, self.table = scene, scene.console
         self.device = device or GivenHands(console_scene.PEDALS, HANDS, self.table.scale)
         self.members = {n: Member(r.mechanism, r.kinematics()) for n, r in robots.items()}
-        self.world = console_scene.world(
-            scene, self.members, self.device, records=False, watch=watch, task=task, props=props
-        )
-        self.transfers = () if task is None else task.transfers
-        self.objects = scene.objects if self.transfers else ()
-        self._pegs = contact_scene.pegs(scene, props, task) if task is not None and self.transfers else {}
+        self.task, self._props, self._make_report = task, props, report
+        with_rings = task is not None and bool(task.transfers)
+        self.objects = scene.objects if with_rings else ()
+        self._pegs = contact_scene.pegs(scene, props, task) if task is not None and with_rings else {}
+        self._scratch = None
+        judged = with_rings or (task is not None and task.alignment is not None)
+        if session is None and judged and report is not None:
+            self._scratch = Scratch()
+            session = Path(self._scratch.name) / "hands.session"
+        self._session = session
         self.owner: str | None = None
         self._places = {p.name: p for p in scene.places}
         self._camera = scene.cameras[self.table.camera].robot
-        self._owed, self._rate, self._stopped, self._pressed = 0.0, 1.0, "", 0.0
+        self._report: tuple[int, Call] | None = None
+        self.attempt = 0
+        self._begin()
         self.reading = self._read()
 
-    def transferred(self) -> int:
-        """Return the number of rings that are around their pegs now, and are not held."""
-        sizes, count = {o.name: o.size for o in self.objects}, 0
-        for transfer in self.transfers:
-            T = self.world.signals[f"{transfer.ring}.pose"].reshape(1, 4, 4)
-            free = self.world.signals[f"{transfer.ring}.holder"].item() < 0
-            count += free and bool(rings.around(T, sizes[transfer.ring][0], self._pegs[transfer.peg])[0])
-        return count
+    # -- the task -------------------------------------------------------------------------------------
+
+    def _begin(self) -> None:
+        """Make the World of a new attempt; if this fails, the present one stays."""
+        path, attempt = self._session, self.attempt + 1
+        if path is not None and attempt > 1:
+            path = path.with_name(f"{path.stem}-{attempt}{path.suffix}")
+        tape = None if path is None else Tape()
+        referee = None
+        if self.task is not None and self.objects:
+            robots = [n for hand in HANDS for n in getattr(self.table, hand)]
+            referee = rings.Referee(self.task, self.objects, self._pegs, robots, SAMPLE)
+        elif self.task is not None and self.task.alignment is not None:
+            referee = CameraReferee(self._camera, SAMPLE)
+        watch = [block for block in (referee, tape) if block is not None]
+        world = console_scene.world(
+            self.scene, self.members, self.device, records=False, watch=watch, task=self.task, props=self._props
+        )
+        recorder = None
+        if path is not None and tape is not None:
+            head = head_of(self.scene, self.members, world, self.device, self.task, props=self._props)
+            recorder = Recorder(path, head, tape)
+        self.world: World = world
+        self.referee, self.recorder, self.attempt = referee, recorder, attempt
+        self._owed, self._rate, self._stopped, self._pressed, self._over = 0.0, 1.0, "", 0.0, ""
+
+    def restart(self, client: str) -> None:
+        """Begin a new attempt: objects, robots and measures are as at the start.
+
+        Raises:
+            HeldError: another client controls the hands.
+            TwinError: there is no task that can be judged, or the session file of the new attempt cannot be written.
+        """
+        self._require_task()
+        self.require_free(client)
+        old, ticks = self.recorder, self.world.tick
+        self._begin()
+        if old is not None:
+            old.close(ticks)
+        self.owner = None
+        self.device.leave()
+        self.reading = self._read()
+
+    def end(self, client: str) -> None:
+        """End the present attempt; nothing moves until the next one.
+
+        Raises:
+            HeldError: another client controls the hands.
+            TwinError: there is no task that can be judged.
+        """
+        self._require_task()
+        self.require_free(client)
+        if not self._over:
+            self._finish("The task was ended.")
+
+    def _require_task(self) -> None:
+        if self.referee is None:
+            raise TwinError("there is no task to end or restart: start this program with --task, such as pegboard")
+
+    def _finish(self, why: str) -> None:
+        """Stop the World, complete the session file, and begin to make the report."""
+        self._over, self.owner = why, None
+        self.device.leave()
+        if self.recorder is None:
+            return
+        self.recorder.close(self.world.tick)
+        if self._make_report is not None and self.recorder.path.is_file():
+            if self._report is not None:
+                self._report[1].close()
+            files = str(self.recorder.path), str(self.scene.file)
+            self._report = self.attempt, Call(self._make_report, *files, nice=_NICE)
+
+    def report(self) -> tuple[int, bytes | None, str] | None:
+        """Return the newest report as (attempt, page, ""), (attempt, None, "") while it is made, or with an error.
+
+        None: there is no report yet.
+        """
+        if self._report is None:
+            return None
+        attempt, call = self._report
+        if not call.done:
+            return attempt, None, ""
+        try:
+            return attempt, call.result(), ""
+        except TwinError as error:
+            return attempt, None, str(error)
+
+    def close(self) -> None:
+        """Complete the session file, and remove temporary files."""
+        if self.recorder is not None:
+            self.recorder.close(self.world.tick)
+        if self._report is not None:
+            self._report[1].close()
+        if self._scratch is not None:
+            self._scratch.cleanup()
 
     # -- time -----------------------------------------------------------------------------------------
 
@@ -115,9 +228,19 @@ class LiveConsole:
 
         If the machine is too slow, the World runs slower than real time. If the World fails, it stops permanently.
         """
-        if not self._stopped and passed > 0:
+        if not self._stopped and not self._over and passed > 0:
             self._step(passed)
+            self._judge()
         return self._tell(self._read())
+
+    def _judge(self) -> None:
+        """End the attempt if all rings are on their pegs, or if the session file is full."""
+        if self.referee is None:
+            return
+        if self.referee.complete:
+            self._finish("All rings are on their pegs.")
+        elif self.recorder is not None and not self.recorder.running:
+            self._finish("The task was ended: the session is no longer recorded.")
 
     def _step(self, passed: float) -> None:
         dt, end = self.world.dt, time.monotonic() + _BUDGET
@@ -144,6 +267,8 @@ class LiveConsole:
 
     def _after_steps(self, behind: bool) -> None:
         """Finish a call of `advance`; `behind`: whether the machine was too slow for all steps."""
+        if self.recorder is not None:
+            self.recorder.write(self.world.tick)
 
     # -- hands ----------------------------------------------------------------------------------------
 
@@ -151,8 +276,10 @@ class LiveConsole:
         """Accept the states of both hands from a client.
 
         Raises:
-            HeldError: another client controls the hands.
+            HeldError: another client controls the hands, or the task has ended.
         """
+        if self._over:
+            raise HeldError(f"{self._over} Restart the task to move the instruments.")
         self.own(client)
         self.device.give(right)
         self.device.give(left)
@@ -249,6 +376,20 @@ class LiveConsole:
             "pedal": None if mode == TOOLS or silent or t - self._pressed < _STUCK else _stuck(mode),
             "rate": round(self._rate, 1),
             "stopped": self._stopped or None,
+            "task": self._task(),
+        }
+
+    def _task(self) -> dict[str, Any] | None:
+        """Return the scoreboard of a task with rings or of the camera task; None for other tasks."""
+        if self.referee is None or self.task is None:
+            return None
+        made = self.report()
+        return {
+            "title": self.task.title,
+            "attempt": self.attempt,
+            "over": self._over or None,
+            "report": None if made is None else {"attempt": made[0], "ready": made[1] is not None, "problem": made[2]},
+            **self.referee.content(),
         }
 
     def _wall(self, name: str) -> str | None:

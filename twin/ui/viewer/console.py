@@ -19,18 +19,20 @@ from twin.core import spatial
 from twin.core.errors import TwinError
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM
+from twin.model import alignment
 from twin.model.mechanism import Body, Mechanism
-from twin.model.scene import Scene, Task
+from twin.model.scene import CameraTable, Scene, Task
 from twin.reference import ReferenceModel
 from twin.simulation.console_scene import HANDS
 from twin.simulation.controllers.camera import Drag
 from twin.simulation.controllers.following import SCALE
 from twin.simulation.controllers.jaw import Grip
-from twin.ui.session.console import LiveConsole
+from twin.ui.session.console import LiveConsole, MakeReport
 from twin.ui.session.pens import Pens
 from twin.ui.viewer.loop import Loop
 from twin.ui.viewer.nodes import RobotNodes
 from twin.ui.viewer.room import FIRST, OUTSIDE, corners, furnish
+from twin.ui.viewer.score import ScorePanel
 
 ARROWS = 90.0
 """Size in pixels of the arrows at a tool, independent of the distance."""
@@ -43,6 +45,9 @@ AWAY = 0.7
 
 FAR, CAVITY = 100.0, 0.4
 """Maximum drawn distance in m: in views of the room, and in the endoscope's view, which shows only the cavity."""
+
+BEFORE_LENS, THICK = 0.01, 0.006
+"""Distance in m of the line of a camera task from the lens; its thickness divided by the height of the picture."""
 
 STILL = 1e-9
 """Joint motion in rad or m that counts as rest; an arm at a limit may move by rounding errors."""
@@ -78,6 +83,7 @@ class ConsoleFront(Loop):
         server: viser.ViserServer,
         stopping: threading.Event | None = None,
         task: Task | None = None,
+        report: MakeReport | None = None,
     ) -> None:
         """Create World and page.
 
@@ -89,12 +95,13 @@ class ConsoleFront(Loop):
             server: the server of viser.
             stopping: set when the page shall end.
             task: a task with rings, or None.
+            report: makes the report of an attempt, see `LiveConsole`.
 
         Raises:
             TwinError: the scene has no console, the console does not match its robots, or the task its props.
         """
         super().__init__(server, title, stopping)
-        self.console = LiveConsole(scene, robots, task=task, props=props)
+        self.console = LiveConsole(scene, robots, task=task, props=props, report=report)
         self.pens = Pens(self.console)
         self._view_angle = scene.cameras[self.console.table.camera].view_deg * DEG
         poses = self.console.world.frame().link_poses
@@ -104,7 +111,10 @@ class ConsoleFront(Loop):
             self.nodes[item.name] = RobotNodes(server, f"/{item.name}", alone, poses[item.name])
         boxes = [n.box for n in self.nodes.values()]
         self.props: RobotNodes | None = None
-        if props is not None:
+        goal = None if task is None else task.alignment
+        if goal is not None:
+            self._draw_line(server, scene.cameras[self.console.table.camera], goal.line)
+        if (props := alignment.beside(props, goal)) is not None:
             self.props = RobotNodes(server, f"/{props.name}", props, ReferenceModel(props).home().link_poses)
             boxes.append(self.props.box)
         found = np.concatenate([corners(b) for b in boxes])
@@ -152,6 +162,7 @@ class ConsoleFront(Loop):
     def close(self) -> None:
         """Release the hands and the port."""
         self.pens.release()
+        self.console.close()
         super().close()
 
     def _row(self) -> Array:
@@ -210,6 +221,21 @@ class ConsoleFront(Loop):
 
     # -- views ----------------------------------------------------------------------------------------
 
+    def _draw_line(self, server: viser.ViserServer, camera: CameraTable, length: float) -> None:
+        """Draw a grey line before the lens; `length` is divided by the height of the picture."""
+        frame = self.console.members[camera.robot].mechanism.frame(camera.frame)
+        T = frame.T_body_frame @ camera.in_frame
+        height = 2 * BEFORE_LENS * np.tan(self._view_angle / 2)
+        server.scene.add_box(
+            f"/{camera.robot}/{frame.body}/line",
+            color=(154, 154, 154),
+            dimensions=(length * height, THICK * height, THICK * height),
+            wxyz=spatial.quat_from_matrix_wxyz(T[:3, :3]),
+            position=T[:3, 3] + BEFORE_LENS * T[:3, 2],
+            cast_shadow=False,
+            receive_shadow=False,
+        )
+
     def camera(self, view: str) -> tuple[Array, Array, Array]:
         """Return (camera position, target, up vector) of a view, each (3,) in m in the World."""
         up, tools = np.array([0.0, 0.0, 1.0]), [self.console.tool(h)[:3, 3] for h in HANDS]
@@ -249,6 +275,14 @@ class ConsoleFront(Loop):
         gui.main_panel.dock_right()
         gui.main_panel.set_width(350)
         self._status, self._said = gui.add_html(""), ""
+        self._score = None
+        if self.console.referee is not None:
+            self._score = ScorePanel(
+                self.server,
+                self.console,
+                lambda client: self.ask("end", lambda: self.console.end(client)),
+                lambda client: self.ask("restart", lambda: self._restart(client)),
+            )
         gui.add_markdown(_HELP)
         views = gui.add_button_group("look", ("close", "endoscope", *OUTSIDE))
         views.on_click(lambda e: e.client and self.look(views.value, e.client))
@@ -307,12 +341,11 @@ class ConsoleFront(Loop):
         for body, handle in self.props.meshes:
             handle.opacity = 0.3 if on and body == "patient" else None
 
-    def _score(self) -> list[tuple[str, str]]:
-        """Return (tone, text) on the rings; empty without them."""
-        if not (wanted := len(self.console.transfers)):
-            return []
-        done = self.console.transferred()
-        return [("good" if done == wanted else "plain", f"Rings on their pegs: {done} of {wanted}")]
+    def _restart(self, client: str) -> None:
+        self.console.restart(client)
+        self.pens.release()
+        self._dragged.clear()
+        self._left_to_settle.clear()
 
     def _show(self) -> None:
         """Set the controls to the values in the World, and show the status."""
@@ -332,10 +365,12 @@ class ConsoleFront(Loop):
         tone, text = status(self.console.reading)
         said = "".join(
             f"<div style='padding:0 1em .4em;color:{_TONES[tone]}'>{escape(text)}</div>"
-            for tone, text in ((tone, text), *(hand_text(self.console.reading, hand) for hand in HANDS), *self._score())
+            for tone, text in ((tone, text), *(hand_text(self.console.reading, hand) for hand in HANDS))
         )
         if said != self._said:
             self._said = self._status.content = said
+        if self._score is not None:
+            self._score.show(self.console.reading["task"])
 
     def _set(self, control: Any, kind: str, value: Any, apart: float = 0.0) -> None:
         """Set a control if the World's value has changed, and differs by more than `apart`; keep new input by users."""
@@ -364,6 +399,8 @@ def status(reading: Mapping[str, Any]) -> tuple[str, str]:
     walls = [f"{h['robot']}: {h['wall']}" for h in reading["hands"].values() if h["wall"]]
     if reading["stopped"]:
         return "bad", f"The simulation has stopped: {reading['stopped']}"
+    if reading["task"] and reading["task"]["over"]:
+        return "good", f"{reading['task']['over']} Press Restart to begin again."
     if reading["owner"] is None:
         return "plain", "No client controls the hands: nothing moves."
     if reading["silent"]:

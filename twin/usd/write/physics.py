@@ -106,7 +106,7 @@ def write_physics(
         prim = stage.OverridePrim(f"/{mechanism.name}/{body.name}")
         UsdPhysics.RigidBodyAPI.Apply(prim)
         if body.inertia is not None:
-            _write_inertia(prim, body.inertia)
+            write_inertia(prim, body.inertia)
     for mesh_path in mesh_paths(mechanism).values():
         prim = stage.OverridePrim(mesh_path)
         UsdPhysics.CollisionAPI.Apply(prim)
@@ -204,7 +204,8 @@ def _as_driven(mechanism: Mechanism, joint: Joint) -> Joint:
     return replace(joint, drive=Drive(stiffness, damping))
 
 
-def _write_inertia(prim: Usd.Prim, inertia: Inertia) -> None:
+def write_inertia(prim: Usd.Prim, inertia: Inertia) -> None:
+    """Apply the mass properties to the prim of a body."""
     moments, axes = inertia.principal()
     mass = UsdPhysics.MassAPI.Apply(prim)
     mass.CreateMassAttr(float(inertia.mass))

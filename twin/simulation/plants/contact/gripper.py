@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import dataclass
 
+import casadi as ca
 import numpy as np
 
 from twin.core import spatial
 from twin.core.errors import WorldError
 from twin.core.spatial import Array
+from twin.formula.flow import attach
+from twin.kinematics import Kinematics
 from twin.model.mechanism import Body, Joint, Mechanism
 from twin.reference import ReferenceModel
 
@@ -52,7 +54,7 @@ class Gripper:
         self,
         robot: str,
         mechanism: Mechanism,
-        forward: Callable[[Array], Array],
+        kin: Kinematics,
         T_world_base: Array,
         effort: float,
     ) -> None:
@@ -61,7 +63,7 @@ class Gripper:
         Args:
             robot: name of the robot in the World.
             mechanism: its mechanism.
-            forward: q (n,) -> T_base_tool (4, 4).
+            kin: its equations.
             T_world_base: (4, 4) pose of its base.
             effort: largest torque in N m with which one jaw presses.
 
@@ -71,29 +73,54 @@ class Gripper:
         if not effort > 0:
             raise WorldError(f"'{robot}': the torque of a jaw is {effort:g} N m; it must be above 0")
         self.robot, self.effort = robot, effort
-        self._forward, self._T_world_base = forward, np.array(T_world_base, float)
         tool = mechanism.frame(mechanism.tool)
-        self._T_tool_hand = spatial.inverse(tool.T_body_frame)
         self.hand = mechanism.body(tool.body)
         names = [j.name for j in mechanism.active]
         inward = _inward(robot, mechanism, tool.body)
-        self._inward = [
-            (names.index(j.name), j.T_child_joint, spatial.inverse(j.T_parent_joint), np.eye(4)) for j in inward
-        ]
         self.links = (self.hand, *(mechanism.body(j.parent) for j in inward))
         self.jaw = names.index(mechanism.auxiliary[0].name) if mechanism.auxiliary else -1
         self.jaws = _jaws(mechanism, tool.body, self.jaw) if self.jaw >= 0 else ()
+        self._kin, self._q, self._tool = kin, np.zeros(len(names)), np.zeros(16)
+        outward = T_world_base, spatial.inverse(tool.T_body_frame)
+        chain = _chain(outward, [(names.index(j.name), j) for j in inward], len(names))
+        if kin.closed_forward:
+            self._tool, self._forward = attach(kin.program.forward.function, self._q)
+        found, self._place = attach(chain, self._tool, self._q)
+        self._found = found.reshape(len(self.links), 12)
+
+    def place(self, q: Array) -> Array:
+        """Return position and rotation, row by row, (12,) of each of `links` at joint values q (n,).
+
+        The result is valid until the next call.
+        """
+        self._q[...] = q
+        if self._kin.closed_forward:
+            self._forward()
+        else:
+            self._tool[...] = self._kin.forward(q, self._tool.reshape(4, 4) if self._tool.any() else None).ravel()
+        self._place()
+        return self._found
 
     def poses(self, q: Array) -> list[Array]:
         """Return T_world_link (4, 4) of each of `links` at joint values q (n,)."""
-        T = self._T_world_base @ self._forward(q) @ self._T_tool_hand
-        out = [T]
-        for i, T_child_joint, T_joint_parent, turned in self._inward:
-            c, s = math.cos(q[i]), math.sin(q[i])
-            turned[0, 0], turned[0, 1], turned[1, 0], turned[1, 1] = c, s, -s, c
-            T = T @ T_child_joint @ turned @ T_joint_parent
-            out.append(T)
-        return out
+        return [spatial.pose(row[3:].reshape(3, 3), row[:3]) for row in self.place(q)]
+
+
+def _chain(outward: tuple[Array, Array], inward: Sequence[tuple[int, Joint]], n: int) -> ca.Function:
+    """Return the function (T_base_tool (16), q (n)) -> positions and rotations (12 for each link) in the World.
+
+    `outward` is T_world_base and T_tool_hand; `inward` has the joints from the hand inwards, with their index in q.
+    """
+    tool, q = ca.SX.sym("tool", 16), ca.SX.sym("q", n)
+    T = ca.DM(outward[0]) @ ca.reshape(tool, 4, 4).T @ ca.DM(outward[1])
+    out = []
+    for index, joint in ((0, None), *inward):
+        if joint is not None:
+            c, s = ca.cos(q[index]), ca.sin(q[index])
+            back = ca.blockcat([[c, s, 0, 0], [-s, c, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
+            T = T @ ca.DM(joint.T_child_joint) @ back @ ca.DM(spatial.inverse(joint.T_parent_joint))
+        out += [T[:3, 3], ca.vec(T[:3, :3].T)]
+    return ca.Function("links", [tool, q], [ca.densify(ca.vertcat(*out))])
 
 
 def _inward(robot: str, mechanism: Mechanism, body: str) -> list[Joint]:

@@ -250,7 +250,9 @@ class _Links:
         self._ratios = np.array([j.ratio for g in grippers for j in g.jaws])
         self._efforts = np.array([g.effort for g in grippers for _ in g.jaws])
         self._wanted, self._angles = np.zeros(len(self._qpos)), np.zeros(len(jaws))
-        self._turn, self._all, self._v = np.zeros(9), d.qpos.copy(), np.zeros(m.nv)
+        self._all, self._v = d.qpos.copy(), np.zeros(m.nv)
+        each = iter(self._wanted.reshape(-1, 7))
+        self._rows = [[(row[:3], row[3:]) for _, row in zip(g.links, each, strict=False)] for g in grippers]
         self._last = [b""] * len(grippers)
         self._locate([q[g.robot] for g in grippers])
         self.settle()
@@ -258,19 +260,17 @@ class _Links:
 
     def _locate(self, q: Sequence[Array]) -> None:
         """Compute the poses of the links and the angles of the jaws at joint values q (n,) of each instrument."""
-        at = jaw = 0
+        jaw = 0
         for k, (gripper, values) in enumerate(zip(self._grippers, q, strict=True)):
-            size, count = 7 * len(gripper.links), len(gripper.jaws)
+            count = len(gripper.jaws)
             if (given := values.tobytes()) != self._last[k]:
                 self._last[k] = given
-                for i, T in enumerate(gripper.poses(values)):
-                    row = self._wanted[at + 7 * i : at + 7 * i + 7]
-                    row[:3] = T[:3, 3]
-                    self._turn.reshape(3, 3)[...] = T[:3, :3]
-                    mujoco.mju_mat2Quat(row[3:], self._turn)
+                for (point, quat), found in zip(self._rows[k], gripper.place(values), strict=True):
+                    point[...] = found[:3]
+                    mujoco.mju_mat2Quat(quat, found[3:])
                 if count:
                     self._angles[jaw : jaw + count] = self._ratios[jaw : jaw + count] * values[gripper.jaw]
-            at, jaw = at + size, jaw + count
+            jaw += count
 
     def lead(self, q: Sequence[Array]) -> None:
         """Set the velocities that move the links to q (n,) within the step, and the torques of the jaws."""

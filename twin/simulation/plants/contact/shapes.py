@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 from itertools import pairwise
 
 import mujoco
@@ -60,27 +61,37 @@ def add_part(spec: mujoco.MjSpec, body: mujoco.MjsBody, part: Mesh, T_body: Arra
         owner: prefix of the name of the hull.
         more: attributes of the geom.
     """
-    import trimesh  # late: it takes a second
-
     kinds = mujoco.mjtGeom
-    hull = trimesh.convex.convex_hull(part.vertices)
-    to_box, edges = trimesh.bounds.oriented_bounds(hull)
+    corners, volume, to_box, edges = _hull(np.ascontiguousarray(part.vertices, float).tobytes())
     long = int(np.argmax(edges))
     others = np.delete(edges, long)
     radius, length = float(others.mean()) / 2, float(edges[long])
     capsule = np.pi * radius**2 * (length - 2 * radius / 3)
     turn = spatial.frame_from_axes(np.eye(3)[long], np.eye(3)[(long + 1) % 3])
     T = T_body @ spatial.inverse(to_box)
-    if abs(hull.volume / np.prod(edges) - 1) < _ALIKE:
+    if abs(volume / np.prod(edges) - 1) < _ALIKE:
         _placed(body, T, type=kinds.mjGEOM_BOX, size=(edges / 2).tolist(), **more)
-    elif np.ptp(others) < _ALIKE * radius and abs(hull.volume / capsule - 1) < _ALIKE:
+    elif np.ptp(others) < _ALIKE * radius and abs(volume / capsule - 1) < _ALIKE:
         T = T @ spatial.pose(turn)
         _placed(body, T, type=kinds.mjGEOM_CAPSULE, size=[radius, length / 2 - radius, 0], **more)
     else:
         name = f"{owner}/{part.name}"
-        corners = hull.vertices.ravel().tolist()
-        spec.add_mesh(name=name, uservert=corners, inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_CONVEX)
+        spec.add_mesh(name=name, uservert=corners.ravel().tolist(), inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_CONVEX)
         _placed(body, T_body, type=kinds.mjGEOM_MESH, meshname=name, **more)
+
+
+@lru_cache(maxsize=256)
+def _hull(vertices: bytes) -> tuple[Array, float, Array, Array]:
+    """Return the corners (k, 3), the volume, and the smallest box around the convex hull of vertices (float64).
+
+    The box is given by the pose (4, 4) of the vertices' frame in its middle, and its edges (3,). Both arms of a scene
+    have the same instruments, and a World that is started again has the same parts.
+    """
+    import trimesh  # late: it takes a second
+
+    hull = trimesh.convex.convex_hull(np.frombuffer(vertices).reshape(-1, 3))
+    to_box, edges = trimesh.bounds.oriented_bounds(hull)
+    return np.array(hull.vertices), float(hull.volume), np.array(to_box), np.array(edges)
 
 
 def _placed(body: mujoco.MjsBody, T: Array, **more: object) -> None:

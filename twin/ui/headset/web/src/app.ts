@@ -5,7 +5,7 @@ import { Connection } from './connection';
 import { Console } from './console';
 import type { Sheet } from './controls';
 import { Fields } from './fields';
-import { type Field, parseScene, sameFrame } from './frame';
+import { type Field, type Frame, parseScene, sameFrame } from './frame';
 import { loadEarly } from './glb';
 import { Grab } from './grab';
 import { Hands } from './hands';
@@ -17,10 +17,12 @@ import { setAccent } from './ink';
 import { type Overlays, type Shows } from './overlays';
 import { DomPanel } from './panel_dom';
 import { XrPanel } from './panel_xr';
+import { Objects } from './objects';
 import type { Hit } from './pick';
 import { Place } from './place';
 import type { Message, SceneInfo } from './protocol';
 import { Robot } from './robot';
+import { Score } from './score';
 import { makeSheet } from './sheet';
 import { Surroundings } from './surroundings';
 import { type Look, World } from './world';
@@ -33,6 +35,7 @@ export class App {
   /** Robots of the scene; one placeholder until the scene is loaded. */
   readonly members: Member[] = [];
   readonly fields = new Fields();
+  readonly objects = new Objects();
   readonly surroundings: Surroundings;
   readonly grab: Grab;
   readonly place: Place;
@@ -47,6 +50,7 @@ export class App {
   private readonly dom: DomPanel;
   private readonly header: Header;
   private readonly mouse: Mouse;
+  private readonly score: Score;
   private sheet: Sheet | null = null;
   private seeking = NaN;
   private seekUntil = 0;
@@ -55,6 +59,7 @@ export class App {
   /** Messages received before the scene was loaded. */
   private readonly early: Message[] = [];
   private bends: readonly Field[] = [];
+  private laid: Frame | null = null;
   /** Whether the surroundings are hidden. */
   hidden = false;
   private refreshed = 0;
@@ -67,7 +72,7 @@ export class App {
     const scheme = location.protocol === 'https:' ? 'wss' : 'ws';
     this.line = new Connection(`${scheme}://${location.host}/ws`);
     this.surroundings = new Surroundings(this.world);
-    this.world.robotWorld.add(this.fields.group);
+    this.world.robotWorld.add(this.fields.group, this.objects.group);
     this.join();
     this.grab = new Grab(this.world, this.members, this.line);
     this.place = new Place(this.world);
@@ -75,6 +80,7 @@ export class App {
     this.hands = new Hands(this);
     this.header = new Header(page, this);
     this.dom = new DomPanel(page);
+    this.score = new Score(page, this);
     this.mouse = new Mouse(this);
     this.world.scene.add(this.xrPanel.group);
     this.wire();
@@ -229,7 +235,7 @@ export class App {
     this.build();
     const around = this.surroundings.load(scene);
     const robots = await Promise.all(scene.robots.map((info) => Robot.load(info)));
-    await around;
+    await Promise.all([around, this.objects.load(scene.objects)]);
     this.adopt(scene, robots);
   }
 
@@ -330,6 +336,7 @@ export class App {
       this.header.refresh();
       if (!this.xr.presenting) {
         this.dom.refresh();
+        this.score.refresh();
         world.cover(...this.dom.covers());
       }
       this.xrPanel.refresh();
@@ -353,6 +360,7 @@ export class App {
       const scene = parseScene(buffer);
       model.take(scene);
       this.bends = scene.fields;
+      this.laid = scene.robots[this.members.length] ?? null;
     } catch (error) {
       model.say((error as Error).message);
       return;
@@ -366,9 +374,9 @@ export class App {
     this.stale = true;
   }
 
-  /** Update the deformables from the newest frame. */
+  /** Update deformables and objects from the newest frame. */
   private bend(): boolean {
-    return this.fields.update(this.bends);
+    return [this.fields.update(this.bends), this.loaded && this.objects.update(this.laid)].includes(true);
   }
 }
 

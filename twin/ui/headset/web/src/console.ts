@@ -139,6 +139,11 @@ export class Console {
     return state ? [...SIDES.map((s) => state.hands[s].wall), state.camera].filter(Boolean).length : 0;
   }
 
+  /** Show a message for some seconds. */
+  say(text: string): void {
+    this.app.model.say(text);
+  }
+
   /** Return the status line of a hand. */
   handText(side: Side): string {
     const hand = this.app.model.console?.hands[side];
@@ -168,6 +173,7 @@ export class Console {
     const state = this.app.model.console;
     if (!state) return null;
     if (state.stopped) return { tone: 'bad', text: `The simulation has stopped: ${state.stopped}` };
+    if (state.task?.over) return { tone: 'good', text: `${state.task.over} Press Restart to begin again.` };
     const packets = state.owner === UDP;
     const other = !packets && state.owner !== null && state.owner !== this.app.model.client && !state.silent;
     if (other) return { tone: 'warn', text: `Client ${state.owner} controls the hands: you can only watch.` };

@@ -38,6 +38,7 @@ export class Pad {
     const seconds = Math.min(0.1, (now - this.last) / 1000);
     this.last = now;
     const pad = navigator.getGamepads().find((p) => p?.connected && p.mapping === 'standard');
+    if (!pad && this.name) this.lost();
     this.name = pad?.id ?? '';
     if (!pad) return;
     const held = (k: number) => pad.buttons[k]?.pressed ?? false;
@@ -59,6 +60,14 @@ export class Pad {
       }
     }
     this.rumble(pad);
+  }
+
+  /** The gamepad is gone: its pedals are released; instruments and jaws keep their places. */
+  private lost(): void {
+    const { pens } = this.console;
+    for (const pedal of ['clutch', 'camera'] as const) if (pens.presses(pedal, 'pad')) pens.press(pedal, 'pad', false);
+    for (const side of SIDES) pens[side].rest();
+    this.console.say('The gamepad was disconnected: the instruments stop, and the jaws stay as they are.');
   }
 
   /** Vibrate once for each new limit. */

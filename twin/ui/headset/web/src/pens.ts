@@ -177,7 +177,7 @@ export class Pens {
       for (const side of SIDES) this[side].rest();
       return;
     }
-    if (now - this.used > IDLE) return this.drop();
+    if (now - this.used > IDLE || state?.task?.over) return this.drop();
     if (this.lost.size) return;
     if (state && !state.silent && state.mode === 'instruments' && state.owner === this.client())
       for (const side of SIDES) {

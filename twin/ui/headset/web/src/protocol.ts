@@ -72,6 +72,8 @@ export interface CameraInfo {
   view: number;
   /** Stereo: distance in m between the lenses, and to the intersection of their lines of sight. */
   stereo?: [baseline: number, converge: number];
+  /** Grey line in the middle of the picture: its length divided by the height of the picture. */
+  line?: number;
 }
 
 /** Console: robots of both hands, and the camera that both hands move. */
@@ -127,6 +129,28 @@ export interface ConsoleState {
   pedal: string | null;
   packets: PacketsState | null;
   mqtt: MqttState | null;
+  /** Scoreboard of a task with objects; null for other tasks. */
+  task: TaskState | null;
+}
+
+export interface TaskState {
+  title: string;
+  /** Number of this attempt, from 1. */
+  attempt: number;
+  /** Why the attempt has ended; null while it lasts. */
+  over: string | null;
+  /** The newest report; null before the first. */
+  report: { attempt: number; ready: boolean; problem: string } | null;
+  rows: [what: string, value: string][];
+  rings: [name: string, state: string, color: string][];
+  /** The last events. */
+  events: [t: number, tone: 'good' | 'plain' | 'bad', text: string][];
+}
+
+/** Movable objects of a task: their file, and their names in the order of a frame. */
+export interface ObjectsInfo {
+  file: string;
+  names: string[];
 }
 
 /** A scene: one or more robots, and the props. */
@@ -142,6 +166,7 @@ export interface SceneInfo {
   fields: FieldInfo[];
   assumed: string[];
   console?: ConsoleInfo;
+  objects?: ObjectsInfo;
 }
 
 export type Phase = readonly [name: string, start: number, end: number];

@@ -6,6 +6,7 @@ import type { Mode } from './grab';
 import { isAngle, jointValue, length } from './model';
 import type { State } from './protocol';
 import { atConsole, pedals } from './sheet_console';
+import { taskControls } from './score';
 import { robot, scene } from './sheet_scene';
 
 const SPEEDS = [0.1, 0.25, 0.5, 1, 2, 4];
@@ -16,7 +17,7 @@ export function makeSheet(app: App): Sheet {
   if (app.model.several) for (const tab of tabs) if (tab.id !== 'console') tab.controls.unshift(which(app, tab.id));
   return {
     tabs,
-    transport: app.console ? [pedals(app.console)] : transport(app),
+    transport: app.console ? [pedals(app.console), ...(app.model.scene?.objects ? taskControls(app) : [])] : transport(app),
     status: { kind: 'text', id: 'status', text: () => app.model.status().text, tone: () => app.model.status().tone },
   };
 }

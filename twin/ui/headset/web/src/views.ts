@@ -12,6 +12,7 @@ import {
 } from 'three';
 import type { App } from './app';
 import { type Eye, EYES, Eyes } from './eyes';
+import { lineOf } from './line';
 import { Pace } from './pace';
 import type { CameraInfo } from './protocol';
 import { poseOf } from './robot';
@@ -90,6 +91,8 @@ export class Views {
     light.target.position.set(0, 0, -0.1);
     for (const lamp of [light, scattered]) lamp.layers.set(SCOPE_LIGHT);
     this.scope.add(light, light.target, scattered);
+    const { line, view, stereo } = this.camera;
+    if (line !== undefined) this.scope.add(lineOf(line, view, SCOPE_LIGHT, stereo?.[1]));
     const { world } = this.app;
     this.onlooker = world.camera.clone();
     this.onlooker.clearViewOffset();

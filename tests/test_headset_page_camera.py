@@ -1,0 +1,72 @@
+"""The camera task on the page, in Chromium: the endoscope's picture shows the angle that the projection gives."""
+
+from __future__ import annotations
+
+import io
+import time
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import twin
+from made import headset_page as headset
+from made.console_page import console
+from twin.api.act import robots_at
+from twin.api.session import replay_session
+from twin.core.units import DEG
+from twin.simulation import console_scene
+from twin.simulation.session import aligned, run, upper_side
+
+pytestmark = pytest.mark.browser
+
+ONLY_THE_PICTURE = """
+document.querySelectorAll('*').forEach(e => {
+  e.style.visibility = e.tagName === 'CANVAS' && !e.closest('.inset') ? 'visible' : 'hidden';
+})
+"""
+
+
+@pytest.fixture(scope="module")
+def davinci():
+    return twin.load_scene("davinci")
+
+
+def start(scene):
+    """Return the frame of the picture at the start, by the equations."""
+    members = {n: run.Member(r.mechanism, r.kinematics()) for n, r in robots_at(console_scene.led_by(scene)).items()}
+    task = scene.tasks["camera"]
+    world = console_scene.world(scene, members, run.surgeon(scene, members, task), records=False, task=task)
+    return world.signals["ecm.view"].reshape(4, 4)
+
+
+def linear(png):
+    """Return the linear colours of a screenshot."""
+    v = np.asarray(Image.open(io.BytesIO(png)).convert("RGB"), float) / 255
+    return np.where(v <= 0.04045, v / 12.92, ((v + 0.055) / 1.055) ** 2.4)
+
+
+def test_the_picture_of_the_page_shows_the_angle_and_its_session_is_measured(davinci, tmp_path):
+    task, file = davinci.tasks["camera"], tmp_path / "page.session"
+    projected = aligned.angle(aligned.seen_ends(task.alignment, start(davinci), 70 * DEG))
+    server = headset.Serving("davinci", None, "--task", "camera", "--session", file)
+    try:
+        for browser in headset.chromium():
+            with console(browser, server.url, size=(1000, 760)) as page:
+                lines = "twin.app.console.views.scope.children.filter(c => c.name === 'line')"
+                assert page(f"{lines}.length") == 1
+                page(ONLY_THE_PICTURE)
+                page(f"{lines}.forEach(c => c.visible = false)")  # it would cut the mask
+                page("twin.app.refresh()")
+                time.sleep(0.5)
+                seen = upper_side.angle(linear(page.page.screenshot()))
+    finally:
+        server.stop()
+    assert seen == pytest.approx(projected, abs=0.05 * DEG)
+    assert abs(projected) > 10 * DEG
+    found = replay_session(file)
+    assert found.task.name == "camera"
+    assert found.ran.difference is None
+    assert found.aligned.angle == pytest.approx(projected, abs=1e-6)
+    assert abs(found.aligned.seen - projected) < 0.05 * DEG
+    assert "task.missed" in [f.code for f in found.findings]

@@ -1,0 +1,407 @@
+"""A task with rings by hand: the scoreboard of the pages, its end, a restart, the report, the frames with rings."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import trimesh
+
+import twin
+from made.headset_page import until
+from twin.api.act import props_of, robots_at
+from twin.api.session import FILE, operate_console, replay_session
+from twin.cli import session as command
+from twin.core import spatial
+from twin.core.errors import OutputError, TwinError
+from twin.core.units import MM
+from twin.model.movable import Movable
+from twin.model.scene import Task, Transfer
+from twin.simulation.contact_scene import Peg
+from twin.simulation.devices.given import HandState
+from twin.simulation.session import movement, rings
+from twin.simulation.session.file import read_session, sizes
+from twin.simulation.world import Recording
+from twin.simulation.world.signals import columns
+from twin.ui.headset import protocol as wire
+from twin.ui.headset.operation import Operation
+from twin.ui.headset.scene_frame import unpack_scene
+from twin.ui.session import console
+from twin.ui.session.console import HeldError, LiveConsole
+
+pytestmark = pytest.mark.usefixtures("cad_once")
+PEG = Peg("peg", np.array([0, 0, 0.025]), np.zeros(3), 2.8e-3)
+TASK = Task("t", "t", 0.0, 0.0, (), (Transfer("ring", "peg"),))
+RING = Movable("ring", "ring", (6.75 * MM, 0.7 * MM), 0.5e-3, 0.5, color_rgba=(1.0, 0.0, 0.214, 1.0))
+ROBOTS = ("a", "b")
+
+
+# -- one judge -----------------------------------------------------------------------------------------------
+
+
+def around(Ts, radius, peg):
+    """Return whether (k,) the peg is in the hole of a ring at poses Ts (k, 4, 4); written apart from `rings.around`."""
+    n, middle, way = Ts[:, :3, 2], Ts[:, :3, 3], peg.end - peg.foot
+    slope = n @ way
+    s = np.sum(n * (middle - peg.foot), axis=1) / np.where(np.abs(slope) < 1e-12, np.inf, slope)
+    cut = peg.foot + s[:, None] * way
+    return (np.abs(slope) >= 1e-12) & (s >= 0) & (s <= 1) & (np.linalg.norm(cut - middle, axis=1) < radius)
+
+
+def merged(flags, few):
+    out = []
+    for a, b in movement.runs(flags):
+        if out and a - out[-1][1] <= few:
+            out[-1] = out[-1][0], b
+        else:
+            out.append((a, b))
+    return out
+
+
+def judged_at_the_end(kept, few):
+    """Return transferred time, drops and collisions, from whole signals instead of sample by sample."""
+    Ts = kept["ring.pose"].reshape(-1, 4, 4)
+    held = np.zeros(len(Ts), bool)
+    for a, b in merged(kept["ring.holder"][:, 0] >= 0, few):
+        held[a : b + 1] = True
+    placed = around(Ts, RING.size[0], PEG) & ~held
+    drops = sum(a > 0 and not placed[b] and Ts[a, 2, 3] - Ts[b, 2, 3] > 0.01 for a, b in movement.runs(~held))
+    t = float(kept.t[movement.runs(placed)[-1][0]]) if placed[-1] else None
+    met = np.any([kept[f"{n}.meets"][:, 0] > 0.5 for n in ROBOTS], axis=0)
+    hits = sum(len(merged(kept[f"{n}.touches"][:, 0] > 0.5, few)) for n in ROBOTS)
+    return t, drops, hits + len(merged(met, few))
+
+
+def random_session(rng, k):
+    """Return a recording of k samples, 0.05 s each, in which everything that is judged comes and goes."""
+
+    def runs(low, high):
+        return np.repeat(rng.integers(low, high, k), rng.integers(1, 12, k))[:k, None]
+
+    places = np.array([(40, 0, 30), (1, 0, 1), (40, 0, 1), (0, 0, 20), (8, 0, 1), (0, 3, 12)]) * MM
+    at = places[runs(0, len(places))[:, 0]]
+    turns = spatial.exp_so3(rng.normal(0, 0.4, (k, 3))) if rng.random() < 0.5 else np.broadcast_to(np.eye(3), (k, 3, 3))
+    poses = np.array([spatial.pose(R, p).ravel() for R, p in zip(turns, at, strict=True)])
+    signals = {"ring.pose": poses, "ring.holder": runs(-1, 2)}
+    signals |= {f"{n}.{what}": runs(0, 2) for n in ROBOTS for what in ("touches", "meets", "follows")}
+    lengths = {n: v.shape[1] for n, v in signals.items()}
+    return Recording(0.05, lengths, np.column_stack(list(signals.values())).astype(float))
+
+
+def test_sample_by_sample_and_all_at_once_give_the_same_measures():
+    rng, seen = np.random.default_rng(4), np.zeros(3)
+    for _ in range(150):
+        kept = random_session(rng, int(rng.integers(1, 80)))
+        found = rings.measure(kept, TASK, [RING], {"peg": PEG}, ROBOTS)
+        t, drops, collisions = judged_at_the_end(kept, 5)
+        assert (found.rings[0].t, found.dropped, found.collisions) == (t, drops, collisions)
+        assert found.errors == drops + collisions
+        seen += (t is not None, drops > 0, collisions > 0)
+    assert (seen > 10).all(), "the sessions are of all kinds"
+
+
+def told(places, holders, touches=None):
+    """Return the events of a ring at places (3,) in mm, 0.1 s each."""
+    k = len(places)
+    referee = rings.Referee(TASK, [RING], {"peg": PEG}, ROBOTS, 0.1)
+    for i in range(k):
+        now = dict.fromkeys((f"{n}.{what}" for n in ROBOTS for what in ("touches", "meets", "follows")), np.zeros(1))
+        now |= {"ring.pose": spatial.pose(p=np.array(places[i]) * MM).ravel(), "ring.holder": np.array([holders[i]])}
+        if touches is not None:
+            now["a.touches"] = np.array([touches[i]])
+        referee.see(now)
+    return [(round(e.t, 1), e.tone, e.text) for e in referee.events], referee
+
+
+AWAY, ON, FLOOR = (40, 0, 30), (1, 0, 1), (40, 0, 1)
+
+
+def test_what_happens_is_told_once_in_words():
+    events, referee = told([AWAY, AWAY, *[ON] * 6], [-1, 0, *[-1] * 6])
+    assert events == [(0.4, "good", "ring is on its peg: 1 of 1")]  # not before the hand has left it for 0.25 s
+    assert referee.complete
+    events, referee = told([AWAY, AWAY, AWAY, *[FLOOR] * 5], [-1, 1, *[-1] * 6])
+    assert events == [(0.4, "bad", "ring was dropped")]
+    assert not referee.complete
+    events, _ = told([AWAY, AWAY, AWAY, *[FLOOR] * 5], [-1, 1, -1, 1, 1, 1, 1, 1])
+    assert events == []  # caught again
+    events, _ = told([AWAY, *[ON] * 5, AWAY, AWAY], [0, -1, -1, -1, -1, -1, 0, 0])
+    assert [e[2] for e in events] == ["ring is on its peg: 1 of 1", "ring has left its peg"]
+    events, _ = told([AWAY] * 6, [-1] * 6, [0, 1, 0, 1, 1, 0])
+    assert events == [(0.1, "bad", "a touched the board")]
+
+
+def test_the_scoreboard_is_plain_data():
+    _, referee = told([AWAY, AWAY, AWAY], [-1, 1, 1])
+    assert referee.content() == {
+        "rows": [
+            ["Time", "0.0 s"],
+            ["Rings transferred", "0 of 1"],
+            ["Rings dropped", "0"],
+            ["Instrument collisions", "0"],
+            ["Errors", "0"],
+        ],
+        "rings": [["ring", "held by b", "#ff007f"]],
+        "events": [],
+    }
+
+
+# -- live ----------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return twin.load_scene("davinci")
+
+
+@pytest.fixture(scope="module")
+def robots(scene):
+    return robots_at(scene.places)
+
+
+@pytest.fixture(scope="module")
+def props(scene):
+    return props_of(scene)
+
+
+@pytest.fixture(autouse=True)
+def no_budget(monkeypatch):
+    monkeypatch.setattr(console, "_BUDGET", np.inf)  # a busy machine does not make the World late
+
+
+def hands(number, lift=0.0, grip=0.0):
+    """Return the states of both hands; a roll of 5 deg at first shows that a person holds the right one."""
+    pose = spatial.pose(spatial.rotation_z(0.1 * (number > 3)), [0.08, lift, 0])
+    left = spatial.pose(p=[-0.08, 0, 0])
+    return HandState(0, False, False, number, pose, grip), HandState(1, False, False, number, left, 0.0)
+
+
+def row(live, name):
+    return dict(live.reading["task"]["rows"])[name]
+
+
+def test_an_attempt_is_ended_and_restarted(scene, robots, props, tmp_path):
+    file = tmp_path / "hands.session"
+    live = LiveConsole(scene, robots, session=file, task=scene.tasks["pegboard"], props=props)
+    start = {n: live.world.signals[n] for n in ("ring1.pose", "psm1.q")}
+    for number in range(40):
+        live.give("page 1", *hands(number, lift=0.0005 * number))
+        live.advance(0.01)
+    assert live.reading["hands"]["right"]["follows"]
+    assert not np.array_equal(live.world.signals["psm1.q"], start["psm1.q"])
+    assert float(row(live, "Time").removesuffix(" s")) > 0.1
+    with pytest.raises(HeldError, match="page 1 controls the hands"):
+        live.end("page 2")
+    live.end("page 1")
+    shown, tick = live.advance(0.01) or live.reading, live.world.tick
+    assert shown["task"]["over"] == "The task was ended."
+    assert shown["owner"] is None
+    with pytest.raises(HeldError, match="Restart the task to move the instruments"):
+        live.give("page 1", *hands(50))
+    live.advance(0.5)
+    assert live.world.tick == tick, "nothing moves after the end"
+    assert len(read_session(file).device) == tick
+    live.restart("page 2")
+    assert (live.attempt, live.reading["task"]["over"]) == (2, None)
+    assert row(live, "Time") == "0.0 s"
+    for name, value in start.items():
+        np.testing.assert_array_equal(live.world.signals[name], value)
+    live.advance(0.2)
+    np.testing.assert_allclose(live.world.signals["psm1.q"], start["psm1.q"], rtol=0, atol=1e-12)
+    live.close()
+    assert (tmp_path / "hands-2.session").is_file()
+
+
+def test_a_restart_that_cannot_be_recorded_loses_nothing(scene, robots, props, tmp_path):
+    (tmp_path / "hands-2.session").write_text("mine")
+    live = LiveConsole(
+        scene, robots, session=tmp_path / "hands.session", task=scene.tasks["pegboard"], props=props
+    )  # fmt: skip
+    live.advance(0.05)
+    with pytest.raises(OutputError, match=r"hands-2\.session exists; sessions are not overwritten"):
+        live.restart("page 1")
+    live.advance(0.05)
+    assert (live.attempt, live.world.tick) == (1, 100)
+    live.close()
+    assert len(read_session(tmp_path / "hands.session").device) == 100
+    assert (tmp_path / "hands-2.session").read_text() == "mine"
+
+
+def test_without_rings_there_is_nothing_to_end(scene, robots):
+    live = LiveConsole(scene, robots)
+    assert live.reading["task"] is None
+    with pytest.raises(TwinError, match="there is no task to end or restart: start this program with --task"):
+        live.end("page 1")
+    operation = Operation(scene, robots)
+    with pytest.raises(wire.RefusedError, match="there is no task to end or restart"):
+        operation.ask("c1", wire.parse('{"type": "task", "do": "restart"}'))
+    operation.close()
+
+
+def test_frames_hold_the_rings_after_the_robots(scene, robots, props):
+    operation = Operation(scene, robots, None, scene.tasks["pegboard"], props)
+    frame = unpack_scene(operation.frame(0, 0.0))
+    assert len(frame.robots) == 4
+    names = [name for name in operation.links if name.startswith("objects/")]
+    assert names == ["objects/ring1", "objects/ring2", "objects/ring3", "objects/ring4"]
+    for name, seven in zip(names, frame.robots[3].poses, strict=True):
+        T = operation.world.signals[f"{name.removeprefix('objects/')}.pose"].reshape(4, 4)
+        np.testing.assert_allclose(wire.pose_of(seven), T, atol=1e-6)
+    operation.close()
+
+
+# -- the whole task --------------------------------------------------------------------------------------------
+
+
+@pytest.mark.slow
+def test_hands_that_do_the_task_end_it_and_the_report_has_the_same_measures(scene, robots, props, tmp_path):
+    """The hands of a simulated surgeon come 250 times a second, as those of a page do."""
+    task = scene.tasks["pegboard"]
+    few = replace(scene, tasks={"pegboard": replace(task, transfers=task.transfers[:2])})
+    (tmp_path / FILE).write_bytes(operate_console(few, seed=1).recorded)
+    session = read_session(tmp_path / FILE)
+    at, given = columns(sizes(session.head.device)), session.device
+    live = LiveConsole(
+        scene, robots, session=tmp_path / "own.session", task=few.tasks["pegboard"], props=props, report=command.report
+    )
+    live.rescale("page 1", float(given[0, at["pedals.scale"]][0]))
+    held = set()
+    for number, now in enumerate(given[::4]):
+        if live.reading["task"]["over"]:
+            break
+        pedals = (bool(now[at[f"pedals.{p}"]][0] > 0.5) for p in ("clutch", "camera"))
+        clutch, camera = pedals
+        states = [
+            HandState(k, clutch, camera, number, now[at[f"{h}.pose"]].reshape(4, 4), float(now[at[f"{h}.grip"]][0]))
+            for k, h in enumerate(("right", "left"))
+        ]
+        live.give("page 1", *states)
+        live.advance(0.004)
+        held |= {state for _, state, _ in live.reading["task"]["rings"]}
+    for _ in range(200):
+        live.advance(0.004)
+    board = live.reading["task"]
+    assert board["over"] == "All rings are on their pegs."
+    assert {"held by psm1", "held by psm2"} <= held
+    assert row(live, "Rings transferred") == "2 of 2"
+    found = replay_session(tmp_path / "own.session", few)
+    assert found.ran.difference is None
+    assert found.seed is None
+    assert [list(r) for r in found.board.rows()] == board["rows"]
+    until(lambda: live.report()[1] or live.report()[2], "the report")
+    attempt, page, problem = live.report()
+    assert (attempt, problem) == (1, "")
+    assert b"Rings transferred" in page
+    live.close()
+
+
+# -- exports -------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def written(scene, tmp_path_factory):
+    """A session with two rings, and the folder with its files."""
+    task = scene.tasks["pegboard"]
+    few = replace(scene, tasks={"pegboard": replace(task, transfers=task.transfers[:2])})
+    found, folder = operate_console(few, seed=2), tmp_path_factory.mktemp("session")
+    found.write(folder)
+    return found, folder
+
+
+def keys_of(found):
+    """Return the samples of a session that become keys: every fourth, and the last."""
+    k = len(found.t)
+    return np.unique([*range(0, k, 4), k - 1])
+
+
+@pytest.mark.slow
+def test_readers_of_others_find_the_rings_where_they_were(written):
+    import pygltflib
+    from mcap.reader import make_reader
+    from pxr import Usd, UsdGeom
+
+    found, folder = written
+    kept, keys = found.ran.kept, keys_of(found)
+    truth = {f"ring{n}": kept[f"ring{n}.pose"].reshape(-1, 4, 4) for n in (1, 2, 3, 4)}
+    assert np.linalg.norm(np.ptp(truth["ring1"][:, :3, 3], axis=0)) > 30 * MM
+
+    gltf = pygltflib.GLTF2().load(str(folder / "objects/objects.glb"))
+
+    def numbers(index, width):
+        accessor = gltf.accessors[index]
+        view = gltf.bufferViews[accessor.bufferView]
+        start = (view.byteOffset or 0) + (accessor.byteOffset or 0)
+        return np.frombuffer(gltf.binary_blob(), "<f4", accessor.count * width, start).reshape(-1, width)
+
+    (clip,) = gltf.animations
+    seen = set()
+    for channel in clip.channels:
+        name, sampler = gltf.nodes[channel.target.node].name, clip.samplers[channel.sampler]
+        t = numbers(sampler.input, 1)[:, 0]
+        if channel.target.path == "translation":
+            np.testing.assert_allclose(t, found.t[keys], atol=1e-4)
+            np.testing.assert_allclose(numbers(sampler.output, 3), truth[name][keys, :3, 3], atol=1e-6)
+            seen.add(name)
+    assert {"ring1", "ring2"} <= seen
+
+    stage = Usd.Stage.Open(str(folder / "objects/usd/objects_session.usda"))
+    for k in keys[:: len(keys) // 7]:
+        cache = UsdGeom.XformCache(Usd.TimeCode(found.t[k] * stage.GetTimeCodesPerSecond()))
+        for name, Ts in truth.items():
+            T = np.array(cache.GetLocalToWorldTransform(stage.GetPrimAtPath(f"/objects/{name}"))).T
+            np.testing.assert_allclose(T, Ts[k], atol=1e-6)
+
+    with (folder / "session.mcap").open("rb") as file:
+        messages = [json.loads(m.data) for _, _, m in make_reader(file).iter_messages(["/tf"])]
+    for k, message in zip(range(0, len(found.t), 4), messages, strict=True):
+        at = {x["child_frame_id"]: x["translation"] for x in message["transforms"]}
+        np.testing.assert_allclose([at["ring2"][axis] for axis in "xyz"], truth["ring2"][k, :3, 3], atol=1e-6)
+
+
+@pytest.mark.slow
+def test_the_audit_reads_the_rings_and_finds_one_that_was_moved(written, tmp_path):
+    _, folder = written
+    shutil.copytree(folder / "objects", tmp_path / "objects")
+    assert twin.audit(tmp_path / "objects").verdict == "agree"
+    track = tmp_path / "objects/tracks/session.json"
+    data = json.loads(track.read_text())
+    data["poses"][-7] += 1e-4
+    track.write_text(json.dumps(data))
+    assert twin.audit(tmp_path / "objects").verdict != "agree"
+
+
+def test_the_stage_of_the_scene_has_the_rings_as_rigid_bodies(scene, tmp_path):
+    from pxr import Usd, UsdGeom, UsdPhysics, UsdShade
+
+    from twin.simulation.scene_stage import write_scene
+
+    bare = replace(scene, places=(), cameras={}, touching=frozenset())
+    stage = Usd.Stage.Open(str(write_scene(bare, tmp_path, {}, {}, None, 0.0)))
+    cache = UsdGeom.XformCache()
+    for item in scene.objects:
+        prim = stage.GetPrimAtPath(f"/davinci/objects/{item.name}")
+        np.testing.assert_allclose(np.array(cache.GetLocalToWorldTransform(prim)).T, item.T_world_object, atol=1e-12)
+        assert prim.HasAPI(UsdPhysics.RigidBodyAPI)
+        mass = UsdPhysics.MassAPI(prim)
+        assert mass.GetMassAttr().Get() == pytest.approx(item.mass)
+        (mesh,) = [p for p in prim.GetChildren() if p.IsA(UsdGeom.Mesh)]
+        body = trimesh.Trimesh(UsdGeom.Mesh(mesh).GetPointsAttr().Get(), np.reshape(
+            UsdGeom.Mesh(mesh).GetFaceVertexIndicesAttr().Get(), (-1, 3)))  # fmt: skip
+        body.density = item.mass / body.volume
+        moments = np.diag(body.moment_inertia)
+        np.testing.assert_allclose(mass.GetDiagonalInertiaAttr().Get(), moments, rtol=0.03)  # of the drawn ring
+        bound = UsdShade.MaterialBindingAPI(mesh).ComputeBoundMaterial("physics")[0]
+        assert UsdPhysics.MaterialAPI(bound.GetPrim()).GetDynamicFrictionAttr().Get() == pytest.approx(item.friction)
+        assert UsdPhysics.MeshCollisionAPI(mesh).GetApproximationAttr().Get() == "convexDecomposition"
+
+
+@pytest.mark.parametrize("shape", ["ring", "box", "ball"])
+def test_the_inertia_of_an_object_is_that_of_its_surface(shape):
+    size = {"ring": (6.75 * MM, 0.7 * MM), "box": (1 * MM, 2 * MM, 3 * MM), "ball": (2 * MM,)}[shape]
+    item = Movable("x", shape, size, 2e-3, 0.5)
+    body = trimesh.Trimesh(item.mesh().vertices, item.mesh().triangles)
+    body.density = item.mass / body.volume
+    np.testing.assert_allclose(item.inertia().I_com, body.moment_inertia, rtol=0.03, atol=1e-15)

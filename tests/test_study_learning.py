@@ -1,0 +1,224 @@
+"""Groups of sessions and questionnaires: rank tests against counting, scores at published limits, refused input."""
+
+from __future__ import annotations
+
+import json
+from itertools import product
+
+import numpy as np
+import pytest
+
+from twin.api.learning import measures, study_sessions
+from twin.cli import main
+from twin.core.errors import DescriptionError
+from twin.validation.questionnaires import keys
+from twin.validation.ranks import compare
+
+KEYS = {k.name: k for k in keys()}
+
+
+def table(tmp_path, text):
+    file = tmp_path / "users.csv"
+    file.write_text(text)
+    return file
+
+
+def answers(name, *rows):
+    """Return a CSV of users with answers; a row is (group, one answer for all items, or a list)."""
+    key = KEYS[name]
+    lines = [",".join(["group", *key.columns])]
+    for group, given in rows:
+        given = [given] * len(key.item) if isinstance(given, int) else given
+        lines.append(",".join([group, *map(str, given)]))
+    return "\n".join(lines) + "\n"
+
+
+# -- effect size -------------------------------------------------------------------------------------------------
+
+
+def test_the_effect_counts_pairs_with_ties_as_half(tmp_path):
+    """Cliff's delta and the measure A of Vargha and Delaney, from their definitions."""
+    a, b = [3, 5, 5, 8, 9], [1, 3, 5, 5, 5, 7]
+    text = "group,errors\n" + "".join(f"A,{x}\n" for x in a) + "".join(f"B,{x}\n" for x in b)
+    (c,) = compare(table(tmp_path, text)).comparisons
+    above = sum(x > y for x, y in product(a, b))
+    below = sum(x < y for x, y in product(a, b))
+    equal = len(a) * len(b) - above - below
+    assert c.effect == pytest.approx((above - below) / (len(a) * len(b)))
+    assert c.superiority == pytest.approx((above + equal / 2) / (len(a) * len(b)))
+    assert not c.exact  # ties
+
+
+def test_repeated_sessions_compare_last_ones_and_the_first_with_the_last(tmp_path):
+    rng = np.random.default_rng(0)
+    rows = [
+        (g, n, 100 - 10 * n * (g == "VR") + rng.normal()) for g in ("VR", "box") for n in (1, 2, 3) for _ in range(5)
+    ]
+    text = "user,group,session,time_s\n" + "".join(f"u{k},{g},{n},{x}\n" for k, (g, n, x) in enumerate(rows))
+    found = compare(table(tmp_path, text))
+    pairs = {c.groups: c for c in found.comparisons}
+    assert set(pairs) == {
+        ("VR, session 1", "VR, session 3"),
+        ("box, session 1", "box, session 3"),
+        ("VR, session 3", "box, session 3"),
+    }
+    assert pairs["VR, session 1", "VR, session 3"].effect == 1
+    assert pairs["VR, session 3", "box, session 3"].effect == -1
+    assert "study.repeated" in [f.code for f in found.findings]
+
+
+# -- questionnaires ----------------------------------------------------------------------------------------------
+
+
+def test_ssq_reaches_the_published_maxima(tmp_path):
+    """All symptoms severe: N 200.34, O 159.18, D 292.32, total 235.62; every scale has seven items (Kennedy et al.)."""
+    ssq = KEYS["ssq"]
+    assert ssq.scores([0] * 16) == dict.fromkeys(ssq.scores([0] * 16), 0)
+    expected = {"nausea": 200.34, "oculomotor": 159.18, "disorientation": 292.32, "total": 235.62}
+    assert ssq.scores([3] * 16) == pytest.approx({f"ssq_{n}": v for n, v in expected.items()})
+    for scale in ssq.scale:
+        assert sum(scale in item.scales for item in ssq.item) == 7
+
+
+def test_one_symptom_of_the_ssq_counts_in_its_scales():
+    ssq = KEYS["ssq"]
+    nausea = ssq.scores([2 if item.name == "nausea" else 0 for item in ssq.item])
+    assert nausea == pytest.approx(
+        {"ssq_nausea": 19.08, "ssq_oculomotor": 0, "ssq_disorientation": 27.84, "ssq_total": 14.96}
+    )
+
+
+def test_ueq_is_three_at_the_positive_word_of_every_item():
+    ueq = KEYS["ueq"]
+    best = [1 if item.reversed else 7 for item in ueq.item]
+    assert set(ueq.scores(best).values()) == {3.0}
+    assert set(ueq.scores([8 - x for x in best]).values()) == {-3.0}
+    assert set(ueq.scores([4] * 26).values()) == {0.0}
+    counts = {scale: sum(scale in item.scales for item in ueq.item) for scale in ueq.scale}
+    assert counts.pop("attractiveness") == 6
+    assert set(counts.values()) == {4}
+
+
+def test_answers_become_scores_that_are_compared(tmp_path):
+    text = answers("ueq", ("A", 4), ("A", 4), ("B", [1 if i.reversed else 7 for i in KEYS["ueq"].item]), ("B", 4))
+    found = compare(table(tmp_path, text))
+    assert {c.measure for c in found.comparisons} == {f"ueq_{n}" for n in KEYS["ueq"].scale}
+    assert found.users.measures["ueq_novelty"] == [0, 0, 3, 0]
+    assert [f.code for f in found.findings if "Handbook" in f.message] == ["study.scored"]
+
+
+def test_a_missing_answer_leaves_its_scores_empty(tmp_path):
+    text = answers("ssq", ("A", 0), ("A", ["", *[1] * 15]), ("B", 1), ("B", 2))
+    users = compare(table(tmp_path, text)).users
+    assert np.isnan(users.measures["ssq_nausea"][1])
+    assert users.measures["ssq_disorientation"][1] == pytest.approx(7 * 13.92)
+
+
+def test_sim_tlx_is_compared_as_it_is_with_the_reason(tmp_path):
+    found = compare(table(tmp_path, "group,simtlx_mental\nA,1\nA,2\nB,3\nB,4\n"))
+    assert found.findings[0].code == "study.unscored"
+    assert found.comparisons[0].measure == "simtlx_mental"
+
+
+@pytest.mark.parametrize(
+    ("text", "why"),
+    [
+        (
+            "group,ssq_1,ssq_2\nA,1,1\nB,1,1\n",
+            r"users\.csv:1: SSQ needs the columns ssq_1 to ssq_16; ssq_3, .* are missing",
+        ),
+        (answers("ssq", ("A", 1), ("B", 4)), r"users\.csv:3: ssq_1 is 4; give an integer, 0 to 3"),
+        (answers("ueq", ("A", 1), ("B", 0)), r"users\.csv:3: ueq_1 is 0; give an integer, 1 to 7"),
+        (answers("ueq", ("A", 1)).replace("ueq_26", "ueq_27"), "ueq_26 is missing"),
+        ("group,time,time\nA,1,2\nB,1,2\n", "the header has 'time' twice"),
+        ("group,time\nA,1\nB,2\n", "every group has only one session or user"),
+        ("group,session,time\nA,,1\nB,1,2\n", r"users\.csv:2: session is ''; give the number of the session"),
+        ("group,time\n", "nothing to compare"),
+        ("", "the header needs a column 'group'"),
+    ],
+)
+def test_a_wrong_table_is_refused_with_its_line(tmp_path, text, why):
+    with pytest.raises(DescriptionError, match=why):
+        compare(table(tmp_path, text))
+
+
+# -- sessions ----------------------------------------------------------------------------------------------------
+
+
+def session(folder, name, time, task="camera", angle=0.1, **more):
+    """Write what `twin session --out` writes of a session, as far as it is compared; return its path."""
+    hand = {"hand": "right", "robot": "psm1", "path_mm": 10 * time}
+    align = {"time_s": time, "align_err_deg": angle, "lens_path_mm": 40.0}
+    path = folder / f"{name}.json"
+    content = {"schema": "twin/session/1", "scene": "davinci", "task": task, "time_s": time + 1, "hands": [hand]}
+    path.write_text(json.dumps(content | {"clutches": 2, "camera_moves": 3, "alignment": align, **more}))
+    return path
+
+
+@pytest.fixture
+def four(tmp_path):
+    return {
+        "first": [session(tmp_path, f"a{k}", 100 + k, angle=-0.3) for k in range(4)],
+        "last": [session(tmp_path, f"b{k}", 50 + k) for k in range(4)],
+    }
+
+
+def test_sessions_of_two_groups_are_compared(four):
+    found = study_sessions(four)
+    by_measure = {c.measure: c for c in found.comparisons}
+    assert by_measure["time_s"].p == pytest.approx(2 / 70)
+    assert by_measure["time_s"].effect == 1
+    assert by_measure["time_s"].exact
+    assert by_measure["align_err_deg"].effect == -1
+    assert by_measure["align_err_size_deg"].effect == 1
+    assert found.users.sessions == [1, 2, 3, 4, 1, 2, 3, 4]
+
+
+def test_the_command_writes_page_boxes_and_table(four, tmp_path, capsys):
+    out = tmp_path / "out"
+    assert main(["study", *(f"{g}={f}" for g, files in four.items() for f in files), "--out", str(out)]) == 0
+    assert "Cliff's delta" in capsys.readouterr().out
+    assert {p.name for p in out.iterdir()} == {"study.html", "study.json", "study.png", "users.csv"}
+    again = compare(out / "users.csv")
+    assert {c.measure for c in again.comparisons} >= {"time_s", "align_err_deg"}
+
+
+def test_measures_of_a_peg_board_are_the_papers():
+    board = {"time_s": 200, "rings_transferred": 4, "rings_dropped": 1, "instrument_collisions": 2, "errors": 3}
+    hands = [{"robot": "psm1", "path_mm": 5}]
+    content = {"time_s": 210, "hands": hands, "clutches": 0, "camera_moves": 0, "board": board}
+    found = measures(content)
+    assert (found["time_s"], found["errors"], found["psm1_path_mm"]) == (200, 3, 5)
+
+
+def test_sessions_that_cannot_be_compared_are_refused(four, tmp_path):
+    other = session(tmp_path, "other", 80, task="pegboard")
+    with pytest.raises(
+        DescriptionError, match=r"other\.json is of davinci, task pegboard: compare sessions of one task"
+    ):
+        study_sessions({**four, "last": [other]})
+    with pytest.raises(DescriptionError, match="give a second one to compare"):
+        study_sessions({"first": four["first"]})
+    with pytest.raises(DescriptionError, match="only one session or user"):
+        study_sessions({"first": four["first"][:1], "last": four["last"][:1]})
+    (tmp_path / "no.json").write_text("{}")
+    with pytest.raises(DescriptionError, match=r"no\.json: is not the session\.json"):
+        study_sessions({"a": [tmp_path / "no.json"], "b": four["last"]})
+    (tmp_path / "cut.json").write_text("{")
+    with pytest.raises(DescriptionError, match="cannot be read"):
+        study_sessions({"a": [tmp_path / "cut.json"], "b": four["last"]})
+
+
+@pytest.mark.parametrize(
+    ("given", "why"),
+    [
+        (["a.csv", "b.csv"], "2 subjects are given"),
+        (["first=a.session", "b.session"], "'b.session' has no group"),
+        (["=a.session", "b=c.session"], "give NAME=FILE"),
+        (["sher", "--out", "x"], "--out is for groups"),
+    ],
+)
+def test_wrong_arguments_are_refused(given, why, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert main(["study", *given]) == 2
+    assert why in capsys.readouterr().err

@@ -1,0 +1,84 @@
+"""Compare groups of sessions at a console: measures of every session, rank tests, learning curves."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from twin.api.robot import Progress, silent
+from twin.api.session import ConsoleSession, replay_session
+from twin.core.errors import DescriptionError
+from twin.core.foreign.text import load_json
+from twin.validation.ranks import Ranks, Users, compare_users
+
+
+def study_sessions(groups: Mapping[str, Sequence[str | Path]], progress: Progress = silent) -> Ranks:
+    """Compare groups of sessions of one task, such as first and last ones, or those with and without haptics.
+
+    Args:
+        groups: by name of the group, files in the order in which the sessions took place: sessions (replayed) or the
+            session.json of `twin session --out` and `twin operate`.
+        progress: see `Progress`.
+
+    Raises:
+        DescriptionError: there are fewer than two groups, a file is no session, or the sessions have different tasks.
+        WorldError: a session is damaged, or its replay gives different bytes.
+    """
+    if len(groups) < 2:
+        raise DescriptionError(
+            f"one group of sessions is given ({', '.join(groups)}); give a second one to compare, as in "
+            "first=a.session last=b.session"
+        )
+    rows: list[tuple[str, float, dict[str, float]]] = []
+    tasks: dict[str, Path] = {}
+    files = [(group, k, Path(f)) for group, of in groups.items() for k, f in enumerate(of, 1)]
+    for i, (group, number, path) in enumerate(files):
+        progress(path.name, i / len(files))
+        found = _content(path)
+        task = f"{found['scene']}, task {found['task'] or 'none'}"
+        tasks.setdefault(task, path)
+        if len(tasks) > 1:
+            (a, first), (b, other) = tasks.items()
+            raise DescriptionError(f"{first} is of {a}, {other} is of {b}: compare sessions of one task")
+        rows.append((group, float(number), measures(found)))
+    names = [n for n in rows[0][2] if all(n in row for _, _, row in rows)]
+    table = {n: [row[n] for _, _, row in rows] for n in names}
+    users = Users(next(iter(tasks)), [g for g, _, _ in rows], [k for _, k, _ in rows], False, table)
+    return compare_users(users)
+
+
+def measures(content: Mapping[str, Any]) -> dict[str, float]:
+    """Return the measures of a session that are compared, by name with unit, from its plain data."""
+    out = {"time_s": content["time_s"]}
+    out |= {f"{name}_path_mm": hand["path_mm"] for hand in content["hands"] for name in [hand["robot"]]}
+    out |= {n: content[n] for n in ("clutches", "camera_moves")}
+    if board := content.get("board"):
+        out["time_s"] = board["time_s"]
+        out |= {n: board[n] for n in ("rings_transferred", "rings_dropped", "instrument_collisions", "errors")}
+    if align := content.get("alignment"):
+        out["time_s"] = align["time_s"]
+        out["lens_path_mm"] = align["lens_path_mm"]
+        angle = align["align_err_deg"]
+        out |= {"align_err_deg": angle, "align_err_size_deg": None if angle is None else abs(angle)}
+    if targets := content.get("targets"):
+        out["targets_touched"] = sum(t["t_s"] is not None for t in targets)
+    return {n: float("nan") if v is None else float(v) for n, v in out.items()}
+
+
+def _content(path: Path) -> dict[str, Any]:
+    """Return the plain data of a session file, which is replayed, or of a session.json."""
+    if path.suffix != ".json":
+        found = replay_session(path)
+        if found.ran.difference is not None:
+            raise DescriptionError(f"{path}: the replay gives different bytes; see: twin session {path}")
+        return found.as_dict()
+    try:
+        found = load_json(path)
+    except (OSError, ValueError, RecursionError) as error:
+        raise DescriptionError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from error
+    if not isinstance(found, dict) or found.get("schema") != f"twin/{ConsoleSession.kind}/1":
+        raise DescriptionError(
+            f"{path}: is not the session.json of a session; `twin session FILE --out FOLDER` writes it"
+        )
+    return found

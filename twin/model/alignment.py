@@ -1,0 +1,108 @@
+"""What the camera task aligns: a grey line, fixed in the picture, and a green rectangle on a plate in the World."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from twin.core import spatial
+from twin.core.spatial import Array
+from twin.model.mechanism import Body, Finish, Joint, Mechanism, Mesh
+
+BODY = "target"
+"""Name of the drawn body: a plate with the rectangle."""
+
+RECTANGLE = "target_rectangle"
+"""Name of the rectangle's surface."""
+
+_PLATE_RGBA = (0.08, 0.085, 0.09, 1.0)
+_THICK, _BEFORE = 2e-3, 1e-4
+"""Thickness of the plate, and distance of the rectangle before it, in m, so that the plate does not show through."""
+
+
+@dataclass(frozen=True)
+class Alignment:
+    """A rectangle on a plate, and the line in the picture to which its upper side is to be aligned.
+
+    Attributes:
+        T_world_plate: (4, 4) frame at the rectangle's middle: x along its upper side to the right, y to its upper side,
+            z out of the plate.
+        size: width and height of the rectangle in m.
+        plate: width and height of the plate in m.
+        color_rgba: colour of the rectangle, linear, 0..1.
+        line: length of the line in the middle of the picture, divided by the height of the picture.
+        tolerance: largest angle in rad between line and upper side at the end of the task.
+        off: largest distance of an end of the upper side from an end of the line, divided by the length of the line.
+    """
+
+    T_world_plate: Array
+    size: tuple[float, float]
+    plate: tuple[float, float]
+    color_rgba: tuple[float, float, float, float]
+    line: float
+    tolerance: float
+    off: float
+
+    @property
+    def upper(self) -> Array:
+        """Left and right end (2, 3) in m of the rectangle's upper side in the World."""
+        w, h = self.size
+        T = self.T_world_plate
+        return np.array([[-w / 2, h / 2, _BEFORE], [w / 2, h / 2, _BEFORE]]) @ T[:3, :3].T + T[:3, 3]
+
+    def body(self) -> Body:
+        """Return the plate and the rectangle as a drawn body in the World frame."""
+        w, h = self.size[0] / 2, self.size[1] / 2
+        flat = np.array([[-w, -h, _BEFORE], [w, -h, _BEFORE], [w, h, _BEFORE], [-w, h, _BEFORE]])
+        x, y = self.plate[0] / 2, self.plate[1] / 2
+        box = np.array([[sx * x, sy * y, z] for z in (-_THICK, 0.0) for sx, sy in ((-1, -1), (1, -1), (1, 1), (-1, 1))])
+        quads = ((3, 2, 1, 0), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7))
+        triangles = np.array([t for a, b, c, d in quads for t in ((a, b, c), (a, c, d))], np.int32)
+        two = np.array([[0, 1, 2], [0, 2, 3]], np.int32)
+        finish = Finish(roughness=0.9)
+        T = self.T_world_plate
+        meshes = [
+            Mesh(name, v @ T[:3, :3].T + T[:3, 3], f, rgba, finish)
+            for name, v, f, rgba in (
+                (f"{BODY}_plate", box, triangles, _PLATE_RGBA),
+                (RECTANGLE, flat, two, self.color_rgba),
+            )
+        ]
+        return Body(BODY, tuple(meshes))
+
+
+def beside(props: Mechanism | None, alignment: Alignment | None) -> Mechanism | None:
+    """Return the props of a scene together with the plate of a task; both are fixed in the World.
+
+    Args:
+        props: the props, or None.
+        alignment: the task; None: the props are returned as they are.
+    """
+    if alignment is None:
+        return props
+    base = Body("scenery") if props is None else props.bodies[0]
+    whole = Mechanism(base.name, base.name, (base,), (), rest={base.name: np.eye(4)}) if props is None else props
+    T = spatial.inverse(whole.rest[whole.base])
+    joint = Joint(f"{BODY}_stands", "fixed", whole.base, BODY, T_parent_joint=T)
+    return replace(
+        whole,
+        bodies=(*whole.bodies, alignment.body()),
+        joints=(*whole.joints, joint),
+        rest={**whole.rest, BODY: np.eye(4)},
+    )
+
+
+def frame(middle: Array, facing: Array, roll: float) -> Array:
+    """Return the frame (4, 4) of a plate: z along `facing`, x horizontal and then turned about z by `roll` in rad.
+
+    Args:
+        middle: (3,) middle of the rectangle in m.
+        facing: (3,) direction out of the plate; not vertical.
+        roll: angle in rad, counter-clockwise for who looks at the plate.
+    """
+    z = facing / np.linalg.norm(facing)
+    x = np.cross([0.0, 0.0, 1.0], z)
+    x = x / np.linalg.norm(x)
+    R = np.column_stack([x, np.cross(z, x), z]) @ spatial.rotation_z(roll)
+    return spatial.pose(R, middle)

@@ -1,0 +1,128 @@
+"""A simulated surgeon, with a random seed, who aligns the endoscope with a rectangle, with both hands at the pedal.
+
+The surgeon looks at the ends of the rectangle's upper side in the picture, presses the camera pedal, and moves both
+hands: together to move the scene across the picture and towards the lens, against each other to roll it. After each
+press, the surgeon looks again. How the hands move: `devices.surgeon_hands`; all habits are ASSUMED.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Iterator, Mapping
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from twin.core import spatial
+from twin.core.spatial import Array
+from twin.core.units import DEG
+from twin.simulation.devices.hand import Hand
+from twin.simulation.devices.surgeon_hands import Eye, Habits, SurgeonHands
+
+_STROKES, _PRESSES = 25, 12
+"""Maximum number of strokes in a press of the pedal, and of presses; then the surgeon gives up."""
+
+HABITS = Habits(hand=Hand(misjudge=0.05))
+"""Habits at the camera: a stroke of both hands is judged less well than one of a hand."""
+
+
+class CameraSurgeon(SurgeonHands):
+    """Writes what `SurgeonHands` writes, and `surgeon.target`: 0.
+
+    Attributes:
+        missed: name of the task if the surgeon gave it up.
+    """
+
+    def __init__(
+        self,
+        device: str,
+        arms: Mapping[str, Eye],
+        camera: str,
+        view: float,
+        task: str,
+        upper: Array,
+        line: float,
+        scale: float,
+        dt: float = 1e-3,
+        seed: int = 0,
+        habits: Habits | None = None,
+        *,
+        turned: float = 0.08 * DEG,
+        aside: float = 0.01,
+        acuity: float = 0.02 * DEG,
+    ) -> None:
+        """Connect to a console.
+
+        Args:
+            device: name of the device of the pedals.
+            arms: the arm of the right and of the left hand, by hand, in this order.
+            camera: name of the arm of the camera.
+            view: angle of view over the height of the picture, in rad.
+            task: name of the task.
+            upper: (2, 3) left and right end of the rectangle's upper side in m in the World.
+            line: length of the line divided by the height of the picture.
+            scale: motion scale of the console.
+            dt: duration of a tick in s.
+            seed: seed of tremor and errors.
+            habits: parameters of the surgeon; None: `HABITS`.
+            turned: angle in rad between line and upper side that the surgeon accepts; ASSUMED.
+            aside: distance of the ends from the ends of the line that the surgeon accepts, divided by the length of the
+                line; ASSUMED.
+            acuity: standard deviation in rad of the angle as the surgeon sees it; ASSUMED.
+        """
+        self.task, self.upper, self.line = task, np.array(upper, float), line
+        self.turned, self.aside, self.acuity = turned, aside, acuity
+        self.missed: list[str] = []
+        super().__init__(device, arms, camera, view, scale, dt, seed, habits or HABITS)
+
+    def _said(self, t: float) -> dict[str, ArrayLike]:
+        return super()._said(t) | {"surgeon.target": 0.0}
+
+    def _work(self) -> Iterator[None]:
+        yield from self._rest(0.3)
+        yield from self._show()
+        for _ in range(_PRESSES):
+            self._camera = True
+            yield from self._rest(0.1)
+            yield from self._align()
+            self._camera = False
+            yield from self._rest(self.habits.settle)
+            way, turn = self._seen()
+            if self._near(way, turn):
+                break
+        else:
+            self.missed.append(self.task)
+        yield from self._rest(0.2)
+
+    def _align(self) -> Generator[None, None, None]:
+        """Move the camera by strokes of both hands until the upper side lies on the line."""
+        right, left = self.arms
+        for _ in range(_STROKES):
+            way, turn = self._seen()
+            if self._near(way, turn):
+                return
+            together = self._misjudged(way) / self.habits.drag
+            against = float(self._misjudged(np.array([0.0, 0.0, turn]))[2])
+            half = (self._p[right] - self._p[left]) / 2
+            apart = spatial.rotation_z(against) @ half - half
+            yield from self._stroke({right: together + apart, left: together - apart}, self.habits.settle)
+
+    def _near(self, way: Array, turn: float) -> bool:
+        """Return whether the surgeon accepts a picture that is still `way` and `turn` from the wanted one."""
+        length = float(np.linalg.norm(self.upper[1] - self.upper[0]))
+        far = self._goal_depth()
+        return abs(turn) < self.turned and float(np.abs(way / [length, length, far]).max()) < self.aside
+
+    def _goal_depth(self) -> float:
+        """Return the distance in m at which the rectangle appears as long as the line."""
+        return float(np.linalg.norm(self.upper[1] - self.upper[0])) / (2 * self._half * self.line)
+
+    def _seen(self) -> tuple[Array, float]:
+        """Return the displacement (3,) in m and the angle in rad by which the scene has to move in the picture."""
+        ends = self._in_picture({"left": self.upper[0], "right": self.upper[1]})
+        a, b = ends["left"], ends["right"]
+        across = b[:2] / -b[2] - a[:2] / -a[2]  # as it appears
+        turn = -float(np.arctan2(across[1], across[0])) + self.acuity * float(self._rng.normal())
+        longer = float(np.linalg.norm(across)) / (2 * self._half * self.line)
+        middle = (a[:2] / -a[2] + b[:2] / -b[2]) / 2
+        depth = -(a[2] + b[2]) / 2
+        return np.array([*(-middle * depth), depth * (1 - longer)]), turn

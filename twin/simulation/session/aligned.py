@@ -1,0 +1,42 @@
+"""The camera task by projection: angle and place of the rectangle's upper side against the line in the picture."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from twin.core.spatial import Array
+from twin.model.alignment import Alignment
+
+
+def seen_ends(alignment: Alignment, T_world_picture: Array, view: float) -> Array:
+    """Return the ends (2, 2) of the upper side in the picture: x right, y up, half the height of the picture is 1.
+
+    Args:
+        alignment: the task.
+        T_world_picture: (4, 4) frame of the picture: x right, y up, z out of it, origin at the lens.
+        view: angle of view over the height of the picture, in rad.
+
+    Returns:
+        The left and the right end; NaN if one of them is behind the lens.
+    """
+    p = (alignment.upper - T_world_picture[:3, 3]) @ T_world_picture[:3, :3]
+    if (p[:, 2] >= 0).any():
+        return np.full((2, 2), np.nan)
+    return p[:, :2] / (-p[:, 2:] * np.tan(view / 2))
+
+
+def angle(ends: Array) -> float:
+    """Return the angle in rad of the upper side against the line, counter-clockwise positive; `ends` (2, 2)."""
+    x, y = ends[1] - ends[0]
+    return float(np.arctan2(y, x))
+
+
+def off(ends: Array, line: float) -> float:
+    """Return the largest distance of an end of the upper side from the same end of the line, in lengths of the line.
+
+    Args:
+        ends: (2, 2) ends of the upper side, as `seen_ends` returns them.
+        line: length of the line divided by the height of the picture.
+    """
+    at = np.array([[-line, 0.0], [line, 0.0]])
+    return float(np.linalg.norm(ends - at, axis=1).max()) / (2 * line)

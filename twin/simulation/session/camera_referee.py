@@ -1,0 +1,54 @@
+"""Time and camera moves of the camera task while it is performed, for the scoreboard of a page.
+
+AlignErr is not shown before the end: who aligns the camera shall look at the picture.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from twin.core.spatial import Array
+from twin.simulation.console_scene import PEDALS
+from twin.simulation.controllers.pedals import CAMERA
+from twin.simulation.world import Block, Signals
+
+
+class CameraReferee(Block):
+    """Reads `console.mode`, `pedals.camera` and `<camera>.at` at the end of every sample; it writes no signal.
+
+    Attributes:
+        complete: False: only the person knows when the camera is aligned.
+        moves: number of presses of the camera pedal in which the camera moved.
+        time: time in s from the first moment at which the hands have the camera to its last motion.
+    """
+
+    outputs: Mapping[str, Array] = {}
+    complete = False
+
+    def __init__(self, camera: str, period: float) -> None:
+        """Begin with no sample; `camera` is the name of its arm, `period` the time in s between two samples."""
+        self.period, self.moves, self.time = period, 0, 0.0
+        self._at_name, self._at = f"{camera}.at", None
+        self._begun: float | None = None
+        self._moved = False
+
+    def step(self, signals: Signals, t: float, dt: float) -> dict[str, Array]:
+        """Read the signals at the end of this tick."""
+        at, before = signals.now[self._at_name].copy(), self._at
+        self._at = at
+        self._moved &= signals.now[f"{PEDALS}.camera"].item() > 0.5
+        if signals.now["console.mode"].item() != CAMERA:
+            return {}
+        self._begun = t if self._begun is None else self._begun
+        if before is not None and not np.array_equal(at, before):
+            self.moves += not self._moved
+            self._moved, self.time = True, t - self._begun
+        return {}
+
+    def content(self) -> dict[str, Any]:
+        """Return the scoreboard as plain data, as that of the peg board, without rings and events."""
+        rows = [["Time", f"{self.time:.1f} s"], ["Camera moves", str(self.moves)]]
+        return {"rows": rows, "rings": [], "events": []}

@@ -1,0 +1,120 @@
+"""Measures of the camera task: time, angle by projection and in the picture, paths of the lens and of the hands."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from twin.core.quantity import Quantity
+from twin.core.spatial import Array
+from twin.core.units import DEG
+from twin.model.alignment import RECTANGLE, Alignment
+from twin.model.mechanism import Body
+from twin.simulation.console_scene import HANDS
+from twin.simulation.controllers.pedals import CAMERA
+from twin.simulation.session import aligned, movement, picture, upper_side
+from twin.simulation.session.picture import Surface
+from twin.simulation.world import Recording
+
+AGREE = 0.05 * DEG
+"""Largest difference in rad between the angle by projection and the angle in the picture."""
+
+_COVERED = 0.002
+"""Largest part of the rectangle that may be covered in a picture in which its angle is measured."""
+
+
+@dataclass(frozen=True)
+class AlignMeasures:
+    """Measures of the camera task.
+
+    Attributes:
+        time: time in s from the first press of the camera pedal to the end of the last motion of the camera.
+        angle: AlignErr in rad by projection, at the end: angle of the upper side against the line, counter-clockwise
+            positive; NaN if the rectangle is behind the lens.
+        off: largest distance of an end of the upper side from the same end of the line, in lengths of the line; NaN as
+            `angle`.
+        seen: AlignErr in rad in the drawn picture at the end; None: it could not be measured.
+        refused: the reason for that, or "".
+        path: length in m of the path of the lens.
+        hands: length in m of the path of each hand while it moved the camera.
+        course: (k, 2, 2) ends of the upper side in the picture over time, see `aligned.seen_ends`; NaN behind the lens.
+    """
+
+    time: float
+    angle: float
+    off: float
+    seen: float | None
+    refused: str
+    path: float
+    hands: Mapping[str, float]
+    course: Array = field(compare=False)
+
+    def done(self, alignment: Alignment) -> bool:
+        """Return whether the upper side is aligned with the line within the tolerances."""
+        return abs(self.angle) <= alignment.tolerance and self.off <= alignment.off
+
+
+def measure(
+    kept: Recording, alignment: Alignment, Ts_world_picture: Array, view: float, sight: Sight, lens: Array
+) -> AlignMeasures:
+    """Return the measures of a session.
+
+    Args:
+        kept: signals of the session.
+        alignment: the task.
+        Ts_world_picture: (k, 4, 4) frame of the picture over time, from the equations of the camera's arm.
+        view: angle of view over the height of the picture, in rad.
+        sight: what the camera sees at the end, from the mechanisms.
+        lens: (k, 3) position of the lens in m.
+    """
+    driven = kept["console.mode"][:, 0] == CAMERA
+    presses = np.flatnonzero(driven)
+    moved = np.flatnonzero(np.linalg.norm(np.diff(lens, axis=0), axis=1) > 0)
+    start = kept.t[presses[0]] if len(presses) else 0.0
+    end = kept.t[moved[-1] + 1] if len(moved) else start
+    course = np.array([aligned.seen_ends(alignment, T, view) for T in Ts_world_picture])
+    angle, off = aligned.angle(course[-1]), aligned.off(course[-1], alignment.line)
+    seen, refused = in_picture(sight, view)
+    hands = {}
+    for hand in HANDS:
+        p = kept[f"{hand}.pose"].reshape(-1, 4, 4)[:, :3, 3]
+        steps = np.linalg.norm(np.diff(p, axis=0), axis=1)
+        hands[hand] = float(steps[driven[1:] & driven[:-1]].sum())
+    path = movement.path_length(lens)
+    return AlignMeasures(max(0.0, float(end - start)), angle, off, seen, refused, path, hands, course)
+
+
+@dataclass(frozen=True)
+class Sight:
+    """What a camera sees.
+
+    Attributes:
+        surfaces: all surfaces in the World.
+        T_world_camera: (4, 4) pose of the camera: z along the view, y down in the picture.
+    """
+
+    surfaces: Sequence[Surface]
+    T_world_camera: Array
+
+
+def in_picture(sight: Sight, view: float) -> tuple[float | None, str]:
+    """Return (AlignErr in rad in the drawn picture, ""), or (None, reason) if it cannot be measured."""
+    drawn = picture.draw(sight.surfaces, RECTANGLE, sight.T_world_camera, view)
+    if sum(drawn.covered.values()) > _COVERED:
+        parts = [f"{n} covers {Quantity(100 * part, '%')}" for n, part in drawn.covered.items() if part > _COVERED / 4]
+        return None, f"{' and '.join(parts)} of the rectangle: move it aside"
+    try:
+        return upper_side.angle(drawn.rgb), ""
+    except upper_side.UnmeasuredError as error:
+        return None, str(error)
+
+
+def surfaces(owner: str, bodies: Sequence[Body], Ts_world_body: Mapping[str, Array]) -> list[Surface]:
+    """Return the surfaces of bodies at poses (4, 4) in the World."""
+    placed = [(m, Ts_world_body[body.name]) for body in bodies for m in body.meshes]
+    return [
+        Surface(owner, m.name, m.vertices @ T[:3, :3].T + T[:3, 3], np.asarray(m.triangles), m.color_rgba[:3])
+        for m, T in placed
+    ]

@@ -1,0 +1,120 @@
+"""The angle of the upper side of a green rectangle in a picture, as the paper measures it: mask, upper side, slope.
+
+The mask has, of every pixel, the part that is green; an edge in it is therefore known to a fraction of a pixel. The
+paper takes two points of the upper side; here a line is fitted to all columns of it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial import ConvexHull
+
+from twin.core.errors import TwinError
+from twin.core.spatial import Array
+
+_GREEN = 0.02
+"""Smallest amount, linear, by which green exceeds red and blue in a rectangle."""
+
+_SHORTEST = 60
+"""Smallest number of columns of an upper side: of a shorter one, the angle is not known to 0.05 degrees."""
+
+_OFF = 0.35
+"""Largest distance in pixels of a point of the upper side from its line."""
+
+_FULL, _ABOVE = 0.97, 4
+"""Part of a pixel from which on it counts as fully green; rows above the first such pixel that an edge may cross."""
+
+_INSIDE = np.arange(3, 8)
+"""Rows below the first green pixel of a column that show its full green."""
+
+_DENT = 0.02
+"""Largest part of the mask's area that may be missing to a convex shape."""
+
+
+class UnmeasuredError(TwinError):
+    """The upper side of the rectangle cannot be measured in this picture; the message says why."""
+
+
+def angle(rgb: Array) -> float:
+    """Return the angle in rad of the upper side against the picture's horizontal, counter-clockwise positive.
+
+    Args:
+        rgb: (height, width, 3) linear colours of the picture.
+
+    Raises:
+        UnmeasuredError: there is no green, the border of the picture cuts it, it is too small, something covers it, or
+            its upper side is steeper than 45 degrees.
+    """
+    mask = _mask(rgb)
+    _require_inside(mask)
+    _require_convex(mask)
+    x, y = _upper(mask)
+    inside, slope = _longest_line(x, y)
+    if abs(slope) > 1:
+        raise UnmeasuredError("the rectangle is turned by more than 45 degrees: which side is the upper one is unclear")
+    xs, ys = x[inside], y[inside]
+    if np.ptp(xs) + 1 < _SHORTEST:
+        raise UnmeasuredError(
+            f"the upper side of the rectangle has {np.ptp(xs) + 1:.0f} columns; {_SHORTEST} are needed: move nearer"
+        )
+    between = (x > xs[0]) & (x < xs[-1])
+    if np.count_nonzero(between & ~inside) > 0.02 * np.count_nonzero(between) or np.diff(xs).max() > 3:
+        raise UnmeasuredError("the upper side of the rectangle is not one straight line: something covers part of it")
+    cut = 2 + len(xs) // 50  # corners are rounded by the pixels
+    slope = float(np.polyfit(xs[cut:-cut], ys[cut:-cut], 1)[0])
+    return -float(np.arctan(slope))
+
+
+def _mask(rgb: Array) -> Array:
+    """Return the green part (height, width) of every pixel, 0 to 1.
+
+    What is fully green is taken from each column, a few rows below its first green pixel: light is not the same
+    everywhere.
+    """
+    green = rgb[..., 1] - np.maximum(rgb[..., 0], rgb[..., 2])
+    if green.max() < _GREEN:
+        raise UnmeasuredError("the rectangle is not in the picture")
+    found = green > 0.5 * green.max()
+    inside = np.minimum(found.argmax(axis=0) + _INSIDE[:, None], len(green) - 1)
+    full = np.median(np.take_along_axis(green, inside, axis=0), axis=0)
+    return np.clip(green / np.maximum(full, 0.5 * green.max()), 0.0, 1.0)
+
+
+def _require_inside(mask: Array) -> None:
+    borders = {"upper": mask[0], "lower": mask[-1], "left": mask[:, 0], "right": mask[:, -1]}
+    cut = [name for name, line in borders.items() if line.max() > 0.1]
+    if cut:
+        raise UnmeasuredError(f"the {' and the '.join(cut)} border of the picture cuts the rectangle")
+
+
+def _require_convex(mask: Array) -> None:
+    rows, columns = np.nonzero(mask > 0.5)
+    if len(rows) < _SHORTEST or not np.ptp(rows) or not np.ptp(columns):
+        raise UnmeasuredError(f"the rectangle has {len(rows)} pixels; move nearer")
+    hull = ConvexHull(np.column_stack([columns, rows]))  # of the middles of pixels: half a pixel inside on every side
+    missing = float(hull.volume + hull.area / 2 + 1) - len(rows)
+    if missing > _DENT * len(rows) + 0.25 * hull.area:
+        raise UnmeasuredError(f"something covers part of the rectangle: {missing / len(rows):.0%} of it are missing")
+
+
+def _upper(mask: Array) -> tuple[Array, Array]:
+    """Return columns (k,) and the height (k,) of the upper edge in each, in pixels from the top."""
+    full = mask >= _FULL
+    columns = np.flatnonzero(full.any(axis=0))
+    first = full.argmax(axis=0)[columns]
+    padded = np.pad(mask, ((_ABOVE, 0), (0, 0)))
+    above = sum(padded[first + _ABOVE - k, columns] for k in range(1, _ABOVE + 1))
+    return columns.astype(float), first - above
+
+
+def _longest_line(x: Array, y: Array) -> tuple[np.ndarray, float]:
+    """Return which columns (k,) are on the line with the most columns, and its slope: the upper edge has corners."""
+    best, slope = np.zeros(len(x), bool), 0.0
+    picks = np.unique(np.linspace(0, len(x) - 1, 24).astype(int))
+    for i, a in enumerate(picks):
+        for b in picks[i + 1 :]:
+            rise = (y[b] - y[a]) / (x[b] - x[a])
+            on = np.abs(y - y[a] - rise * (x - x[a])) < _OFF
+            if on.sum() > best.sum():
+                best, slope = on, float(rise)
+    return best, slope

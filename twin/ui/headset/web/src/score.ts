@@ -1,0 +1,140 @@
+/** The scoreboard of a task beside the endoscope's picture, and the card with the result at its end. */
+
+import type { App } from './app';
+import type { Control } from './controls';
+import type { TaskState } from './protocol';
+
+const make = <K extends keyof HTMLElementTagNameMap>(tag: K, cls = '', text = ''): HTMLElementTagNameMap[K] => {
+  const node = document.createElement(tag);
+  if (cls) node.className = cls;
+  if (text) node.textContent = text;
+  return node;
+};
+
+export class Score {
+  private readonly board = make('section', 'score');
+  private readonly card = make('section', 'card');
+  private shown = '';
+  private around = '';
+
+  constructor(
+    parent: HTMLElement,
+    private readonly app: App,
+  ) {
+    this.board.dataset['id'] = 'score';
+    this.board.setAttribute('aria-label', 'Scoreboard');
+    this.card.dataset['id'] = 'result';
+    this.card.setAttribute('role', 'status');
+    this.board.hidden = this.card.hidden = true;
+    parent.append(this.board, this.card);
+  }
+
+  refresh(): void {
+    const task = this.app.model.console?.task ?? null;
+    this.place();
+    const now = JSON.stringify(task);
+    if (now === this.shown) return;
+    this.shown = now;
+    this.board.hidden = !task;
+    this.card.hidden = !task?.over;
+    if (!task) return;
+    this.board.replaceChildren(make('h2', '', task.title), rows(task), rings(task), events(task));
+    if (task.over) this.card.replaceChildren(make('h2', '', task.over), rows(task), this.report(task), this.again());
+  }
+
+  /** Keep the scoreboard below the heading, whose height depends on its text. */
+  private place(): void {
+    const low = document.querySelector('header')?.getBoundingClientRect().bottom ?? 0;
+    const top = `${Math.round(low) + 10}px`;
+    if (top !== this.around) this.around = this.board.style.top = top;
+  }
+
+  private report(task: TaskState): HTMLElement {
+    const { report } = task;
+    if (!report || report.attempt !== task.attempt) return make('p', '', 'No report is made.');
+    if (report.problem) return make('p', 'wrong', `There is no report: ${report.problem}`);
+    if (!report.ready) return make('p', '', 'The report is being made: the session is replayed and measured …');
+    const link = make('a', '', 'Open the report');
+    link.href = `report-${report.attempt}.html`;
+    link.target = '_blank';
+    link.dataset['id'] = 'report';
+    return link;
+  }
+
+  private again(): HTMLElement {
+    const button = make('button', 'enter', 'Restart');
+    button.dataset['id'] = 'again';
+    button.onclick = () => this.app.ask('task', { do: 'restart' });
+    return button;
+  }
+}
+
+function rows(task: TaskState): HTMLElement {
+  const table = make('table');
+  for (const [what, value] of task.rows) {
+    const row = make('tr');
+    row.append(make('td', '', what), make('td', 'value', value));
+    table.append(row);
+  }
+  return table;
+}
+
+function rings(task: TaskState): HTMLElement {
+  const list = make('ul', 'rings');
+  for (const [name, state, color] of task.rings) {
+    const item = make('li', '', `${name}: ${state}`);
+    const dot = make('span', 'ring');
+    dot.style.borderColor = color;
+    item.prepend(dot);
+    list.append(item);
+  }
+  return list;
+}
+
+function events(task: TaskState): HTMLElement {
+  const list = make('ol', 'events');
+  for (const [t, tone, text] of task.events.toReversed()) {
+    const item = make('li', '', `${t.toFixed(1)} s  ${text}`);
+    item.dataset['tone'] = tone;
+    list.append(item);
+  }
+  return list;
+}
+
+/** Return the controls of a task that are always visible; the headset has no scoreboard besides them. */
+export function taskControls(app: App): Control[] {
+  const task = () => app.model.console?.task ?? null;
+  return [
+    {
+      kind: 'text',
+      id: 'task-line',
+      text: () => {
+        const now = task();
+        if (!now) return '';
+        const last = now.events.at(-1)?.[2] ?? '';
+        return `${now.rows.map(([what, value]) => `${what}: ${value}`).join(' · ')}\n${now.over ?? last}`;
+      },
+      tone: () => (task()?.over ? 'good' : task()?.events.at(-1)?.[1] === 'bad' ? 'bad' : 'plain'),
+    },
+    {
+      kind: 'row',
+      items: [
+        {
+          kind: 'button',
+          id: 'task-end',
+          label: () => 'End the task',
+          off: () => task()?.over !== null,
+          press: () => app.ask('task', { do: 'end' }),
+          hint: 'Stop here, and show the result',
+        },
+        {
+          kind: 'button',
+          id: 'task-restart',
+          label: () => 'Restart',
+          press: () => app.ask('task', { do: 'restart' }),
+          hint: 'Begin again: instruments, objects and measures are as at the start',
+        },
+      ],
+    },
+  ];
+}

@@ -1,0 +1,74 @@
+"""Draw groups of users: a box with all values per group and measure, and the course over sessions."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from twin.core.spatial import Array
+from twin.ui.report.style import GRID, INK, PALETTE, WIDTH, styled
+from twin.validation.ranks import Ranks
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+_ROW = 2.1
+"""Height of a row in inches."""
+
+
+def figure(found: Ranks) -> Figure:
+    """Return a figure with a row per measure: boxes and values by group; values and medians over sessions."""
+    users = found.users
+    names = list(users.measures)
+    curve = users.sessions is not None and len(set(users.sessions)) > 1
+    with styled():
+        from matplotlib.figure import Figure
+
+        height = 0.6 + _ROW * len(names)
+        out = Figure(figsize=(WIDTH, height))
+        axes = out.subplots(len(names), 2 if curve else 1, squeeze=False)
+        out.subplots_adjust(left=0.1, right=0.98, top=1 - 0.65 / height, bottom=0.45 / height, hspace=0.55, wspace=0.25)
+        out.text(0.012, 1 - 0.24 / height, f"{found.file}: groups", fontsize=11, fontweight="bold", va="center")
+        for row, name in zip(axes, names, strict=True):
+            _boxes(row[0], users.samples(name), name)
+            if curve:
+                _course(row[1], found, name)
+        return out
+
+
+def _boxes(ax: Axes, samples: dict[str, Array], name: str) -> None:
+    drawn = {n: x for n, x in samples.items() if len(x)}
+    ax.boxplot(
+        list(drawn.values()),
+        widths=0.5,
+        showfliers=False,
+        medianprops={"color": INK, "lw": 1.4},
+        boxprops={"color": INK},
+    )
+    for k, x in enumerate(drawn.values()):
+        aside = 0.12 * np.sin(2.4 * np.arange(len(x)))  # equal values lie beside each other
+        ax.plot(k + 1 + aside, x, "o", ms=4, alpha=0.7, color=PALETTE[k % len(PALETTE)])
+    ax.set_xticks(range(1, len(drawn) + 1), [f"{n}\nn = {len(x)}" for n, x in drawn.items()])
+    ax.set_title(name, loc="left", fontsize=9)
+    ax.grid(True, axis="y", color=GRID)
+    ax.tick_params(length=2.5)
+
+
+def _course(ax: Axes, found: Ranks, name: str) -> None:
+    users = found.users
+    values, groups = np.array(users.measures[name], float), np.array(users.groups)
+    numbers = np.array(users.sessions, float)
+    for k, group in enumerate(dict.fromkeys(users.groups)):
+        mine = (groups == group) & np.isfinite(values)
+        color = PALETTE[k % len(PALETTE)]
+        ax.plot(numbers[mine], values[mine], "o", ms=4, alpha=0.5, color=color)
+        at = np.unique(numbers[mine])
+        ax.plot(at, [np.median(values[mine & (numbers == n)]) for n in at], color=color, lw=1.2, label=group)
+    ax.set_title("median over sessions", loc="left", fontsize=9)
+    ax.set_xticks(np.unique(numbers))
+    ax.set_xlabel("session")
+    ax.legend(fontsize=7, frameon=False)
+    ax.grid(True, color=GRID)
+    ax.tick_params(length=2.5)

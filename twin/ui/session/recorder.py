@@ -1,0 +1,61 @@
+"""Write the ticks of a World to a session file while the World runs."""
+
+from __future__ import annotations
+
+import logging
+from pathlib import Path
+
+from twin.core.errors import TwinError
+from twin.simulation.session.file import LONGEST, Head, SessionWriter
+from twin.simulation.session.tape import Tape
+
+
+class Recorder:
+    """A session file that grows with its World.
+
+    Attributes:
+        path: the file.
+    """
+
+    def __init__(self, path: Path, head: Head, tape: Tape) -> None:
+        """Create the file; `tape` is the last block of the World, and `head` describes this World.
+
+        Raises:
+            OutputError: the file exists, or cannot be written.
+        """
+        self.path, self._tape = path, tape
+        self._writer: SessionWriter | None = SessionWriter(path, head)
+
+    @property
+    def running(self) -> bool:
+        """Whether further ticks are written: the file is not closed, full or broken."""
+        return self._writer is not None
+
+    def write(self, ticks: int) -> None:
+        """Write what the tape holds, up to `ticks` completed ticks; an error ends the recording, not the World."""
+        writer, rows = self._writer, self._tape.take()
+        if writer is None:
+            return
+        rows = rows[: ticks - writer.ticks]  # without the row of a failed tick
+        try:
+            if len(rows):
+                writer.add(rows)
+            if writer.full:
+                writer.close()
+                text = "the session has reached %g s, the maximum: %s is complete"
+                logging.getLogger(__name__).warning(text, LONGEST, writer.path)
+                self._writer = None
+        except TwinError as error:
+            writer.abandon()
+            self._writer = None
+            logging.getLogger(__name__).error("the session is no longer recorded: %s", error)
+
+    def close(self, ticks: int) -> None:
+        """Write the rest, and complete the file."""
+        self.write(ticks)
+        writer, self._writer = self._writer, None
+        try:
+            if writer is not None:
+                writer.close()
+        except TwinError as error:
+            logging.getLogger(__name__).error("the session is incomplete: %s", error)

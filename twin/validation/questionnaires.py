@@ -1,0 +1,139 @@
+"""Score questionnaires from the answers of users, by published keys: trajectories/davinci/questionnaire/*.toml."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Literal
+
+from pydantic import Field, model_validator
+
+from twin.core import assets
+from twin.core.errors import DescriptionError
+from twin.core.findings import Finding, info
+from twin.schema import Identifier, Table, at, load_toml
+
+_UNSCORED = {
+    "simtlx": "the SIM-TLX (D. Harris, M. Wilson, S. Vine, Virtual Reality 24, 2020) has ratings of nine dimensions "
+    "and weights from comparisons of pairs; the paper of this console does not print whether its values are weighted, "
+    "and no rule could be checked against an example: the columns are compared as they are"
+}
+"""Reasons for which questionnaires are not scored, by the beginning of the names of their columns."""
+
+
+class Item(Table):
+    """A question, the scales to which it belongs, and whether a high answer counts against them."""
+
+    name: str
+    scales: list[Identifier] = Field(min_length=1)
+    reversed: bool = False
+
+
+class Total(Table):
+    """A score of all scales: the sum of their sums without weights, times a weight."""
+
+    name: Identifier
+    weight: float = Field(gt=0)
+
+
+class Key(Table):
+    """The key of a questionnaire.
+
+    An answer from `low` to `high` counts as its difference from `zero`. A scale is the sum or the mean of its items,
+    times its number in the table `scale`. Columns of a table of users are named <name>_1, <name>_2, ...
+    """
+
+    name: Identifier
+    title: str
+    source: str = Field(min_length=1)
+    low: int
+    high: int
+    zero: int
+    combine: Literal["sum", "mean"]
+    item: list[Item] = Field(min_length=1)
+    scale: dict[Identifier, float]
+    total: Total | None = None
+
+    @model_validator(mode="after")
+    def _whole(self) -> Key:
+        for k, item in enumerate(self.item):
+            if unknown := set(item.scales) - set(self.scale):
+                raise at(("item", k, "scales"), f"there is no scale '{min(unknown)}'; they are {', '.join(self.scale)}")
+        return self
+
+    @property
+    def columns(self) -> list[str]:
+        """Names of the columns of the items."""
+        return [f"{self.name}_{k}" for k in range(1, len(self.item) + 1)]
+
+    def scores(self, answers: Sequence[float]) -> dict[str, float]:
+        """Return the scales, and the total if there is one, of one user; NaN where an answer is missing (NaN).
+
+        Args:
+            answers: one number per item, `low` to `high`.
+        """
+        counted = [
+            (self.zero - x) if item.reversed else (x - self.zero) for x, item in zip(answers, self.item, strict=True)
+        ]
+        out, sums = {}, 0.0
+        for name, weight in self.scale.items():
+            values = [v for v, item in zip(counted, self.item, strict=True) if name in item.scales]
+            sums += sum(values)
+            out[f"{self.name}_{name}"] = weight * sum(values) / (1 if self.combine == "sum" else len(values))
+        if self.total is not None:
+            out[f"{self.name}_{self.total.name}"] = self.total.weight * sums
+        return out
+
+
+def keys() -> list[Key]:
+    """Return all published keys.
+
+    Raises:
+        DescriptionError: a file is invalid.
+    """
+    folder = assets.data_folder() / "trajectories" / "davinci" / "questionnaire"
+    return [load_toml(path, Key) for path in sorted(folder.glob("*.toml"))]
+
+
+def scored(
+    path: Path, columns: Mapping[str, Sequence[float]], lines: Sequence[int]
+) -> tuple[dict[str, list[float]], list[Finding]]:
+    """Return the columns of a table of users with scores instead of answers, and findings on what is not scored.
+
+    Args:
+        path: file of the table, for messages.
+        columns: values of the users, by name of the column; NaN: an empty cell.
+        lines: line of each user in the file.
+
+    Raises:
+        DescriptionError: a column of a questionnaire is missing, or an answer is not one of its numbers.
+    """
+    out, findings = {n: list(v) for n, v in columns.items()}, []
+    for key in keys():
+        mine = [n for n in columns if re.fullmatch(rf"{key.name}_\d+", n)]
+        if not mine:
+            continue
+        if missing := [n for n in key.columns if n not in columns]:
+            raise DescriptionError(
+                f"{path}:1: {key.name.upper()} needs the columns {key.columns[0]} to {key.columns[-1]}; "
+                f"{', '.join(missing)} {'is' if len(missing) == 1 else 'are'} missing"
+            )
+        if more := [n for n in mine if n not in key.columns]:
+            raise DescriptionError(f"{path}:1: {key.name.upper()} has {len(key.item)} items; {more[0]} is none of them")
+        for n in key.columns:
+            for value, line in zip(columns[n], lines, strict=True):
+                if not math.isnan(value) and (value != int(value) or not key.low <= value <= key.high):
+                    raise DescriptionError(
+                        f"{path}:{line}: {n} is {value:g}; give an integer, {key.low} to {key.high}, or leave it empty"
+                    )
+        users = [key.scores([columns[n][k] for n in key.columns]) for k in range(len(lines))]
+        for n in key.columns:
+            del out[n]
+        out |= {score: [user[score] for user in users] for score in (users[0] if users else {})}
+        findings.append(info("study.scored", key.name, f"{key.title}, scored by the key of: {key.source}"))
+    for start, reason in _UNSCORED.items():
+        if any(n.startswith(f"{start}_") for n in columns):
+            findings.append(info("study.unscored", start, f"not scored: {reason}"))
+    return out, findings
