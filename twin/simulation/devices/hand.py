@@ -81,7 +81,7 @@ class Tremor:
         """Return the displacement (3,) of output k, which is due at k periods; outputs are computed in blocks."""
         if not 0 <= k - self._first < _BLOCK:
             self._first = k
-            self._next = self.at((k + np.arange(_BLOCK)) * self._period)
+            self._next = self.at(np.arange(k, k + _BLOCK, dtype=float) * self._period)
         return self._next[k - self._first]
 
 
