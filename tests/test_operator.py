@@ -12,7 +12,7 @@ from made.worlds import HOME, LIMITS, controller, goal_beside_home, sher_equatio
 from twin.cli import main
 from twin.core.errors import KinematicsError
 from twin.core.units import MM
-from twin.simulation.devices.hand import Goal, Hand, minimum_jerk, tremor
+from twin.simulation.devices.hand import Goal, Hand, Tremor, minimum_jerk
 from twin.simulation.trial import Record, measure, operate, remaining
 
 pytestmark = pytest.mark.usefixtures("cad_once")
@@ -35,8 +35,8 @@ def test_minimum_jerk_starts_and_ends_at_rest():
 
 def test_tremor_keeps_its_band_and_its_size():
     hand, t = Hand(), np.arange(0, 40, 1 / 200)
-    shake = tremor(np.random.default_rng(3), hand)
-    x = np.array([shake(k) for k in t])
+    shake = Tremor(np.random.default_rng(3), hand, 1 / 200)
+    x = np.array([shake.output(k) for k in range(len(t))])
     power = np.abs(np.fft.rfft(x * np.hanning(len(t))[:, None], axis=0)) ** 2
     f = np.fft.rfftfreq(len(t), 1 / 200)
     low, high = hand.tremor_band

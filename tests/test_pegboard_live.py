@@ -16,7 +16,7 @@ from twin.api.act import props_of, robots_at
 from twin.api.session import FILE, operate_console, replay_session
 from twin.cli import session as command
 from twin.core import spatial
-from twin.core.errors import OutputError, TwinError
+from twin.core.errors import DescriptionError, OutputError, TwinError, WorldError
 from twin.core.units import MM
 from twin.model.movable import Movable
 from twin.model.scene import Task, Transfer
@@ -241,6 +241,25 @@ def test_without_rings_there_is_nothing_to_end(scene, robots):
     operation.close()
 
 
+def test_an_object_inside_an_instrument_is_named(scene, robots, props):
+    arm = next(p for p in scene.places if p.name == "psm1")
+    start = LiveConsole(scene, robots).tool("right")
+    wire = spatial.pose(p=[scene.objects[0].size[0], 0, 0])
+    first = replace(scene.objects[0], T_world_object=start @ wire)
+    wrong = replace(scene, objects=(first, *scene.objects[1:]))
+    text = rf"'(ring1|{arm.name}/\w+)' and '(ring1|{arm.name}/\w+)' overlap by \d\.\d+ mm at the start; at most 0\.1 mm"
+    with pytest.raises(WorldError, match=text):
+        LiveConsole(wrong, robots, task=scene.tasks["pegboard"], props=props)
+
+
+def test_a_task_without_a_goal_is_named(scene, tmp_path):
+    body = scene.file.read_text(encoding="utf-8").replace('props = "theatre.toml"\n', "")
+    aimless = '[task.idle]\ntitle = "nothing to do"\nprovenance = "ASSUMED"\nnote = "x"\n'
+    (tmp_path / "scene.toml").write_text(body + "\n" + aimless, encoding="utf-8")
+    with pytest.raises(DescriptionError, match="a task needs `target` or `transfer`, with at least one entry"):
+        twin.load_scene(tmp_path / "scene.toml")
+
+
 def test_frames_hold_the_rings_after_the_robots(scene, robots, props):
     operation = Operation(scene, robots, None, scene.tasks["pegboard"], props)
     frame = unpack_scene(operation.frame(0, 0.0))
@@ -268,8 +287,17 @@ def test_hands_that_do_the_task_end_it_and_the_report_has_the_same_measures(scen
         scene, robots, session=tmp_path / "own.session", task=few.tasks["pegboard"], props=props, report=command.report
     )
     live.rescale("page 1", float(given[0, at["pedals.scale"]][0]))
-    held = set()
+    held, grasped = set(), 0
     for number, now in enumerate(given[::4]):
+        if grasped == 100:  # the device is unplugged in a grasp, for 1.5 s
+            jaw = live.world.signals["psm1.q"][-1]
+            for _ in range(375):
+                live.advance(0.004)
+            assert live.reading["silent"]
+            assert live.reading["task"]["rings"][0][1] == "held by psm1"
+            assert live.world.signals["psm1.q"][-1] == jaw
+            assert row(live, "Rings dropped") == "0"
+        grasped += live.reading["task"]["rings"][0][1] == "held by psm1"
         if live.reading["task"]["over"]:
             break
         pedals = (bool(now[at[f"pedals.{p}"]][0] > 0.5) for p in ("clutch", "camera"))

@@ -288,6 +288,31 @@ def go_on(front, until, seconds=20.0):
     raise AssertionError(status(front.console.reading))
 
 
+def test_the_scoreboard_of_a_task_its_end_and_a_restart(scene, robots):
+    task, server = scene.tasks["pegboard"], serve("test", "127.0.0.1", 0)
+    front = ConsoleFront("test", scene, robots, props_of(scene), server, task=task)
+    try:
+        score = front._score
+        front.step()
+        assert "Rings transferred" in score._html.content
+        assert "0 of 4" in score._html.content
+        assert score._window is None
+        ring = front.nodes["ring1"].bodies["ring1"]
+        np.testing.assert_allclose(np.asarray(ring.position), scene.objects[0].T_world_object[:3, 3], atol=1e-3)
+        score._end_task("page 1")
+        front.step()
+        assert "The task was ended." in front._status.content
+        assert "No report is made." in score._result.content
+        assert score._end.disabled
+        score._restart("page 1")
+        front.step()
+        assert score._window is None
+        assert not score._end.disabled
+        assert front.console.attempt == 2
+    finally:
+        front.close()
+
+
 def drag(front, hand, way, ended=True):
     T = front._at[hand].copy()
     T[:3, 3] += way
@@ -366,7 +391,8 @@ def test_rings_move_on_the_page(scene, robots):
         node = front.nodes["ring1"].bodies["ring1"]
         go_on(front, lambda: abs(node.position[2] - 895.7 * MM) < 0.03 * MM)  # flat on the floor
         assert front.nodes["ring3"].bodies["ring3"].position[2] > 920 * MM
-        go_on(front, lambda: "Rings on their pegs: 1 of 4" in front._status.content)
+        go_on(front, lambda: "1 of 4" in front._score._html.content)
+        assert "ring2 is on its peg: 1 of 4" in front._score._html.content
     finally:
         front.close()
 

@@ -23,6 +23,10 @@ _STALLED = 12
 """Number of strokes (single hand motions) without progress after which the operator gives up."""
 
 
+_BLOCK = 256
+"""Number of outputs of a tremor that are computed together, which is ten times as fast as one by one."""
+
+
 @dataclass(frozen=True)
 class Hand:
     """Parameters of the hand motion, SI; all ASSUMED.
@@ -59,13 +63,26 @@ def minimum_jerk(s: Array) -> Array:
     return s**3 * (10 - 15 * s + 6 * s**2)
 
 
-def tremor(rng: np.random.Generator, hand: Hand, lines: int = 24) -> Callable[[float], Array]:
-    """Return tremor (3,) in m as a function of time in s: `lines` sines with random phases in the band of the hand."""
-    f = rng.uniform(*hand.tremor_band, (lines, 3))
-    phase = rng.uniform(0, 2 * np.pi, (lines, 3))
-    amplitude = hand.tremor * np.sqrt(2 / lines / 3)
-    turns = 2 * np.pi * f
-    return lambda t: amplitude * np.add.reduce(np.sin(turns * t + phase), axis=0)
+class Tremor:
+    """Tremor in m: `lines` sines with random phases in the band of the hand."""
+
+    def __init__(self, rng: np.random.Generator, hand: Hand, period: float, lines: int = 24) -> None:
+        """Draw frequencies and phases; `period` is the time in s between two outputs."""
+        self._rate = 2 * np.pi * rng.uniform(*hand.tremor_band, (lines, 3))
+        self._phase = rng.uniform(0, 2 * np.pi, (lines, 3))
+        self._amplitude = hand.tremor * np.sqrt(2 / lines / 3)
+        self._period, self._first, self._next = period, -_BLOCK, np.zeros((_BLOCK, 3))
+
+    def at(self, t: Array) -> Array:
+        """Return the displacements (k, 3) at times (k,) in s."""
+        return self._amplitude * np.sin(self._rate * t[:, None, None] + self._phase).sum(axis=1)
+
+    def output(self, k: int) -> Array:
+        """Return the displacement (3,) of output k, which is due at k periods; outputs are computed in blocks."""
+        if not 0 <= k - self._first < _BLOCK:
+            self._first = k
+            self._next = self.at(np.arange(k, k + _BLOCK, dtype=float) * self._period)
+        return self._next[k - self._first]
 
 
 class ScriptedHand(Block):
@@ -106,7 +123,7 @@ class ScriptedHand(Block):
         """
         self.robot, self.kin, self.goals, self.period = robot, kin, goals, period
         self.hand, self._rng = hand or Hand(), np.random.default_rng(seed)
-        self._shake = tremor(self._rng, self.hand)
+        self._shake = Tremor(self._rng, self.hand, period)
         self._progress = progress or (lambda name, part: None)
         units = kin.formula.coordinates.units
         self._angular, self._linear = np.array([u == "rad" for u in units]), np.flatnonzero([u == "m" for u in units])
@@ -125,7 +142,7 @@ class ScriptedHand(Block):
             return None
         felt = self._handle.copy()
         at = self._linear[:3]
-        felt[at] += self._shake(self._count * self.period)[: len(at)]
+        felt[at] += self._shake.output(self._count)[: len(at)]
         self._count += 1
         return {"hand.handle": felt, "hand.pedal": float(pedal), "hand.goal": float(self._goal)}
 

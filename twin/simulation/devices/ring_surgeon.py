@@ -111,8 +111,8 @@ class RingSurgeon(SurgeonHands):
         self.missed: list[str] = []
         super().__init__(device, arms, camera, view, scale, dt, seed, habits or HABITS)
 
-    def _said(self, t: float) -> dict[str, ArrayLike]:
-        return super()._said(t) | {"surgeon.target": float(self._done)}
+    def _said(self, k: int) -> dict[str, ArrayLike]:
+        return super()._said(k) | {"surgeon.target": float(self._done)}
 
     # -- what the surgeon sees ------------------------------------------------------------------------
 

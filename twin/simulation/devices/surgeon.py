@@ -58,8 +58,8 @@ class ScriptedSurgeon(SurgeonHands):
         self.missed: list[str] = []
         super().__init__(device, arms, camera, view, scale, dt, seed, habits)
 
-    def _said(self, t: float) -> dict[str, ArrayLike]:
-        return super()._said(t) | {"surgeon.target": float(self._target)}
+    def _said(self, k: int) -> dict[str, ArrayLike]:
+        return super()._said(k) | {"surgeon.target": float(self._target)}
 
     def _missing(self, points: Mapping[str, Array]) -> dict[str, Array]:
         """Return the vector (3,) in m from the tip of each hand to its point, in the frame of the picture."""

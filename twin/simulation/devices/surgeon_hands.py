@@ -20,7 +20,7 @@ from twin.core.errors import WorldError
 from twin.core.spatial import Array
 from twin.core.units import DEG
 from twin.kinematics import Kinematics
-from twin.simulation.devices.hand import Hand, minimum_jerk, tremor
+from twin.simulation.devices.hand import Hand, Tremor, minimum_jerk
 from twin.simulation.world import Block, Signals
 
 _DRAGS = 20
@@ -107,7 +107,7 @@ class SurgeonHands(Block):
         self.scale, self.habits = scale, habits or Habits()
         self._rng = np.random.default_rng(seed)
         self._half = np.tan(view / 2)
-        self._shake = {hand: tremor(self._rng, self.habits.hand) for hand in arms}
+        self._shake = {hand: Tremor(self._rng, self.habits.hand, dt) for hand in arms}
         middle = np.array(self.habits.middle)
         self._middle = dict(zip(arms, (middle, middle * (-1, 1, 1)), strict=True))
         self._p, self._R = dict(self._middle), {hand: np.eye(3) for hand in arms}
@@ -116,7 +116,7 @@ class SurgeonHands(Block):
         self._count = 0
         self._T: dict[str, Array] = {}
         self._ticks = self._work()
-        self.outputs = self._said(0.0)
+        self.outputs = self._said(0)
 
     @abstractmethod
     def _work(self) -> Iterator[None]:
@@ -128,13 +128,13 @@ class SurgeonHands(Block):
         if next(self._ticks, self) is self:
             return None
         self._count += 1
-        return self._said((self._count - 1) * self.dt)
+        return self._said(self._count - 1)
 
-    def _said(self, t: float) -> dict[str, ArrayLike]:
+    def _said(self, k: int) -> dict[str, ArrayLike]:
         out: dict[str, ArrayLike] = {}
         for hand in self.arms:
             pose = _EYE.copy()
-            pose[:3, :3], pose[:3, 3] = self._R[hand], self._p[hand] + self._shake[hand](t)
+            pose[:3, :3], pose[:3, 3] = self._R[hand], self._p[hand] + self._shake[hand].output(k)
             out[f"{hand}.pose"], out[f"{hand}.grip"] = pose.ravel(), self._grip[hand]
         out |= {f"{self.device}.clutch": float(self._clutch), f"{self.device}.camera": float(self._camera)}
         return out | {f"{self.device}.scale": self.scale}

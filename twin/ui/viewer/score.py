@@ -29,7 +29,7 @@ class ScorePanel:
         gui = server.gui
         self._html, self._shown = gui.add_html(""), ""
         self._end, self._again = gui.add_button("End the task"), gui.add_button("Restart")
-        self._restart = restart
+        self._end_task, self._restart = end, restart
         self._end.on_click(_asking(end))
         self._again.on_click(_asking(restart))
         self._save = gui.add_button("Save the report", visible=False, hint="A page: measures, ways of tips and rings")

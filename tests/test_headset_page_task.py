@@ -1,0 +1,100 @@
+"""The page of a task with rings, in Chromium: rings, scoreboard, end, restart, and a gamepad that is unplugged."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import twin
+from made import headset_page as headset
+from made.console_page import JAW, console, joints, let_go
+
+pytestmark = pytest.mark.browser
+PAD = """
+window.pad = {id: 'a pad of the test', connected: false, mapping: 'standard', axes: [0, 0, 0, 0],
+  buttons: Array.from({length: 17}, () => ({pressed: false, value: 0}))};
+navigator.getGamepads = () => [window.pad];
+"""
+
+
+@pytest.fixture(scope="module")
+def browser():
+    yield from headset.chromium()
+
+
+@pytest.fixture(scope="module")
+def serving():
+    server = headset.Serving("davinci", None, "--task", "pegboard")
+    yield server
+    server.stop()
+
+
+@pytest.fixture(scope="module")
+def page(browser, serving):
+    with console(browser, serving.url, size=(1000, 640), scripts=(PAD,)) as page:
+        page.until("twin.app.loaded", "the scene")
+        yield page
+
+
+def test_rings_are_drawn_where_the_scene_has_them_and_every_page_has_the_scoreboard(page, browser, serving):
+    for item in twin.load_scene("davinci").objects:
+        page.until(f"twin.app.objects.at('{item.name}').length > 0", "the rings")
+        at = page(f"twin.app.objects.at('{item.name}')")
+        np.testing.assert_allclose(at, item.T_world_object[:3, 3], atol=1e-3)  # they swing a little at first
+    headset.until(lambda: "Rings transferred" in page.id("score").inner_text(), "the scoreboard")
+    assert "0 of 4" in page.id("score").inner_text()
+    with headset.shown(browser, serving.url, size=(700, 420)) as other:
+        other.until("twin.app.model.console?.task !== undefined", "the task")
+        assert other("JSON.stringify(twin.app.model.console.task.rings)") == page(
+            "JSON.stringify(twin.app.model.console.task.rings)"
+        )
+
+
+def test_an_unplugged_gamepad_moves_nothing_and_is_told(page):
+    page("window.pad.connected = true")
+    page.until("twin.app.console.pad.name !== ''", "the pad is seen")
+    page("window.pad.buttons[7] = {pressed: true, value: 1}; window.pad.buttons[4] = {pressed: true, value: 1}")
+    page.until("twin.app.console.pens.clutch", "the bumper is the clutch")
+    page("window.pad.buttons[4] = {pressed: false, value: 0}")
+    headset.until(lambda: joints(page)[0][JAW] > 0.3, "the trigger opens the jaw")
+    page("window.pad.buttons[7] = {pressed: false, value: 0}")
+    headset.until(lambda: joints(page)[0][JAW] < 0.05, "the jaw is closed")
+    page("window.pad.axes = [0, 0, 0.5, 0]; window.pad.buttons[4] = {pressed: true, value: 1}")
+    page.until("twin.app.console.pens.clutch", "the clutch")
+    page("window.pad.connected = false")
+    page.until("twin.app.console.pad.name === ''", "the pad is gone")
+    assert page("twin.app.console.pens.clutch") is False, "a pedal of the pad is no longer pressed"
+    headset.until(lambda: "gamepad was disconnected" in page.id("status").inner_text(), "it is told")
+    before = let_go(page)
+    assert before[0][JAW] < 0.05
+    page("window.pad.axes = [0, 0, 0, 0]; window.pad.buttons[4] = {pressed: false, value: 0}")
+
+
+def test_the_instrument_moves_a_ring_that_it_meets(page):
+    """Down in the picture and deeper, the left instrument sweeps over the floor; upwards it comes to the rings."""
+    first = page("JSON.stringify(twin.app.objects.nodes.map((node) => node.position.toArray()))")
+    page.page.keyboard.down("w")
+    page.page.keyboard.down("q")
+    try:
+        page.until(
+            "(() => { const first = " + first + "; return twin.app.objects.nodes.some((node, i) =>"
+            " Math.hypot(...node.position.toArray().map((x, k) => x - first[i][k])) > 0.002); })()",
+            "a ring is pushed",
+        )
+    finally:
+        page.page.keyboard.up("q")
+        page.page.keyboard.up("w")
+    page.until("parseFloat(twin.app.model.console.task.rows[0][1]) > 0.5", "the time runs")
+
+
+def test_the_end_shows_the_result_and_restart_begins_again(page):
+    page.id("task-end").click()
+    page.id("result").get_by_text("The task was ended.").wait_for()
+    assert "Rings transferred" in page.id("result").inner_text()
+    page.until("twin.app.model.console.task.report !== null", "a report is made")
+    page.id("again").click()
+    page.until(
+        "twin.app.model.console.task.attempt === 2 && twin.app.model.console.task.over === null", "a new attempt"
+    )
+    headset.until(lambda: not page.id("result").is_visible(), "the result is gone")
+    assert not page.errors
