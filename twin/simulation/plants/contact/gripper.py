@@ -17,6 +17,9 @@ from twin.reference import ReferenceModel
 _TURN = 0.1
 """Change in rad of the jaw's joint by which the axes of the jaws are found."""
 
+_SMALL = 1e-5
+"""Change in rad or m of a joint by which displacements of the links are found."""
+
 
 @dataclass(frozen=True)
 class Jaw:
@@ -44,6 +47,7 @@ class Gripper:
         hand: body of the tool; it carries the jaws.
         links: links from the hand inwards, up to the one that the last prismatic joint of the path inserts.
         jaws: the jaws; empty if the robot has no auxiliary joint.
+        T_hand_tool: (4, 4) pose of the tool frame in its body.
         effort: largest torque in N m with which one jaw presses.
         jaw: index of the jaw's joint in q; -1 without jaws.
     """
@@ -73,7 +77,7 @@ class Gripper:
         self.robot, self.effort = robot, effort
         self._forward, self._T_world_base = forward, np.array(T_world_base, float)
         tool = mechanism.frame(mechanism.tool)
-        self._T_tool_hand = spatial.inverse(tool.T_body_frame)
+        self._T_tool_hand, self.T_hand_tool = spatial.inverse(tool.T_body_frame), tool.T_body_frame
         self.hand = mechanism.body(tool.body)
         names = [j.name for j in mechanism.active]
         inward = _inward(robot, mechanism, tool.body)
@@ -94,6 +98,31 @@ class Gripper:
             T = T @ T_child_joint @ turned @ T_joint_parent
             out.append(T)
         return out
+
+    def carried(self, q: Array, link: int, point: Array) -> Array:
+        """Return the displacement of a point per displacement of the tool at constant attitude, (3, 3) in the World.
+
+        Args:
+            q: (n,) joint values.
+            link: index of the point's link in `links`.
+            point: (3,) point in m in the frame of this link.
+        """
+        at = np.append(point, 1.0)
+
+        def places(q: Array) -> tuple[Array, Array]:
+            poses = self.poses(q)
+            return poses[0] @ self.T_hand_tool, (poses[link] @ at)[:3]
+
+        T_0, p_0 = places(q)
+        columns = []
+        for i in range(len(q)):
+            if i != self.jaw:
+                T, p = places(q + _SMALL * np.eye(len(q))[i])
+                twist = [T[:3, 3] - T_0[:3, 3], spatial.log_so3(T[:3, :3] @ T_0[:3, :3].T), p - p_0]
+                columns.append(np.concatenate(twist) / _SMALL)
+        J = np.column_stack(columns)
+        # Small singular values: joints that hardly move the tool do not carry the point either.
+        return J[6:] @ np.linalg.pinv(J[:6], rcond=1e-6)[:, :3]
 
 
 def _inward(robot: str, mechanism: Mechanism, body: str) -> list[Joint]:
