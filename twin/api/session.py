@@ -27,7 +27,9 @@ from twin.model.scene import Place, Scene, Task
 from twin.simulation import console_scene, contact_scene
 from twin.simulation.console_scene import HANDS, PEDALS, Member
 from twin.simulation.contact_scene import Peg
-from twin.simulation.session import measures, movement, rings
+from twin.simulation.session import forces, measures, movement, rings
+from twin.simulation.session.condition import Condition
+from twin.simulation.session.forces import ForceMeasures
 from twin.simulation.session.measures import ArmMeasures, ConsoleMeasures
 from twin.simulation.session.rings import BoardMeasures
 from twin.simulation.session.run import Ran
@@ -130,6 +132,11 @@ class ConsoleSession(Result):
         robots = [n for hand in HANDS for n in getattr(table, hand)]
         return rings.measure(self.ran.kept, self.task, self.scene.objects, self.pegs, robots)
 
+    @cached_property
+    def forces(self) -> ForceMeasures | None:
+        """Measures of the forces on the hands; None: the session has none."""
+        return forces.measure(self.ran.kept, HANDS)
+
     @property
     def camera(self) -> str:
         """Name of the robot of the camera."""
@@ -220,6 +227,10 @@ class ConsoleSession(Result):
             "scale": list(c.scale),
             "task": None if self.task is None else self.task.name,
             "targets": [{"name": x.name, "t_s": x.t, "nearest_mm": x.nearest / MM} for x in self.touched],
+            "condition": None if (condition := self.ran.condition) is None else condition.model_dump(),
+            "forces": None
+            if (f := self.forces) is None
+            else {"on": f.on, "felt_s": dict(f.felt), "largest_n": dict(f.largest)},
             "board": None
             if (board := self.board) is None
             else {
@@ -262,6 +273,11 @@ class ConsoleSession(Result):
             ("device silent", f"{c.silent:.1f} s"),
             ("motion scale", scale),
         ]
+        if (f := self.forces) is not None:
+            hands = "; ".join(f"{hand} {f.felt[hand]:.1f} s, at most {f.largest[hand]:.2f} N" for hand in HANDS)
+            console.append(("forces on the hands", f"on {100 * f.on:.0f} % of the time; {hands}"))
+        if (condition := self.ran.condition) is not None and condition.participant is not None:
+            console.append(("study", f"participant {condition.participant}, run {condition.run}"))
         yield Table((), console)
         if self.task is not None:
             yield f"\n  {self.task.name}: {self.task.title}"
@@ -308,6 +324,8 @@ class ConsoleSession(Result):
             p = kept[f"{hand}.pose"].reshape(-1, 4, 4)[:, :3, 3]
             out |= {f"{hand}_{axis}_m": p[:, i] for i, axis in enumerate("xyz")}
             out[f"{hand}_grip_rad"] = kept[f"{hand}.grip"][:, 0]
+            if self.forces is not None:
+                out |= {f"{hand}_force_{axis}_n": kept[f"{hand}.force"][:, i] for i, axis in enumerate("xyz")}
         for name, arm in self.arms.items():
             if name != self.camera:
                 out[f"{name}_follows"] = kept[f"{name}.follows"][:, 0]
@@ -372,6 +390,7 @@ def operate_console(
     *,
     seed: int = 0,
     scale: float | None = None,
+    haptics: bool | None = None,
     progress: Progress = silent,
 ) -> ConsoleSession:
     """Simulate a surgeon who performs a task at the console of a scene; the surgeon's habits are ASSUMED.
@@ -381,6 +400,7 @@ def operate_console(
         task: a task of the scene; default: its first one.
         seed: random seed; the same seed gives the same session.
         scale: motion scale, 0.05 to 1; default: that of the console.
+        haptics: whether forces act on the hands, to which this surgeon does not react; default: none are computed.
         progress: see `Progress`.
 
     Raises:
@@ -395,10 +415,12 @@ def operate_console(
     chosen = run.task_of(scene, task)
     progress("read CAD", 0.0)
     robots, members = _members(scene)
-    props, pegs = _board(scene, chosen)
+    condition = None if haptics is None else Condition(haptics=haptics)
+    props, pegs = _board(scene, chosen, condition)
     with Scratch() as folder:
         file = Path(folder) / FILE
-        ran = run.perform(scene, members, chosen, file, seed=seed, scale=scale, props=props, progress=progress)
+        more = {"seed": seed, "scale": scale, "props": props, "condition": condition}
+        ran = run.perform(scene, members, chosen, file, **more, progress=progress)
         recorded = file.read_bytes()
     return ConsoleSession(scene, "", seed, chosen, ran, _arms(scene, robots, ran), recorded=recorded, pegs=pegs)
 
@@ -431,17 +453,17 @@ def replay_session(
     progress("read CAD", 0.0)
     robots, members = _members(placed)
     task = None if start.task is None else placed.tasks[start.task]
-    props, pegs = _board(placed, task)
+    props, pegs = _board(placed, task, start.condition)
     run.require_scene(session, path, placed, members, props)
     ran = run.replay(session, placed, members, progress, props)
     arms = _arms(placed, robots, ran)
     return ConsoleSession(placed, str(path), start.seed, task, ran, arms, session.lost, pegs=pegs)
 
 
-def _board(scene: Scene, task: Task | None) -> tuple[Mechanism | None, Mapping[str, Peg]]:
-    """Return the props and the pegs of a task with rings; other tasks need neither."""
+def _board(scene: Scene, task: Task | None, condition: Condition | None) -> tuple[Mechanism | None, Mapping[str, Peg]]:
+    """Return the props and the pegs of a task with rings; other tasks need props only for forces on the hands."""
     if task is None or not task.transfers:
-        return None, {}
+        return None if condition is None else props_of(scene), {}
     props = props_of(scene)
     return props, contact_scene.pegs(scene, props, task)
 

@@ -141,7 +141,7 @@ class ContactTable(Table):
 
 
 class HapticsTable(Table):
-    """Forces on the hands: a surface has a stiffness and a damping, and all forces on a hand are clipped at `largest_n`.
+    """Forces on the hands: stiffness and damping of all surfaces; forces are clipped at `largest_n`.
 
     `device_damping_ns_m` is the damping of the device with the fingers that hold it, which makes the sampled surface
     passive. `on` is the switch at the start.

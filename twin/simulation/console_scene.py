@@ -73,7 +73,7 @@ def world(
     device: Block,
     dt: float = 1e-3,
     records: bool = True,
-    watch: Block | None = None,
+    watch: Sequence[Block] = (),
     task: Task | None = None,
     props: Mechanism | None = None,
     haptics: bool | None = None,
@@ -89,7 +89,7 @@ def world(
         device: block that writes the poses and gripper angles of `HANDS`, and the states of the pedals.
         dt: duration of one tick in s.
         records: whether every tick is recorded; see `World`.
-        watch: block without outputs that reads all signals at the end of each tick.
+        watch: blocks without outputs that read all signals at the end of a tick.
         task: a task; if it has transfers, the instruments touch objects and the solid bodies of the props.
         props: mechanism of the props; only needed for such a task, and for forces in a scene with contact.
         haptics: whether the forces on the hands are on at the start; None: the World has none. With forces, the
@@ -130,7 +130,7 @@ def world(
         objects=objects,
         devices=[device],
         controllers=controllers,
-        plants=[*plants, *([] if watch is None else [watch])],
+        plants=[*plants, *watch],
         dt=dt,
         records=records,
     )

@@ -4,8 +4,8 @@ A simulation of contact or tissue updates a few planes whenever it steps: every 
 neither: between two updates, the depth of the tool in the plane follows from the tool's pose alone. The hand at 1 kHz
 therefore never waits for the simulation (intermediate representation; Adachi, Kumano and Ogino, IEEE VRAIS 1995).
 
-The planes of a robot are a signal of `SIZE` numbers, `COUNT` rows of `WIDTH`; unused rows are zero. A row is (lever (3),
-normal (3), arm (3), offset): see `LocalPlane`. Everything is in the frame of the World, except the arm.
+The planes of a robot are a signal of `SIZE` numbers, `COUNT` rows of `WIDTH`; unused rows are zero. A row is (lever
+(3), normal (3), arm (3), offset): see `LocalPlane`. Everything is in the frame of the World, except the arm.
 """
 
 from __future__ import annotations
@@ -70,7 +70,7 @@ class LocalPlane:
 
 
 def rows(planes: Sequence[LocalPlane], T_world_tool: Array) -> Array:
-    """Return the signal (SIZE,) of planes; of more than `COUNT`, those with the largest depth at T_world_tool (4, 4)."""
+    """Return the signal (SIZE,) of planes; of more than `COUNT`, those that are deepest at T_world_tool (4, 4)."""
     out = np.zeros((COUNT, WIDTH))
     deepest = sorted(planes, key=lambda plane: -plane.depth(T_world_tool))[:COUNT]
     for row, plane in zip(out, deepest, strict=False):

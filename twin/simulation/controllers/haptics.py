@@ -113,14 +113,8 @@ class HapticHand(Block):
         self._seen = [b""] * len(arms)
         self._signals: Signals | None = None
         self._held, self._ended, self._until = False, -np.inf, -np.inf
-        self.peak = np.zeros(3)
-        self.outputs = {f"{hand}.force": np.zeros(3), f"{hand}.energy": 0.0}
-        self._names = tuple(self.outputs)
-
-    def take_peak(self) -> Array:
-        """Return the largest force (3,) in N since the last call, for displays; the World does not depend on it."""
-        peak, self.peak = self.peak, np.zeros(3)
-        return peak
+        self._force, self._energy = f"{hand}.force", f"{hand}.energy"
+        self.outputs = {self._force: np.zeros(3), self._energy: 0.0}
 
     def step(self, signals: Signals, t: float, dt: float) -> dict[str, Array | float]:
         """Compute the force of this tick, which the device holds until the next one."""
@@ -137,10 +131,7 @@ class HapticHand(Block):
         out, compute = self._calls[i]
         compute()
         self._state[...] = out
-        force = out[FORCE].copy()
-        if force @ force > self.peak @ self.peak:
-            self.peak = force
-        return {self._names[0]: force, self._names[1]: float(out[ENERGY])}
+        return {self._force: out[FORCE], self._energy: float(out[ENERGY])}
 
     def _pulses(self, arm: FeltArm, t: float) -> bool:
         """Return whether the pulse of a grasp acts in this tick."""

@@ -303,6 +303,13 @@ class Scale(_Message):
     value: Annotated[float, Field(ge=0.05, le=1)]
 
 
+class Haptics(_Message):
+    """Switch the forces on the hands of a console on or off."""
+
+    type: Literal["haptics"]
+    on: bool
+
+
 class Ping(_Message):
     """Request a `pong` with the same t and the server's time; a grab is not released while a client sends pings."""
 
@@ -324,6 +331,7 @@ Message = (
     | Workspace
     | Hands
     | Scale
+    | Haptics
     | Record
     | Ping
 )

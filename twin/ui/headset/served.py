@@ -18,6 +18,7 @@ from twin.core.errors import TwinError
 from twin.core.units import DEG, MM
 from twin.model.mechanism import Mechanism
 from twin.model.scene import Place, Scene
+from twin.simulation.session.condition import Condition
 from twin.ui.door.answers import File
 from twin.ui.headset import files
 from twin.ui.headset.description import describe, numbers, pose
@@ -108,6 +109,7 @@ def of_console(
     packets: Endpoint | None = None,
     mqtt: Endpoint | None = None,
     topic: str | None = None,
+    condition: Condition | None = None,
 ) -> Served:
     """Return the content for a scene whose robots are controlled by its console; call this function in an event loop.
 
@@ -119,12 +121,13 @@ def of_console(
         packets: address for hands by UDP; None: no packets.
         mqtt: address of the MQTT broker for the motion scale; None: no broker.
         topic: topic of the motion scale; None: twin/<scene>/scale.
+        condition: condition of the session; None: that of the scene.
 
     Raises:
         TwinError: the scene has no console, the console does not match its robots, or the port of packets is in use.
         OutputError: the session cannot be written.
     """
-    operation = Operation(scene, robots, session)
+    operation = Operation(scene, robots, session, props, condition)
     try:
         if packets is not None:
             operation.listen(*packets)

@@ -27,10 +27,12 @@ from twin.simulation.controllers.camera import Drag
 from twin.simulation.controllers.pedals import CAMERA, FREE, TOOLS
 from twin.simulation.devices.given import GivenHands, HandState
 from twin.simulation.session import rings
+from twin.simulation.session.condition import Condition
 from twin.simulation.world import Block
+from twin.ui.session.force_peaks import ForcePeaks
 
 _BUDGET, _CHUNK = 0.012, 4
-"""Maximum real time in s for steps of the World per call; number of steps between two checks of this time."""
+"""Maximum real time in s for steps of the World per call; usual number of steps between two checks of this time."""
 
 _OWED = 0.1
 """Maximum delay in s of the World; a larger delay is dropped, so that the World runs slower than real time."""
@@ -57,6 +59,7 @@ class LiveConsole:
         members: mechanism and equations of each robot.
         transfers: rings to bring to pegs.
         objects: the movable objects of the World.
+        condition: condition of the session, for its file.
         reading: the last state: controlled arms, arms at a limit, and the reason if nothing moves.
     """
 
@@ -68,6 +71,7 @@ class LiveConsole:
         watch: Block | None = None,
         task: Task | None = None,
         props: Mechanism | None = None,
+        condition: Condition | None = None,
     ) -> None:
         """Create the World with the robots at the places of the scene.
 
@@ -77,7 +81,8 @@ class LiveConsole:
             device: the input device; None: `GivenHands`.
             watch: see `World`.
             task: a task; if it has transfers, the World has movable objects and contact.
-            props: mechanism of the props; only needed for such a task.
+            props: mechanism of the props; only needed for such a task, and for the forces of contacts.
+            condition: condition of the session, with the switch of the forces; None: that of the scene.
 
         Raises:
             TwinError: the scene has no console, the console does not match its robots, or the task its props.
@@ -87,13 +92,25 @@ class LiveConsole:
         self.scene, self.table = scene, scene.console
         self.device = device or GivenHands(console_scene.PEDALS, HANDS, self.table.scale)
         self.members = {n: Member(r.mechanism, r.kinematics()) for n, r in robots.items()}
+        self._peaks = ForcePeaks(HANDS)
+        on = scene.haptics is None or scene.haptics.on
+        self.condition = condition or Condition(haptics=on)
+        self.device.feel(self.condition.haptics)
         self.world = console_scene.world(
-            scene, self.members, self.device, records=False, watch=watch, task=task, props=props
+            scene,
+            self.members,
+            self.device,
+            records=False,
+            watch=[self._peaks, *([] if watch is None else [watch])],
+            task=task,
+            props=props,
+            haptics=self.condition.haptics,
         )
         self.transfers = () if task is None else task.transfers
         self.objects = scene.objects if self.transfers else ()
         self._pegs = contact_scene.pegs(scene, props, task) if task is not None and self.transfers else {}
         self.owner: str | None = None
+        self._props = props
         self._places = {p.name: p for p in scene.places}
         self._camera = scene.cameras[self.table.camera].robot
         self._owed, self._rate, self._stopped, self._pressed = 0.0, 1.0, "", 0.0
@@ -125,8 +142,8 @@ class LiveConsole:
         wanted = done = int(self._owed / dt + 1e-6)
         try:
             while done > 0:
-                n = min(done, _CHUNK)
-                self._before_steps(math.ceil(done / _CHUNK), n * dt)
+                n = min(done, self._chunk)
+                self._before_steps(math.ceil(done / self._chunk))
                 self.world.step(n)
                 done -= n
                 if time.monotonic() > end:
@@ -139,8 +156,13 @@ class LiveConsole:
         share = min(1.0, passed) * 0.5
         self._rate += share * ((wanted - done) * dt / passed - self._rate)
 
-    def _before_steps(self, parts: int, dt: float) -> None:
-        """Prepare a group of steps of the World that takes dt in s; `parts` is the number of groups still to come."""
+    @property
+    def _chunk(self) -> int:
+        """Number of steps of the World in a group."""
+        return _CHUNK
+
+    def _before_steps(self, parts: int) -> None:
+        """Prepare a group of steps of the World; `parts` is the number of groups still to come."""
 
     def _after_steps(self, behind: bool) -> None:
         """Finish a call of `advance`; `behind`: whether the machine was too slow for all steps."""
@@ -182,6 +204,15 @@ class LiveConsole:
         self.require_free(client)
         self.device.rescale(scale)
 
+    def feel(self, client: str, on: bool) -> None:
+        """Switch the forces on the hands on or off.
+
+        Raises:
+            HeldError: another client controls the hands.
+        """
+        self.require_free(client)
+        self.device.feel(on)
+
     def release(self, client: str) -> None:
         """End the control by this client's hands, if this client has control."""
         if self.owner == client:
@@ -220,6 +251,10 @@ class LiveConsole:
         """Pose (4, 4) of the endoscope's picture in the World: x right, y up, z out of the picture."""
         return self.world.signals[f"{self._camera}.view"].reshape(4, 4)
 
+    def forces(self) -> dict[str, Array]:
+        """Return, by hand, the largest force (3,) in N since the last call, in the axes of the picture."""
+        return self._peaks.take()
+
     @property
     def camera_at(self) -> Array:
         """Present pan, tilt, depth and roll (4,) of the camera, in rad and m."""
@@ -244,6 +279,7 @@ class LiveConsole:
             "silent": silent,
             "mode": "nothing" if mode == FREE else "camera" if mode == CAMERA else "instruments",
             "scale": float(signals[f"{console_scene.PEDALS}.scale"][0]),
+            "haptics": bool(signals["haptics.on"][0]),
             "hands": hands,
             "camera": self._camera_wall() if mode == CAMERA else None,
             "pedal": None if mode == TOOLS or silent or t - self._pressed < _STUCK else _stuck(mode),
