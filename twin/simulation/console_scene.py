@@ -91,7 +91,7 @@ def world(
         records: whether every tick is recorded; see `World`.
         watch: blocks without outputs that read all signals at the end of a tick.
         task: a task; if it has transfers, the instruments touch objects and the solid bodies of the props.
-        props: mechanism of the props; only needed for such a task, and for forces in a scene with contact.
+        props: mechanism of the props; only needed for such a task, and for the forces of contacts.
         haptics: whether the forces on the hands are on at the start; None: the World has none. With forces, the
             instruments touch the solid bodies and each other in every task.
 
@@ -118,7 +118,7 @@ def world(
     controllers += [PoseToJoints(n, members[n].kin, x, limits[n]) for n, x in q.items()]
     plants: list[Block] = [Kinematic(n, x, limits[n]) for n, x in q.items()]
     objects = scene.objects if task is not None and task.transfers else ()
-    felt = haptics is not None and scene.contact is not None
+    felt = _felt(scene, props, haptics)
     if objects or felt:
         arms = {n: (places[n], members[n].mechanism, members[n].kin) for hand in HANDS for n in getattr(table, hand)}
         plants.append(contact_scene.contact(scene, props, arms, q, objects, felt))
@@ -181,7 +181,7 @@ def identity(
         about.append([[f.name, f.body, plain(f.T_body_frame)] for f in mechanism.frames])
     if haptics is not None:
         about.append([plain(x) for x in astuple(surface(scene))])
-    if (haptics is not None or (task is not None and task.transfers)) and scene.contact is not None:
+    if (_felt(scene, props, haptics) or (task is not None and task.transfers)) and scene.contact is not None:
         about.append(scene.contact.model_dump(include={"solid", "friction", "jaw_effort_n_mm"}))
     if task is not None and task.transfers and scene.contact is not None:
         about += [
@@ -193,6 +193,11 @@ def identity(
             for peg in contact_scene.pegs(scene, props, task).values()
         ]
     return "sha256:" + hashlib.sha256(json.dumps(about).encode()).hexdigest()
+
+
+def _felt(scene: Scene, props: Mechanism | None, haptics: bool | None) -> bool:
+    """Return whether the forces on the hands include those of contacts."""
+    return haptics is not None and scene.contact is not None and props is not None
 
 
 def _forces(
