@@ -2,26 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import copy
+from collections.abc import Callable, Iterator, Sequence
 
 import mujoco
 import numpy as np
 
 from twin.core import spatial
 from twin.core.spatial import Array
-from twin.simulation.local_plane import SIZE, LocalPlane, rows
+from twin.simulation.local_plane import COUNT, SIZE, LocalPlane, rows
 from twin.simulation.plants.contact.gripper import Gripper
 
 NAME = "planes"
 """Last part of the name of the signal with the planes of a robot."""
 
+_OFTEN = 10
+"""Number of steps after which the levers of a shaft in contact are computed again; they change slowly."""
+
 
 class Feel:
-    """Finds the planes of all contacts of the last step of MuJoCo.
+    """Finds the planes of all contacts at the present joint values.
 
-    The plane of an instrument touches its deepest point. An object that jaws hold stays outside of what it touches, and
-    slips between the jaws instead; its plane touches the point where the object would be if it did not slip. Objects
-    that nobody holds give way, and are not felt.
+    Instruments are compared where their joint values put them, so that at rest the planes are at rest: in the
+    simulation, a jaw that presses with a limited torque yields and may vibrate. A held object yields too: it stays
+    outside of what it touches and slips between the jaws. Its planes touch the point where it would be if it did not
+    slip. Objects that nobody holds are not felt.
     """
 
     def __init__(
@@ -45,79 +50,106 @@ class Feel:
         self._links = {m.body(f"{g.robot}/{b.name}").id: i for g in grippers for i, b in enumerate(g.links) if i > 0}
         self._items = [m.body(name).id for name in objects]
         self._grasps: dict[int, tuple[int, Array]] = {}
+        self._carried: dict[int, tuple[int, list[Array]]] = {}
+        self._step, self._felt = 0, False
+        self._rigid = copy.copy(m)  # the instruments and the fixed parts, without the objects
+        self._rigid.opt.enableflags &= ~int(mujoco.mjtEnableBit.mjENBL_SLEEP)
+        for geom, (item, _, _) in enumerate(whose):
+            if item >= 0:
+                self._rigid.geom_contype[geom] = self._rigid.geom_conaffinity[geom] = 0
+        self._at = mujoco.MjData(self._rigid)
         self._none = dict.fromkeys((f"{g.robot}.{NAME}" for g in grippers), np.zeros(SIZE))
-        self._felt = False
         self.outputs = dict(self._none)
 
-    def planes(self, d: mujoco.MjData, q: Sequence[Array], holders: Sequence[int]) -> dict[str, Array]:
+    def planes(
+        self, d: mujoco.MjData, place: Callable[[Array], None], q: Sequence[Array], holders: Sequence[int]
+    ) -> dict[str, Array]:
         """Return the signals that may have changed.
 
         Args:
             d: data after a step; its contacts and poses belong to the start of the step.
+            place: function that writes the present positions of all links and jaws into qpos.
             q: joint values (n,) of each instrument.
             holders: index of the instrument that holds each object; -1: none.
         """
+        self._step += 1
+        at = self._at
+        place(at.qpos)
+        mujoco.mj_kinematics(self._rigid, at)
+        mujoco.mj_collision(self._rigid, at)
+        tools = [self._tool(at, k) for k in range(len(self._grippers))]
         found: list[list[LocalPlane]] = [[] for _ in self._grippers]
-        pushed = self._contacts(d, q, holders, found) if d.ncon else set[int]()
+        for arm, contacts in enumerate(self._instruments()):
+            contacts.sort(key=lambda contact: -contact[0])
+            found[arm] += [self._plane(q[arm], arm, tools[arm], *contact) for contact in contacts[:COUNT]]
+        for arm, plane in self._held(d, holders):
+            found[arm].append(plane)
+        if not any(found):
+            out, self._felt = (self._none if self._felt else {}), False
+            return out
+        self._felt = True
+        return {f"{g.robot}.{NAME}": rows(found[k], tools[k]) for k, g in enumerate(self._grippers)}
+
+    def _instruments(self) -> list[list[tuple[float, int, Array, Array]]]:
+        """Return the contacts of each instrument: (depth, body, its deepest point, normal out of what it touches)."""
+        out: list[list[tuple[float, int, Array, Array]]] = [[] for _ in self._grippers]
+        for pair, normal, point, depth in _deepest(self._at):
+            for geom, n in zip(pair, (-normal, normal), strict=True):
+                if (arm := self._whose[geom][1]) >= 0:
+                    out[arm].append((depth, self._bodies[geom], point - n * (depth / 2), n))
+        return out
+
+    def _plane(self, q: Array, arm: int, T: Array, depth: float, body: int, point: Array, normal: Array) -> LocalPlane:
+        if body not in self._links:  # the hand or a jaw
+            return LocalPlane.at_tool(T, point, normal, depth)
+        step, twists = self._carried.get(arm, (-_OFTEN, []))
+        if self._step - step >= _OFTEN:
+            step, twists = self._carried[arm] = self._step, self._grippers[arm].carried(q)
+        twist = twists[self._links[body]]
+        lever = twist[:3].T @ normal + twist[3:].T @ np.cross(point - self._at.xpos[body], normal)
+        return LocalPlane.at_shaft(T, lever, normal, depth)
+
+    def _held(self, d: mujoco.MjData, holders: Sequence[int]) -> Iterator[tuple[int, LocalPlane]]:
+        """Yield (instrument, plane) of each held object that touches anything but its instrument."""
+        pushed = set()
+        for pair, normal, point, depth in _deepest(d) if max(holders, default=-1) >= 0 else ():
+            for geom, other, sign in ((*pair, -1.0), (*pair[::-1], 1.0)):
+                item, arm = self._whose[geom][0], holders[self._whose[geom][0]] if self._whose[geom][0] >= 0 else -1
+                if arm < 0 or self._whose[other][1] == arm:
+                    continue
+                pushed.add(item)
+                if item in self._grasps:
+                    n = sign * normal
+                    back = _pose(d, self._hands[arm]) @ self._grasps[item][1] @ _back(d, self._items[item])
+                    would = back[:3, :3] @ (point - n * (depth / 2)) + back[:3, 3]
+                    slipped = max(float(n @ (point - n * (depth / 2) - would)), 0.0)
+                    yield arm, LocalPlane.at_tool(self._tool(d, arm), would, n, depth + slipped)
         for i, arm in enumerate(holders):
             if arm < 0:
                 self._grasps.pop(i, None)
             elif i not in pushed or self._grasps.get(i, (-1,))[0] != arm:
                 # While an object touches nothing else, its place in the jaws is the one that it would keep.
-                self._grasps[i] = arm, spatial.inverse(_pose(d, self._hands[arm])) @ _pose(d, self._items[i])
-        if not any(found):
-            out, self._felt = (self._none if self._felt else {}), False
-            return out
-        self._felt = True
-        return {
-            f"{g.robot}.{NAME}": rows(planes, self._tool(d, k))
-            for k, (g, planes) in enumerate(zip(self._grippers, found, strict=True))
-        }
-
-    def _contacts(
-        self, d: mujoco.MjData, q: Sequence[Array], holders: Sequence[int], found: list[list[LocalPlane]]
-    ) -> set[int]:
-        """Add the planes of all contacts; return the held objects that touch fixed parts or each other."""
-        contact, pushed = d.contact, set[int]()
-        for k, (pair, distance) in enumerate(zip(contact.geom.tolist(), contact.dist.tolist(), strict=True)):
-            if distance >= 0:
-                continue
-            for side, other in ((0, 1), (1, 0)):
-                item, arm, _ = self._whose[pair[side]]
-                if self._whose[pair[other]][0] >= 0 and arm >= 0:
-                    continue  # an object in the jaws, or one that gives way
-                if item >= 0 and (holders[item] < 0 or self._whose[pair[other]][1] == holders[item]):
-                    continue
-                normal = contact.frame[k, :3] * (1.0 if side else -1.0)
-                point = contact.pos[k] + normal * (distance / 2)
-                if arm >= 0:
-                    found[arm].append(self._plane(d, q[arm], arm, self._bodies[pair[side]], point, normal, -distance))
-                elif item >= 0:
-                    pushed.add(item)
-                    if item in self._grasps:
-                        found[holders[item]].append(self._held(d, item, point, normal, -distance))
-        return pushed
-
-    def _plane(
-        self, d: mujoco.MjData, q: Array, arm: int, body: int, point: Array, normal: Array, depth: float
-    ) -> LocalPlane:
-        T = self._tool(d, arm)
-        link = self._links.get(body)
-        if link is None:  # the hand or a jaw
-            return LocalPlane.at_tool(T, point, normal, depth)
-        at = spatial.inverse(_pose(d, body)) @ np.append(point, 1.0)
-        return LocalPlane.at_shaft(T, self._grippers[arm].carried(q, link, at[:3]).T @ normal, normal, depth)
-
-    def _held(self, d: mujoco.MjData, item: int, point: Array, normal: Array, depth: float) -> LocalPlane:
-        arm, T_hand_item = self._grasps[item]
-        at = spatial.inverse(_pose(d, self._items[item])) @ np.append(point, 1.0)
-        would = (_pose(d, self._hands[arm]) @ T_hand_item @ at)[:3]
-        slipped = float(normal @ (point - would))
-        return LocalPlane.at_tool(self._tool(d, arm), would, normal, max(slipped, 0.0) + depth)
+                self._grasps[i] = arm, _back(d, self._hands[arm]) @ _pose(d, self._items[i])
 
     def _tool(self, d: mujoco.MjData, arm: int) -> Array:
         return _pose(d, self._hands[arm]) @ self._grippers[arm].T_hand_tool
 
 
+def _deepest(d: mujoco.MjData) -> Iterator[tuple[tuple[int, int], Array, Array, float]]:
+    """Yield (geoms, normal from the first to the second, point between both, depth) of each pair at its deepest."""
+    if not d.ncon:
+        return
+    contact, found = d.contact, {}
+    for k, (pair, distance) in enumerate(zip(contact.geom.tolist(), contact.dist.tolist(), strict=True)):
+        if distance < found.get(tuple(pair), (0.0, 0))[0]:
+            found[tuple(pair)] = distance, k
+    for pair, (distance, k) in found.items():
+        yield pair, contact.frame[k, :3].copy(), contact.pos[k].copy(), -distance
+
+
 def _pose(d: mujoco.MjData, body: int) -> Array:
     return spatial.pose(d.xmat[body].reshape(3, 3), d.xpos[body])
+
+
+def _back(d: mujoco.MjData, body: int) -> Array:
+    return spatial.inverse(_pose(d, body))

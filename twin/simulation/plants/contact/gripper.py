@@ -99,30 +99,36 @@ class Gripper:
             out.append(T)
         return out
 
-    def carried(self, q: Array, link: int, point: Array) -> Array:
-        """Return the displacement of a point per displacement of the tool at constant attitude, (3, 3) in the World.
+    def carried(self, q: Array) -> list[Array]:
+        """Return the twist of each of `links` per displacement of the tool at constant attitude, (6, 3) in the World.
+
+        The first three rows are the velocity of the link's origin, the others its angular velocity.
 
         Args:
             q: (n,) joint values.
-            link: index of the point's link in `links`.
-            point: (3,) point in m in the frame of this link.
         """
-        at = np.append(point, 1.0)
-
-        def places(q: Array) -> tuple[Array, Array]:
-            poses = self.poses(q)
-            return poses[0] @ self.T_hand_tool, (poses[link] @ at)[:3]
-
-        T_0, p_0 = places(q)
+        start = self.poses(q)
+        T_world_tool = start[0] @ self.T_hand_tool
         columns = []
         for i in range(len(q)):
-            if i != self.jaw:
-                T, p = places(q + _SMALL * np.eye(len(q))[i])
-                twist = [T[:3, 3] - T_0[:3, 3], spatial.log_so3(T[:3, :3] @ T_0[:3, :3].T), p - p_0]
-                columns.append(np.concatenate(twist) / _SMALL)
+            if i == self.jaw:
+                continue
+            shifted = q.copy()
+            shifted[i] += _SMALL
+            poses = self.poses(shifted)
+            pairs = [(T_world_tool, poses[0] @ self.T_hand_tool), *zip(start, poses, strict=True)]
+            columns.append(np.concatenate([_twist(a, b) for a, b in pairs]) / _SMALL)
         J = np.column_stack(columns)
-        # Small singular values: joints that hardly move the tool do not carry the point either.
-        return J[6:] @ np.linalg.pinv(J[:6], rcond=1e-6)[:, :3]
+        # Small singular values: joints that hardly move the tool do not carry the links either.
+        per_tool = J[6:] @ np.linalg.pinv(J[:6], rcond=1e-6)[:, :3]
+        return np.split(per_tool, len(self.links))
+
+
+def _twist(T: Array, T_new: Array) -> Array:
+    """Return (6,) displacement and rotation vector of a small motion."""
+    D = T_new[:3, :3] @ T[:3, :3].T
+    turn = 0.5 * np.array([D[2, 1] - D[1, 2], D[0, 2] - D[2, 0], D[1, 0] - D[0, 1]])
+    return np.concatenate([T_new[:3, 3] - T[:3, 3], turn])
 
 
 def _inward(robot: str, mechanism: Mechanism, body: str) -> list[Joint]:

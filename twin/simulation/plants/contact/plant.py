@@ -196,7 +196,7 @@ class Contact(Block):
         self._links.settle()
         out = self._signals()
         if self._feel is not None and self._said is not None:
-            out |= self._feel.planes(self._data, q, self._said[0])
+            out |= self._feel.planes(self._data, self._links.place, q, self._said[0])
         return out
 
     def _signals(self) -> dict[str, ArrayLike]:
@@ -295,6 +295,10 @@ class _Links:
         off = self._angles - d.qpos[self._jaw_qpos] - d.qvel[self._jaw_dofs] * dt
         torque = np.minimum(_JAW_INERTIA / dt**2 * off, self._efforts)
         d.qfrc_applied[self._jaw_dofs] = np.maximum(torque, -self._efforts)
+
+    def place(self, qpos: Array) -> None:
+        """Write the positions of all links and jaws into qpos, where the joint values of the last step put them."""
+        qpos[self._qpos], qpos[self._jaw_qpos] = self._wanted, self._angles
 
     def settle(self) -> None:
         """Put the links exactly where the joint values say."""
