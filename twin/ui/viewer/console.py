@@ -44,6 +44,9 @@ AWAY = 0.7
 FAR, CAVITY = 100.0, 0.4
 """Maximum drawn distance in m: in views of the room, and in the endoscope's view, which shows only the cavity."""
 
+_FELT = 0.05
+"""Smallest force in N on a hand that is shown."""
+
 STILL = 1e-9
 """Joint motion in rad or m that counts as rest; an arm at a limit may move by rounding errors."""
 
@@ -266,6 +269,8 @@ class ConsoleFront(Loop):
             }
             for hand, slider in self._jaws.items():
                 self._on(slider, f"jaw {hand}", lambda client, v, hand=hand: pens.squeeze(client, hand, v / 100))
+        self._haptics = gui.add_checkbox("forces", self.console.reading["haptics"], hint="Forces on the hands")
+        self._on(self._haptics, "haptics", self.console.feel)
         with gui.add_folder("Camera"):
             drag, at = Drag(), self.console.camera_at
             self._camera = [
@@ -307,6 +312,12 @@ class ConsoleFront(Loop):
         for body, handle in self.props.meshes:
             handle.opacity = 0.3 if on and body == "patient" else None
 
+    def _felt(self) -> list[tuple[str, str]]:
+        """Return (tone, text) on the forces on the hands; empty without a force."""
+        sizes = {hand: float(np.linalg.norm(force)) for hand, force in self.console.forces().items()}
+        text = ", ".join(f"{hand} {size:.1f} N" for hand, size in sizes.items() if size >= _FELT)
+        return [("warn", f"Force: {text}")] if text else []
+
     def _score(self) -> list[tuple[str, str]]:
         """Return (tone, text) on the rings; empty without them."""
         if not (wanted := len(self.console.transfers)):
@@ -319,6 +330,7 @@ class ConsoleFront(Loop):
         pens = self.pens
         self._set(self._clutch, "clutch", pens.clutch)
         self._set(self._pedal, "camera pedal", pens.camera)
+        self._set(self._haptics, "haptics", self.console.reading["haptics"])
         self._set(self._scale, "scale", self.console.reading["scale"], 0.005)
         for hand, slider in self._jaws.items():
             self._set(slider, f"jaw {hand}", round(100 * pens.pens[hand].grip / Grip().travel), 0.5)
@@ -329,10 +341,10 @@ class ConsoleFront(Loop):
                 self._written.pop(f"aim {k}", None)
             else:
                 self._set(slider, f"aim {k}", _rounded(x, unit, step), step / 2)
-        tone, text = status(self.console.reading)
+        hands = [hand_text(self.console.reading, hand) for hand in HANDS]
         said = "".join(
             f"<div style='padding:0 1em .4em;color:{_TONES[tone]}'>{escape(text)}</div>"
-            for tone, text in ((tone, text), *(hand_text(self.console.reading, hand) for hand in HANDS), *self._score())
+            for tone, text in (status(self.console.reading), *hands, *self._felt(), *self._score())
         )
         if said != self._said:
             self._said = self._status.content = said

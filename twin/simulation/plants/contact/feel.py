@@ -19,6 +19,12 @@ NAME = "planes"
 _OFTEN = 10
 """Number of steps after which the levers of a shaft in contact are computed again; they change slowly."""
 
+_OPPOSITE = -0.5
+"""Cosine of the angle between two normals above which the second one is out of the other side of a part."""
+
+_Touch = tuple[float, tuple[int, int], int, Array, Array]
+"""A contact of an instrument: depth, geoms (its own first), its body, its deepest point, normal out of the other."""
+
 
 class Feel:
     """Finds the planes of all contacts at the present joint values.
@@ -27,6 +33,9 @@ class Feel:
     simulation, a jaw that presses with a limited torque yields and may vibrate. A held object yields too: it stays
     outside of what it touches and slips between the jaws. Its planes touch the point where it would be if it did not
     slip. Objects that nobody holds are not felt.
+
+    An instrument can be led through a part, because nothing stops it. As long as they overlap, a plane keeps its side:
+    the instrument is pushed back to where it came from, not out at the other side.
     """
 
     def __init__(
@@ -51,6 +60,7 @@ class Feel:
         self._items = [m.body(name).id for name in objects]
         self._grasps: dict[int, tuple[int, Array]] = {}
         self._carried: dict[int, tuple[int, list[Array]]] = {}
+        self._sides: dict[tuple[int, int], LocalPlane] = {}
         self._step, self._felt = 0, False
         self._rigid = copy.copy(m)  # the instruments and the fixed parts, without the objects
         self._rigid.opt.enableflags &= ~int(mujoco.mjtEnableBit.mjENBL_SLEEP)
@@ -79,9 +89,17 @@ class Feel:
         mujoco.mj_collision(self._rigid, at)
         tools = [self._tool(at, k) for k in range(len(self._grippers))]
         found: list[list[LocalPlane]] = [[] for _ in self._grippers]
+        sides, self._sides = self._sides, {}
         for arm, contacts in enumerate(self._instruments()):
+            for k, (_, key, *_, normal) in enumerate(contacts):
+                if (side := sides.get(key)) is not None and side.normal @ normal < _OPPOSITE:
+                    self._sides[key] = side
+                    contacts[k] = (side.depth(tools[arm]), *contacts[k][1:])
             contacts.sort(key=lambda contact: -contact[0])
-            found[arm] += [self._plane(q[arm], arm, tools[arm], *contact) for contact in contacts[:COUNT]]
+            for depth, key, body, point, normal in contacts[:COUNT]:
+                if key not in self._sides:
+                    self._sides[key] = self._plane(q[arm], arm, tools[arm], depth, body, point, normal)
+                found[arm].append(self._sides[key])
         for arm, plane in self._held(d, holders):
             found[arm].append(plane)
         if not any(found):
@@ -90,13 +108,13 @@ class Feel:
         self._felt = True
         return {f"{g.robot}.{NAME}": rows(found[k], tools[k]) for k, g in enumerate(self._grippers)}
 
-    def _instruments(self) -> list[list[tuple[float, int, Array, Array]]]:
-        """Return the contacts of each instrument: (depth, body, its deepest point, normal out of what it touches)."""
-        out: list[list[tuple[float, int, Array, Array]]] = [[] for _ in self._grippers]
+    def _instruments(self) -> list[list[_Touch]]:
+        """Return the contacts of each instrument."""
+        out: list[list[_Touch]] = [[] for _ in self._grippers]
         for pair, normal, point, depth in _deepest(self._at):
-            for geom, n in zip(pair, (-normal, normal), strict=True):
+            for geom, other, n in ((*pair, -normal), (*pair[::-1], normal)):
                 if (arm := self._whose[geom][1]) >= 0:
-                    out[arm].append((depth, self._bodies[geom], point - n * (depth / 2), n))
+                    out[arm].append((depth, (geom, other), self._bodies[geom], point - n * (depth / 2), n))
         return out
 
     def _plane(self, q: Array, arm: int, T: Array, depth: float, body: int, point: Array, normal: Array) -> LocalPlane:
@@ -106,7 +124,9 @@ class Feel:
         if self._step - step >= _OFTEN:
             step, twists = self._carried[arm] = self._step, self._grippers[arm].carried(q)
         twist = twists[self._links[body]]
-        lever = twist[:3].T @ normal + twist[3:].T @ np.cross(point - self._at.xpos[body], normal)
+        x, y, z = point - self._at.xpos[body]
+        turned = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]]) @ normal
+        lever = twist[:3].T @ normal + twist[3:].T @ turned
         return LocalPlane.at_shaft(T, lever, normal, depth)
 
     def _held(self, d: mujoco.MjData, holders: Sequence[int]) -> Iterator[tuple[int, LocalPlane]]:

@@ -1,6 +1,6 @@
 /** Forces on the hands, as the server computes them: arrows at the instruments, and the strength of vibrations. */
 
-import { ArrowHelper, type Material, Quaternion, Vector3 } from 'three';
+import { ConeGeometry, CylinderGeometry, Group, Mesh, MeshBasicMaterial, Quaternion, Vector3 } from 'three';
 import type { App } from './app';
 import type { Console } from './console';
 import { SIDES } from './pens';
@@ -9,12 +9,15 @@ import type { Message, Side } from './protocol';
 const LARGEST = 3.3; // N: force of the strongest vibration
 const LEAST = 0.05; // N: smallest force that is shown
 const LENGTH = 0.006; // m of arrow per N
-const COLOR = 0xffb000;
+const HEAD = 0.005; // m: length of the arrow's head
+const COLOR = 0x2dff8f;
+const UP = new Vector3(0, 1, 0);
 
 export class Forces {
   /** Force in N on each hand in the axes of the picture: x right, y up, z out of it. */
   readonly now: Record<Side, Vector3> = { right: new Vector3(), left: new Vector3() };
-  readonly arrows: Record<Side, ArrowHelper>;
+  /** Arrows along y, from their origin. */
+  readonly arrows: Record<Side, Group>;
 
   constructor(
     private readonly app: App,
@@ -43,25 +46,29 @@ export class Forces {
       const [arrow, force, tip] = [this.arrows[side], this.now[side], this.console.tip(side)];
       arrow.visible = tip !== null && force.length() >= LEAST;
       if (!arrow.visible || !tip) continue;
-      const length = LENGTH * force.length() * scale;
+      const length = LENGTH * force.length();
       arrow.position.copy(tip);
-      arrow.setDirection(force.clone().normalize().applyQuaternion(turn));
-      arrow.setLength(length, Math.min(0.4 * length, 0.004 * scale), 0.003 * scale);
+      arrow.quaternion.setFromUnitVectors(UP, force.clone().normalize().applyQuaternion(turn));
+      arrow.scale.setScalar(scale);
+      const [shaft, head] = arrow.children as [Mesh, Mesh];
+      shaft.scale.y = length;
+      head.position.y = length;
     }
   }
 
   text(): string {
     const state = this.app.model.console;
-    if (!state?.haptics) return 'Forces on the hands: off';
-    return `Forces on the hands: ${SIDES.toReversed().map((side) => `${side} ${this.now[side].length().toFixed(1)} N`).join(', ')}`;
+    if (!state?.haptics) return 'Forces: off';
+    return `Forces: ${SIDES.toReversed().map((side) => `${side} ${this.now[side].length().toFixed(1)} N`).join(', ')}`;
   }
 
-  private arrow(): ArrowHelper {
-    const arrow = new ArrowHelper(new Vector3(0, 1, 0), new Vector3(), 1, COLOR);
-    for (const part of [arrow.line, arrow.cone]) {
-      part.renderOrder = 10;
-      (part.material as Material).depthTest = false; // visible through the instrument
-    }
+  private arrow(): Group {
+    const arrow = new Group();
+    const material = new MeshBasicMaterial({ color: COLOR, depthTest: false, transparent: true }); // seen through the tool
+    const shaft = new Mesh(new CylinderGeometry(0.0006, 0.0006, 1).translate(0, 0.5, 0), material);
+    const head = new Mesh(new ConeGeometry(0.0018, HEAD).translate(0, HEAD / 2, 0), material);
+    arrow.add(shaft, head);
+    for (const part of arrow.children) part.renderOrder = 10;
     arrow.visible = false;
     this.app.world.scene.add(arrow);
     return arrow;
