@@ -22,6 +22,7 @@ from twin.simulation.console_scene import Member
 from twin.simulation.devices.given import HandState
 from twin.simulation.local_plane import COUNT, LocalPlane
 from twin.simulation.plants.contact import Contact, Gripper, Solid
+from twin.simulation.plants.contact.levers import Levers
 from twin.simulation.session import run
 from twin.simulation.session.condition import randomised
 from twin.simulation.world import Block, World
@@ -97,6 +98,13 @@ def test_the_floor_pushes_by_the_depth_that_is_drawn(scene, members, props):
     assert world.recording()["right.energy"].min() >= 0
 
 
+def test_an_instrument_under_the_floor_is_pushed_back_up(scene, members, props):
+    """The floor is 8 mm thick: its lower side is nearer, but the instrument came from above."""
+    world, force = moved(scene, members, props, 800, lambda t: ramp(t, [0, 0, -31 * MM], speed=0.07))
+    assert FLOOR - lowest(world, members) > 6 * MM
+    np.testing.assert_allclose(force["right"][-1], [0, 0, 3.3], atol=0.05)
+
+
 def test_instruments_push_each_other_apart(scene, members, props):
     """Both hands feel the same force, each to its own side, and it is steady while they rest."""
 
@@ -138,7 +146,8 @@ def test_a_point_of_the_shaft_moves_as_the_lever_says(psm):
     gripper = Gripper("psm", mechanism, kin.forward, spatial.pose(spatial.rotation_z(1.0), (0.1, 0, 0)), 0.02)
     q, R_base = mechanism.posture("aside"), spatial.rotation_z(1.0)
     T, start = kin.forward(q), gripper.poses(q)
-    twists = gripper.carried(q)
+    levers = Levers(gripper)
+    twists = levers.twists(q, 0)
     assert len(twists) == len(gripper.links) == 3
     for way in np.eye(3) * 1e-5:
         moved = kin.inverse(spatial.pose(T[:3, :3], T[:3, 3] + R_base.T @ way), seed=q)
@@ -147,6 +156,11 @@ def test_a_point_of_the_shaft_moves_as_the_lever_says(psm):
             turn = spatial.log_so3(b[:3, :3] @ a[:3, :3].T)
             np.testing.assert_allclose(twist @ way, [*(b[:3, 3] - a[:3, 3]), *turn], atol=2e-8)
     np.testing.assert_allclose(twists[0][3:], 0, atol=1e-6)  # the hand keeps its attitude
+    other = q + 0.1
+    new = Levers(gripper).twists(other, 0)
+    late = [levers.twists(other, k) for k in range(1, 7)]  # one joint in each step
+    assert np.abs(late[0][2] - new[2]).max() > 0.01
+    np.testing.assert_allclose(late[-1], new, atol=1e-12)
 
 
 class Led(Block):

@@ -12,12 +12,10 @@ from twin.core import spatial
 from twin.core.spatial import Array
 from twin.simulation.local_plane import COUNT, SIZE, LocalPlane, rows
 from twin.simulation.plants.contact.gripper import Gripper
+from twin.simulation.plants.contact.levers import Levers
 
 NAME = "planes"
 """Last part of the name of the signal with the planes of a robot."""
-
-_OFTEN = 10
-"""Number of steps after which the levers of a shaft in contact are computed again; they change slowly."""
 
 _OPPOSITE = -0.5
 """Cosine of the angle between two normals above which the second one is out of the other side of a part."""
@@ -59,7 +57,8 @@ class Feel:
         self._links = {m.body(f"{g.robot}/{b.name}").id: i for g in grippers for i, b in enumerate(g.links) if i > 0}
         self._items = [m.body(name).id for name in objects]
         self._grasps: dict[int, tuple[int, Array]] = {}
-        self._carried: dict[int, tuple[int, list[Array]]] = {}
+        self._levers = [Levers(g) for g in grippers]
+        self._twists: dict[int, list[Array]] = {}
         self._sides: dict[tuple[int, int], LocalPlane] = {}
         self._step, self._felt = 0, False
         self._rigid = copy.copy(m)  # the instruments and the fixed parts, without the objects
@@ -83,6 +82,7 @@ class Feel:
             holders: index of the instrument that holds each object; -1: none.
         """
         self._step += 1
+        self._twists.clear()
         at = self._at
         place(at.qpos)
         mujoco.mj_kinematics(self._rigid, at)
@@ -120,9 +120,8 @@ class Feel:
     def _plane(self, q: Array, arm: int, T: Array, depth: float, body: int, point: Array, normal: Array) -> LocalPlane:
         if body not in self._links:  # the hand or a jaw
             return LocalPlane.at_tool(T, point, normal, depth)
-        step, twists = self._carried.get(arm, (-_OFTEN, []))
-        if self._step - step >= _OFTEN:
-            step, twists = self._carried[arm] = self._step, self._grippers[arm].carried(q)
+        if (twists := self._twists.get(arm)) is None:
+            twists = self._twists[arm] = self._levers[arm].twists(q, self._step)
         twist = twists[self._links[body]]
         x, y, z = point - self._at.xpos[body]
         turned = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]]) @ normal

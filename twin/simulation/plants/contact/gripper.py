@@ -17,9 +17,6 @@ from twin.reference import ReferenceModel
 _TURN = 0.1
 """Change in rad of the jaw's joint by which the axes of the jaws are found."""
 
-_SMALL = 1e-5
-"""Change in rad or m of a joint by which displacements of the links are found."""
-
 
 @dataclass(frozen=True)
 class Jaw:
@@ -98,37 +95,6 @@ class Gripper:
             T = T @ T_child_joint @ turned @ T_joint_parent
             out.append(T)
         return out
-
-    def carried(self, q: Array) -> list[Array]:
-        """Return the twist of each of `links` per displacement of the tool at constant attitude, (6, 3) in the World.
-
-        The first three rows are the velocity of the link's origin, the others its angular velocity.
-
-        Args:
-            q: (n,) joint values.
-        """
-        start = self.poses(q)
-        T_world_tool = start[0] @ self.T_hand_tool
-        columns = []
-        for i in range(len(q)):
-            if i == self.jaw:
-                continue
-            shifted = q.copy()
-            shifted[i] += _SMALL
-            poses = self.poses(shifted)
-            pairs = [(T_world_tool, poses[0] @ self.T_hand_tool), *zip(start, poses, strict=True)]
-            columns.append(np.concatenate([_twist(a, b) for a, b in pairs]) / _SMALL)
-        J = np.column_stack(columns)
-        # Small singular values: joints that hardly move the tool do not carry the links either.
-        per_tool = J[6:] @ np.linalg.pinv(J[:6], rcond=1e-6)[:, :3]
-        return np.split(per_tool, len(self.links))
-
-
-def _twist(T: Array, T_new: Array) -> Array:
-    """Return (6,) displacement and rotation vector of a small motion."""
-    D = T_new[:3, :3] @ T[:3, :3].T
-    turn = 0.5 * np.array([D[2, 1] - D[1, 2], D[0, 2] - D[2, 0], D[1, 0] - D[0, 1]])
-    return np.concatenate([T_new[:3, 3] - T[:3, 3], turn])
 
 
 def _inward(robot: str, mechanism: Mechanism, body: str) -> list[Joint]:
