@@ -4,8 +4,8 @@
     python tests/benchmarks/teleoperation.py --haptics  the same with forces on the hands, which push into the board
 
 One process on one processor, without display or network. The hands never rest: both move, turn and grip all the time;
-each second has a clutch (50 ms) and a motion of the camera (100 ms). With forces, both instruments touch the board in a
-third of the ticks.
+each second has a clutch (50 ms) and a motion of the camera (100 ms). With forces, an instrument touches the board in
+half of the ticks.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from twin.simulation.world import Recording, World
 
 DT = 1e-3
 SECONDS = 20
-LOWER, DOWN = 34 * MM, (0.0, -0.493, -0.870)
+LOWER, DOWN = 40 * MM, (0.0, -0.493, -0.870)
 """With forces: way of the hands in m to the board, and its direction in the picture."""
 BAR, BAR_WITH_FORCES, SLOWEST = 20.0, 2.0, 1e-3
 """Required real-time factors without and with forces; largest 99th percentile of the duration of a tick in s."""

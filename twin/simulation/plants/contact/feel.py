@@ -57,8 +57,7 @@ class Feel:
         self._links = {m.body(f"{g.robot}/{b.name}").id: i for g in grippers for i, b in enumerate(g.links) if i > 0}
         self._items = [m.body(name).id for name in objects]
         self._grasps: dict[int, tuple[int, Array]] = {}
-        self._levers = [Levers(g) for g in grippers]
-        self._twists: dict[int, list[Array]] = {}
+        self._levers = [Levers(g, 2 * k) for k, g in enumerate(grippers)]
         self._sides: dict[tuple[int, int], LocalPlane] = {}
         self._step, self._felt = 0, False
         self._rigid = copy.copy(m)  # the instruments and the fixed parts, without the objects
@@ -82,7 +81,6 @@ class Feel:
             holders: index of the instrument that holds each object; -1: none.
         """
         self._step += 1
-        self._twists.clear()
         at = self._at
         place(at.qpos)
         mujoco.mj_kinematics(self._rigid, at)
@@ -120,9 +118,7 @@ class Feel:
     def _plane(self, q: Array, arm: int, T: Array, depth: float, body: int, point: Array, normal: Array) -> LocalPlane:
         if body not in self._links:  # the hand or a jaw
             return LocalPlane.at_tool(T, point, normal, depth)
-        if (twists := self._twists.get(arm)) is None:
-            twists = self._twists[arm] = self._levers[arm].twists(q, self._step)
-        twist = twists[self._links[body]]
+        twist = self._levers[arm].twists(q, self._step)[self._links[body]]
         x, y, z = point - self._at.xpos[body]
         turned = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]]) @ normal
         lever = twist[:3].T @ normal + twist[3:].T @ turned

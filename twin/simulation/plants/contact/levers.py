@@ -10,20 +10,21 @@ from twin.simulation.plants.contact.gripper import Gripper
 _SMALL = 1e-5
 """Change in rad or m of a joint by which displacements of the links are found."""
 
-_OLD = 6
-"""Number of steps without a call after which all joints are computed again."""
+_OFTEN, _OLD = 4, 20
+"""Numbers of steps: between two joints that are computed; without a call after which all joints are computed again."""
 
 
 class Levers:
     """Twists of the links of an instrument per displacement of its tool at constant attitude.
 
-    All joints are computed at the first call. Later calls compute one joint each, because the twists change slowly and
-    a tick must be short.
+    All joints are computed at the first call; later, one joint in every `_OFTEN` steps, because the twists change
+    slowly and a tick must be short.
     """
 
-    def __init__(self, gripper: Gripper) -> None:
-        """Compute nothing yet."""
-        self._gripper, self._step, self._next = gripper, -_OLD, 0
+    def __init__(self, gripper: Gripper, phase: int = 0) -> None:
+        """Compute nothing yet; instruments with different `phase`, a number of steps, compute in different steps."""
+        self._gripper, self._phase, self._step, self._next = gripper, phase, -_OLD, 0
+        self._twists: list[Array] = []
         self._joints: list[int] = []
         self._columns = np.zeros((0, 0))
 
@@ -40,8 +41,11 @@ class Levers:
             self._joints = [i for i in range(len(q)) if i != self._gripper.jaw]
             self._columns = np.zeros((6 + 6 * len(self._gripper.links), len(self._joints)))
             now = range(len(self._joints))
-        else:
+        elif (step + self._phase) % _OFTEN == 0 and step > self._step:
             now, self._next = (self._next,), (self._next + 1) % len(self._joints)
+        else:
+            self._step = step
+            return self._twists
         self._step = step
         start = self._poses(q)
         for k in now:
@@ -51,7 +55,8 @@ class Levers:
             self._columns[:, k] = np.concatenate([_twist(a, b) for a, b in pairs]) / _SMALL
         # Small singular values: joints that hardly move the tool do not carry the links either.
         per_tool = self._columns[6:] @ np.linalg.pinv(self._columns[:6], rcond=1e-6)[:, :3]
-        return np.split(per_tool, len(self._gripper.links))
+        self._twists = np.split(per_tool, len(self._gripper.links))
+        return self._twists
 
     def _poses(self, q: Array) -> list[Array]:
         """Return the poses (4, 4) of the tool and of the links in the World."""
