@@ -83,7 +83,7 @@ def proxy(planes: ca.SX, T_world_tool: ca.SX, sweeps: int = 12) -> tuple[ca.SX, 
 
     The way in m is from the point in contact to its proxy, the smallest displacement that leaves all planes (Zilles
     and Salisbury, IROS 1995; solved by Hildreth's method). Two planes with the same normal count once. The pull is the
-    same for a force at the tool: it has levers in place of normals.
+    same for a force at the tool: it has levers instead of normals.
 
     Args:
         planes: (k, WIDTH) rows.
