@@ -123,12 +123,11 @@ def test_without_haptics_the_world_has_no_forces_and_off_is_zero(scene, members,
     def way(t):
         return ramp(t, [0, 0, -24 * MM])
 
-    off, force = moved(scene, members, props, 800, way, haptics=False)
+    off, force = moved(scene, members, props, 650, way, haptics=False)
     assert not force["right"].any()
-    on, force = moved(scene, members, props, 800, way)
+    on, force = moved(scene, members, props, 650, way)
     assert force["right"].any()
     assert on.signals["psm1.q"].tobytes() == off.signals["psm1.q"].tobytes(), "the hands of the device are the same"
-    assert on.recording().rows.tobytes() == moved(scene, members, props, 800, way)[0].recording().rows.tobytes()
 
 
 # -- contacts as planes -----------------------------------------------------------------------------------------------
