@@ -1,8 +1,8 @@
-"""What all arms of the da Vinci share: cart, locked set-up joints, pins, sledge, and how an arm is drawn.
+"""Parts that all arms of the da Vinci share (cart, locked set-up joints, pins, sledge), and the assembly of an arm.
 
-World axes in every body (mm): the RCM at the origin, x across the linkage, z up, the arm behind it at negative y. So
-the arm stands with yaw and pitch at zero, and a body's frame is only moved. Every function that draws returns a list of
-``(part name, solid, material)``.
+All body frames (mm) have the axes of the world: origin at the RCM, x across the linkage, z up, and the arm at negative
+y. The arm is drawn with yaw and pitch at zero, so the frame of a body is only a translation. Every function that draws
+a body returns a list of ``(part name, solid, material)``.
 """
 
 import importlib.util
@@ -28,7 +28,7 @@ SLED = 8.5  # half of the sledge's width
 
 # ---- an arm ---------------------------------------------------------------------
 def parts(here):
-    """Load parts.py of a folder, under a name of its own: other robots have one too."""
+    """Load parts.py of a folder under a unique module name, because other robots also have a parts.py."""
     name = f"{here.name}_parts"
     if name not in sys.modules:
         spec = importlib.util.spec_from_file_location(name, here / "parts.py")
@@ -38,13 +38,13 @@ def parts(here):
 
 
 def assembly(path, drawn, places, errors):
-    """Return the drawn arm of a dimension file: ({body: [(name, shape, rgb)]}, mass in kg).
+    """Draw an arm with the values of a dimension file; return ({body: [(name, shape, rgb)]}, mass in kg).
 
     Args:
         path: dimension file.
         drawn: modules with a function named after each body; the first one that has it draws the body.
         places: dimensions -> {body: origin in the world in mm}, in the order of the file, without the set-up joints.
-        errors: the manufacturing errors that each body knows, {body: {key}}; such bodies are drawn with them.
+        errors: the manufacturing errors that can be set for a body, {body: {key}}; its function takes them as `err`.
     """
     d = cad.Dimensions(path, errors)
     at = dict.fromkeys(("base", "setup1", "setup2", "mount"), (0, 0, 0)) | places(d)
@@ -55,7 +55,7 @@ def assembly(path, drawn, places, errors):
 
 # ---- cart and set-up joints -------------------------------------------------
 def base(d):
-    """Cart: foot on castors, column with the carriage of the first set-up joint."""
+    """Draw the cart: a foot on castors, and a column with the carriage of the first set-up joint."""
     x, y, z = d.setup1
     floor = -d.floor
     foot = soft(box(-270, 270, y - 330, y + 250, floor + 60, floor + 150, 90), Axis.Z, 18)
@@ -81,7 +81,7 @@ def base(d):
 
 
 def setup1(d):
-    """Upper arm from the cart's carriage to the elbow, above it."""
+    """Draw the upper arm from the carriage of the cart to the elbow; it lies above the carriage."""
     (x, y, z), (x2, y2, z2) = d.setup1, d.setup2
     low = z + d.seat
     arm = hull([(x, y, d.r1), (x2, y2, d.r2)], Plane(origin=(0, 0, low)), z2 + 52 - low, 8)
@@ -96,7 +96,7 @@ def setup1(d):
 
 
 def setup2(d):
-    """Forearm from the elbow down to the mount."""
+    """Draw the forearm from the elbow down to the mount."""
     (x, y, z), (x2, y2, z2) = d.setup2, d.setup3
     top = z - d.seat
     arm = hull([(x, y, d.r2), (x2, y2, d.r3)], Plane(origin=(0, 0, z2 + d.seat)), top - z2 - d.seat, 7)
@@ -110,7 +110,7 @@ def setup2(d):
 
 
 def mount(d):
-    """Post below the forearm, housing of the yaw drive about the yaw axis."""
+    """Draw the mount: the post below the forearm, and the housing of the yaw drive about the yaw axis."""
     x, y, z = d.setup3
     post = cyl((x, y, 0), Z, d.r3 - 4, z - d.seat)
     start = y - d.r3 - 20
@@ -127,24 +127,24 @@ def mount(d):
 
 # ---- links and their pins ---------------------------------------------------------
 def hole(p, x0, x1, r):
-    """Cylinder along x to cut."""
+    """Return a cylinder of radius r along x from x0 to x1, to be subtracted for a hole at p (y, z)."""
     return cyl((x0, *p), X, r, x1 - x0)
 
 
 def plane_x(x):
-    """Plane across the linkage at x, with y and z as its axes."""
+    """Return the plane at x across the linkage, with y and z as its axes."""
     return Plane(origin=(x, 0, 0), x_dir=Y, z_dir=X)
 
 
 def scaled(v, length):
-    """Vector of the same direction with a length; the drawn pin of a link that came out long."""
+    """Return v (y, z) scaled to a length in mm, for a link with a length error; v itself if length is None."""
     norm = (v[0] ** 2 + v[1] ** 2) ** 0.5
     return v if length is None else (v[0] * length / norm, v[1] * length / norm)
 
 
-# ---- what slides ------------------------------------------------------------------
+# ---- sledge ----------------------------------------------------------------------
 def sledge(d):
-    """Block on both rods and its index at the origin of the insertion; origin there, on the instrument's axis."""
+    """Draw the block on both rods with its index; the origin is that of the insertion, on the instrument's axis."""
     block = box(-SLED, SLED, d.rail_front + 1.5, d.plate - 4, -46, 56)
     for s in (1, -1):
         block -= cyl((s * d.rod_x, d.rod_y, -60), Z, d.rod + 0.02, 130)

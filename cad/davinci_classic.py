@@ -1,12 +1,14 @@
-"""The double parallelogram of the arms of the da Vinci Classic, which holds their remote centre.
+"""The double parallelogram of the arms of the da Vinci Classic, which keeps the remote centre of motion (RCM) fixed.
 
-    yaw        turns about y through the RCM; its fork holds the pivots B and B2
-    crank1     from B to A, with a second pin A2 beside A;  crank2 from B2 to A3, as long and parallel
-    coupler1   from A3 over A to C: stays parallel to B2-B;  coupler2 from A2 to C2: keeps the rail parallel to crank1
-    rail       hangs on C and C2; the instrument slides on it along the line x = y = 0
+    yaw        rotates about y through the RCM; its fork has the pivots B and B2
+    crank1     from B to A, with a second pin A2 next to A
+    crank2     from B2 to A3, of the same length as crank1 and parallel to it
+    coupler1   from A3 through A to C; it stays parallel to B2-B
+    coupler2   from A2 to C2; it keeps the rail parallel to crank1
+    rail       is carried by C and C2; the instrument slides on it along the line x = y = 0
 
-Nothing turns at the RCM: C - A = RCM - B, so that the rail turns about it with the cranks. `places` says where the
-bodies' frames stand.
+There is no joint at the RCM: because C - A = RCM - B, the rail rotates about the RCM with the cranks. `places` returns
+the origins of the body frames.
 """
 
 from build123d import Axis
@@ -14,7 +16,7 @@ from davinci import LEFT, hole, plane_x, scaled
 from shapes import X, Y, Z, box, cap, cyl, flange, hull, pipe, seat, soft
 
 IN, OUT = 9.0, 13.0  # cranks and rail lie within |x| < IN, couplers and fork beyond OUT; seats and flanges between
-ERRORS = {  # which manufacturing errors each body knows
+ERRORS = {  # the manufacturing errors that can be set for each body
     "yaw": {"pivot1_offset_mm", "pivot2_offset_mm"},
     **{body: {"length_mm"} for body in ("crank1", "crank2", "coupler1", "coupler2")},
     "rail": {"pin_c_offset_mm"},
@@ -22,7 +24,7 @@ ERRORS = {  # which manufacturing errors each body knows
 
 
 def pivots(d):
-    """Pins in the pitch plane as drawn, {name: (y, z)}."""
+    """Return the nominal positions of the pins in the pitch plane in mm, {name: (y, z)}."""
     b = (-d.reach, 0.0)
     add = lambda p, *v: (p[0] + sum(w[0] for w in v), p[1] + sum(w[1] for w in v))  # noqa: E731
     crank, second, apart = tuple(d.crank[1:]), tuple(d.second[1:]), tuple(d.apart[1:])
@@ -39,7 +41,7 @@ def pivots(d):
 
 
 def places(d):
-    """Origin of each body of the linkage in the world."""
+    """Return the origin of each body of the linkage in the world in mm."""
     p = pivots(d)
     at = {"crank1": "B", "crank2": "B2", "coupler1": "A", "coupler2": "A2", "rail": "C"}
     return {
@@ -50,23 +52,23 @@ def places(d):
 
 # ---- pins: seat on the parent, flange on the child ---------------------------------
 def holder(p, side, r, j, h):
-    """Seat on a body that lies within IN: its face at OUT looks to `side`."""
+    """Return the seat of a pin on a body within |x| < IN; its face is at OUT, with its normal to `side` (+1 or -1)."""
     return seat((side * OUT, *p), (side, 0, 0), r, j, h, key=Z)
 
 
 def pin(d, p, side, r, j):
-    """Flange at OUT of a body on the `side` of the face, with its pin the other way."""
+    """Return the flange at OUT of a body on the outer `side` (+1 or -1), with its pin pointing inwards."""
     return flange((side * OUT, *p), (side, 0, 0), r, j, d.pin_seat, d.pin_deep, key=Z)
 
 
 def inner(d, p, side, r, j):
-    """Flange at OUT of a body within IN whose pin leads outwards to `side`."""
+    """Return the flange at OUT of a body within |x| < IN, with its pin pointing outwards to `side` (+1 or -1)."""
     return flange((side * OUT, *p), (-side, 0, 0), r, j, d.pin_seat, d.pin_deep, key=Z)
 
 
 # ---- the bodies -------------------------------------------------------------------
 def yaw(d, err):
-    """Neck on the yaw bearing, motors under it, fork with the seats of both cranks."""
+    """Draw the yaw link: neck on the yaw bearing, motors below it, and fork with the seats of both cranks."""
     p = pivots(d)
     (yb, zb), (y2, z2) = p["B"], p["B2"]
     start = d.yaw_face + d.seat
@@ -102,12 +104,12 @@ def yaw(d, err):
 
 
 def _plate(d, a, b, ra, rb):
-    """Flat link within IN between two pins."""
+    """Return a flat link within |x| < IN between the pins a and b, with the end radii ra and rb."""
     return hull([(*a, ra), (*b, rb)], plane_x(-IN), 2 * IN, 2.5)
 
 
 def crank1(d, err):
-    """Driven crank: pin B, seats of both couplers."""
+    """Draw the driven crank: pin B and the seats of both couplers."""
     a = scaled(tuple(d.crank[1:]), err("length_mm", None))
     a2 = (a[0] + d.apart[1], a[1] + d.apart[2])
     plate = _plate(d, (0, 0), a, d.pin_r + 1, d.pin_r - 1)
@@ -123,7 +125,7 @@ def crank1(d, err):
 
 
 def crank2(d, err):
-    """Second crank: pin B2, seat of the first coupler."""
+    """Draw the second crank: pin B2 and the seat of the first coupler."""
     a = scaled(tuple(d.crank[1:]), err("length_mm", None))
     plate = _plate(d, (0, 0), a, d.pin_r + 1, d.pin_r - 1)
     plate -= hole(a, IN - d.pin_deep + d.pin_seat - 1, IN + 1, d.pin_j + 1)
@@ -135,7 +137,7 @@ def crank2(d, err):
 
 
 def coupler1(d, err):
-    """Long coupler: pins A3 and A, seat of the rail at C."""
+    """Draw the long coupler: the pins A3 and A, and the seat of the rail at C."""
     c, a3 = (err("length_mm", d.reach), 0.0), tuple(d.second[1:])
     x0 = OUT + d.pin_seat
     beam = hull([(*c, d.beam), (0, 0, d.beam)], plane_x(x0), d.beam_wide, 3)
@@ -152,7 +154,7 @@ def coupler1(d, err):
 
 
 def coupler2(d, err):
-    """Thin coupler: pin A2, seat of the rail at C2."""
+    """Draw the thin coupler: pin A2 and the seat of the rail at C2."""
     c = (err("length_mm", d.reach), 0.0)
     x0 = -OUT - d.pin_seat - d.beam_wide
     beam = hull([(*c, d.small_r), (0, 0, d.small_r)], plane_x(x0), d.beam_wide, 2)
@@ -165,7 +167,7 @@ def coupler2(d, err):
 
 
 def rail(d, err):
-    """Web with the pins C and C2, tower with two rods, cannula holder; origin C."""
+    """Draw the rail: a web with the pins C and C2, a tower with two rods, and the cannula holder; the origin is C."""
     yc, zc = pivots(d)["C"]
     c2 = tuple(d.apart[1:])
     o = err("pin_c_offset_mm", (0, 0))

@@ -1,11 +1,13 @@
-"""The needle driver of an instrument arm, from the sledge that carries it to the jaws.
+"""The needle driver of an instrument arm, from its sledge to its jaws.
 
-Body frames (mm), axes of the world in all of them:
+All body frames (mm) have the axes of the world. Their origins:
     stage         origin of the insertion, on the instrument's axis
-    shaft         the same point; the tube leads down along -z to the wrist
-    wrist         on the pitch axis, which is along x;  hand, jaw_left, jaw_right: on the yaw axis, along y
+    shaft         the same point; the tube extends along -z down to the wrist
+    wrist         on the pitch axis, which is along x
+    hand, jaw_left, jaw_right    on the yaw axis, which is along y
 
-The hand is the pin of the yaw axis with an idler on it: it follows the mean of both jaws, and the tool is on it.
+The hand is the pin of the yaw axis with an idler. Its angle is the mean of both jaw angles, and it carries the tool
+frame.
 """
 
 from build123d import Axis, Plane
@@ -16,7 +18,7 @@ BACK = (0, -1, 0)
 
 
 def places(d):
-    """Origin of each body of the instrument in the world, inserted as far as drawn."""
+    """Return the origin of each body of the instrument in the world in mm, at the insertion of the dimension file."""
     high = d.origin - d.insertion
     yaw = high - d.shaft_long - d.wrist
     return {
@@ -27,7 +29,7 @@ def places(d):
 
 
 def stage(d):
-    """Sledge with the sterile adapter, and the instrument's housing with its four drive discs."""
+    """Draw the sledge with the sterile adapter, and the housing of the instrument with its four drive discs."""
     y = d.plate
     house = box(-22, 22, y + 3, y + 36, -d.house_low, 62, 7)
     house = soft(house, Axis.Z, 5)
@@ -48,7 +50,7 @@ def stage(d):
 
 
 def shaft(d):
-    """Roll flange, tube, clevis of the wrist; pulleys of the pitch cables on its cheeks."""
+    """Draw the shaft: the roll flange, the tube, and the clevis of the wrist."""
     foot = flange((0, 0, -d.roll_face), DOWN, d.roll_r, d.roll_j, d.roll_seat, 14)
     low = -d.shaft_long
     top = -d.roll_face - d.roll_seat
@@ -74,7 +76,7 @@ def shaft(d):
 
 
 def wrist(d):
-    """Pin and pulleys about the pitch axis, neck, clevis of the yaw axis."""
+    """Draw the wrist: the pin and the pulleys of the pitch axis, the neck, and the clevis of the yaw axis."""
     foot = flange((d.wrist_in, 0, 0), LEFT, d.wrist_r, d.wrist_j, d.wrist_seat, 2.0, key=DOWN)
     inside = d.wrist_in - d.wrist_seat
     pin = cyl((-d.wrist_in - 1.4, 0, 0), X, d.wrist_j, d.wrist_in + 1.4 + inside)
@@ -99,7 +101,7 @@ def wrist(d):
 
 
 def hand(d):
-    """Pin of the yaw axis: thicker to the middle, so that its step marks the control point; idler at its end."""
+    """Draw the pin of the yaw axis with its idler; the step of the pin in the middle marks the control point."""
     foot = flange((0, d.hand_in, 0), BACK, d.wrist_r, d.hand_j, d.hand_in - d.hub, 1.6, key=DOWN)
     pin = cyl((0, 0, 0), Y, d.hand_j - 0.1, d.hub) + cyl((0, -d.hand_in - 1.2, 0), Y, d.hand_j - 0.2, d.hand_in + 1.2)
     idler = pipe((0, -d.hand_in + 0.1, 0), Y, d.hand_j - 0.2, d.wrist_r - 0.3, d.hand_in - d.hub - 0.2)
@@ -107,7 +109,7 @@ def hand(d):
 
 
 def _jaw(d, side):
-    """Hub about the pin and a blade of the needle driver on one side of x = 0, serrated on its inner face."""
+    """Draw a jaw: a hub on the pin, and a blade on one side (+1 or -1) of x = 0 with a serrated inner face."""
     y0, bore = (0 if side > 0 else -d.hub), d.hand_j - 0.08
     hub = cyl((0, y0, 0), Y, d.wrist_r - 0.1, d.hub)
     root = box(0.03, 2.2, y0, y0 + d.hub, -4.2, 0) if side > 0 else box(-2.2, -0.03, y0, y0 + d.hub, -4.2, 0)
@@ -122,11 +124,11 @@ def _jaw(d, side):
 
 
 def jaw_left(d):
-    """Jaw on the side of +x."""
+    """Draw the jaw on the side of +x."""
     return _jaw(d, 1)
 
 
 def jaw_right(d):
-    """Jaw on the side of -x; a bush leads it on the thinner end of the pin."""
+    """Draw the jaw on the side of -x; a bush guides it on the thinner end of the pin."""
     bush = pipe((0, -d.hub, 0), Y, d.hand_j - 0.18, d.hand_j - 0.08, d.hub - 0.1)
     return [*_jaw(d, -1), ("bush", bush, "steel")]

@@ -1,6 +1,6 @@
-"""What the drawings of all robots share: dimension files, placements, and STEP files that come out the same every time.
+"""Functions for the drawings of all robots: dimension files, placements, and reproducible STEP files.
 
-A robot's model.py places bodies and draws their parts; `command` is its command line.
+The model.py of a robot places its bodies and draws their parts; `command` is its command line.
 """
 
 import argparse
@@ -16,15 +16,15 @@ PROVENANCES = {"PUBLISHED", "CITED", "DERIVED", "ASSUMED"}
 
 
 class Dimensions:
-    """Values of the dimension file as attributes; `error(body)` gives its overrides."""
+    """Values of a dimension file as attributes; `error(body)` returns the manufacturing errors of a body."""
 
     def __init__(self, path, errors, vectors=frozenset()):
         """Read a dimension file.
 
         Args:
             path: TOML file; every entry has value, unit and provenance.
-            errors: the manufacturing errors that each body knows, {body: {key}}.
-            vectors: offsets of three numbers instead of two: keys, or (body, key).
+            errors: the manufacturing errors that can be set for each body, {body: {key}}.
+            vectors: keys, or pairs (body, key), of offsets that have three numbers instead of two.
         """
         with Path(path).open("rb") as f:
             data = tomllib.load(f)
@@ -42,10 +42,10 @@ class Dimensions:
         for body, given in self.parts.items():
             known = errors.get(body)
             if known is None:
-                raise ValueError(f"{path}: [part.{body}] is no part that takes errors")
+                raise ValueError(f"{path}: [part.{body}]: no manufacturing errors can be set for this body")
             if not set(given) <= known:
                 raise ValueError(
-                    f"{path}: [part.{body}] does not know {sorted(set(given) - known)}, only {sorted(known)}"
+                    f"{path}: [part.{body}] has unknown keys {sorted(set(given) - known)}; allowed: {sorted(known)}"
                 )
             for key, value in given.items():
                 count = np.size(value)
@@ -55,37 +55,41 @@ class Dimensions:
                     else count == 1 or (count == 2 and key.endswith("tilt_deg"))
                 )
                 if not fits or not np.issubdtype(np.asarray(value).dtype, np.number) or not np.all(np.isfinite(value)):
-                    raise ValueError(f"{path}: [part.{body}] {key} = {value!r} has the wrong form")
+                    raise ValueError(f"{path}: [part.{body}] {key} = {value!r} has the wrong number or type of values")
 
     def __getattr__(self, name):
         raise AttributeError(f"the dimension file has no [{name}]")
 
     def error(self, body):
-        """Lookup (key, nominal) -> value of one body."""
+        """Return a function (key, nominal value) that gives the value set for a body, or the nominal value."""
         given = self.parts.get(body, {})
         return lambda key, nominal: given.get(key, nominal)
 
 
 def row(alpha, d, theta, r):
-    """Rx(alpha) Tx(d) Rz(theta) Tz(r): a row of Khalil and Kleinfinger's table; mm and degrees."""
+    """Return Rx(alpha) Tx(d) Rz(theta) Tz(r), a row of a table by Khalil and Kleinfinger; in mm and degrees."""
     (ca, ct), (sa, st) = np.cos(np.radians([alpha, theta])), np.sin(np.radians([alpha, theta]))
     return np.array([[ct, -st, 0, d], [ca * st, ca * ct, -sa, -r * sa], [sa * st, sa * ct, ca, r * ca], [0, 0, 0, 1.0]])
 
 
 def unit(v):
-    """Direction of a vector."""
+    """Return the unit vector in the direction of v."""
     return np.asarray(v, float) / np.linalg.norm(v)
 
 
 def pose4(origin, x, y, z):
-    """4x4 matrix of a frame."""
+    """Return the pose (4, 4) of a frame from its origin and axes."""
     matrix = np.eye(4)
     matrix[:3] = np.column_stack([x, y, z, origin])
     return matrix
 
 
 def bake(solid, matrix):
-    """Copy of a solid with the placement worked into its geometry; checked."""
+    """Return (shape, volume in mm3): the solid with its geometry transformed by a pose (4, 4).
+
+    Raises:
+        ValueError: the shape is not exactly one valid closed solid with positive volume.
+    """
     from OCP.BRepBuilderAPI import BRepBuilderAPI_Transform
     from OCP.BRepCheck import BRepCheck_Analyzer
     from OCP.BRepGProp import BRepGProp
@@ -123,7 +127,7 @@ def bake(solid, matrix):
 
 
 def write_step(tree, path, title):
-    """Write {body: [(name, shape, rgb)]} as an AP214 assembly, same bytes every time."""
+    """Write {body: [(name, shape, rgb)]} as an AP214 assembly; the same input gives the same bytes."""
     from OCP.IFSelect import IFSelect_ReturnStatus
     from OCP.Interface import Interface_Static
     from OCP.Message import Message, Message_Gravity
@@ -202,11 +206,11 @@ LINK = re.compile(r"#(\d+)")
 
 
 def normalise(text, title):
-    """Neutral header, coordinates to 1e-10 mm, equal points, directions and styles shared.
+    """Return the text of a STEP file in a reproducible and shorter form.
 
-    OCC writes every point and direction anew, and the colours in the order of
-    memory addresses.  Sharing shrinks the file, sorting makes it repeatable.
-    Representation contexts and the placements of the assembly stay as they are.
+    The header has no date, coordinates are rounded to 1e-10 mm, and equal points, directions and styles are stored
+    once (OCC stores them for each use). Colours are sorted, because OCC writes them in the order of memory addresses.
+    Representation contexts and the placements of the assembly are not changed.
     """
     header, body = text.split("DATA;", 1)
     name = f"FILE_NAME('{title}','1970-01-01T00:00:00',(''),(''),'','cad/{title}/model.py','');"
@@ -214,7 +218,7 @@ def normalise(text, title):
     body = re.sub(r"\s*\n\s*", "", body.rsplit("ENDSEC;", 1)[0])
     entities = dict(re.findall(r"#(\d+) = (.*?);(?=#|$)", body))
     if count != 1 or not entities:
-        raise ValueError("STEP file not understood")
+        raise ValueError("the STEP file does not have the expected structure")
     digits = {"CARTESIAN_POINT(": 10, "DIRECTION(": 13, "COLOUR_RGB(": 4}
     placed, styles = set(), []
     for key, value in entities.items():
@@ -266,18 +270,18 @@ def normalise(text, title):
 
 
 def short(number, digits):
-    """Round a STEP real; no negative zero."""
+    """Return a STEP real rounded to `digits` decimals, without a negative zero."""
     value = round(float(number), digits) + 0.0
     return re.sub(r"\.0$", ".", repr(value)).upper() if "e" not in repr(value) else f"{value:.{digits}f}".rstrip("0")
 
 
 def build(bodies, solids, where, materials):
-    """Return baked, checked parts {body: [(name, shape, rgb)]} and the total mass in kg.
+    """Return ({body: [(name, shape, rgb)]}, total mass in kg): all parts in world coordinates, checked by `bake`.
 
     Args:
-        bodies: names, in the order of the file.
+        bodies: names of the bodies, in the order of the file.
         solids: {body: [(part, solid, material)]} in the frames of the bodies.
-        where: {body: 4x4} in mm.
+        where: {body: pose (4, 4) in the world in mm}.
         materials: {name: (rgb, kg/m3)}.
     """
     tree, total = {}, 0.0
@@ -296,17 +300,17 @@ def build(bodies, solids, where, materials):
 
 
 def command(name, here, drawn, arguments=None):
-    """Command line of a model.py: draw a robot and write its STEP assembly.
+    """Run the command line of a model.py: draw a robot and write its STEP assembly.
 
     Args:
-        name: of the robot and of its file.
+        name: name of the robot and of its STEP file.
         here: folder of the model.
-        drawn: path of a dimension file -> (tree, mass) as `build` returns them.
-        arguments: of the command line; None: those of the process.
+        drawn: function of the path of a dimension file that returns (tree, mass) like `build`.
+        arguments: arguments of the command line; None: those of the process.
     """
     parser = argparse.ArgumentParser(
         description=f"Draw the robot {name} and write a STEP assembly (mm, world coordinates).",
-        epilog="[part.<body>] tables in the dimension file draw single bodies with a manufacturing error;"
+        epilog="A table [part.<body>] in the dimension file sets manufacturing errors of this body;"
         " placements stay nominal.",
     )
     for option, file, text in (

@@ -1,7 +1,7 @@
-"""Shapes that several robots are drawn with, and the seats of their revolute joints.
+"""Shapes used by the drawings of several robots, and the seats of their revolute joints.
 
-Joint seats: the parent has a bore, a shoulder face across it and a flat towards a key direction; the child a journal,
-a flange face and a flat.
+At a joint, the parent has a bore, a shoulder face perpendicular to it, and a flat whose normal is the key direction.
+The child has a journal, a flange face, and a flat.
 """
 
 from math import cos, hypot, sin, sqrt
@@ -13,22 +13,22 @@ X, Y, Z = (1, 0, 0), (0, 1, 0), (0, 0, 1)
 
 
 def cyl(at, axis, r, h):
-    """Cylinder of radius r from `at`, length h along `axis`."""
+    """Return a cylinder of radius r that starts at `at` and has length h along `axis`."""
     return Solid.make_cylinder(r, h, Plane(origin=at, z_dir=axis))
 
 
 def cone(at, axis, r0, r1, h):
-    """Cone of radius r0 at its foot and r1 at its end."""
+    """Return a truncated cone of length h along `axis`, with radius r0 at `at` and r1 at its end."""
     return Solid.make_cone(r0, r1, h, Plane(origin=at, z_dir=axis))
 
 
 def pipe(at, axis, inner, outer, h):
-    """Tube of length h."""
+    """Return a tube with inner and outer radius that starts at `at` and has length h along `axis`."""
     return cyl(at, axis, outer, h) - cyl(at, axis, inner, h)
 
 
 def hull(circles, plane, height, chamfer=0.0):
-    """Outline of two circles (x, y, r) in a plane, extruded along its normal."""
+    """Return the convex hull of two circles (x, y, r) in a plane, extruded along its normal."""
     (xa, ya, ra), (xb, yb, rb) = circles
     dx, dy = xb - xa, yb - ya
     d = hypot(dx, dy)
@@ -55,12 +55,12 @@ def hull(circles, plane, height, chamfer=0.0):
 
 
 def soft(solid, axis, radius, end=-1):
-    """Round the rim at one end of a solid along an axis."""
+    """Round the rim at one end of a solid; the ends are those along an axis."""
     return solid.fillet(radius, solid.edges().group_by(axis)[end])
 
 
 def flat(solid, at, axis, r, h, key=X):
-    """Cut the flat of a flange of radius r: a face square to `key` at 0.9 r, over the height h of the flange."""
+    """Cut the flat of a flange of radius r: a face perpendicular to `key` at 0.9 r, over the height h of the flange."""
     along, k = Vector(*axis), Vector(*key)
     corner = Vector(*at) + k * 0.9 * r - along.cross(k) * r - along * 0.5
     tool = Solid.make_box(0.2 * r, 2 * r, h + 1, Plane(origin=corner, x_dir=k, z_dir=along))
@@ -68,7 +68,10 @@ def flat(solid, at, axis, r, h, key=X):
 
 
 def seat(at, axis, r, journal, h, error=(0.0, 0.0), key=X):
-    """Ring of the parent below the shoulder face at `at`: bore, face towards `axis`, flat towards `key`."""
+    """Return the parent's ring below the shoulder face at `at`; the face's normal is `axis`, the flat's is `key`.
+
+    `error` is an offset of the bore in mm along `key` and along axis x key.
+    """
     low = Vector(*at) - Vector(*axis) * h
     ring = cyl(low, axis, r, h)
     shift = Vector(*key) * error[0] + Vector(*axis).cross(Vector(*key)) * error[1]
@@ -77,7 +80,10 @@ def seat(at, axis, r, journal, h, error=(0.0, 0.0), key=X):
 
 
 def flange(at, axis, r, journal, h, deep, error=(0.0, 0.0), key=X):
-    """Flange of the child above the face at `at`, with its journal below it and its flat towards `key`."""
+    """Return the child's flange above the face at `at`, with the journal below it and a flat with normal `key`.
+
+    `error` is an offset of the journal in mm along `key` and along axis x key.
+    """
     disc = flat(cyl(at, axis, r, h), at, axis, r, h, key)
     shift = Vector(*key) * error[0] + Vector(*axis).cross(Vector(*key)) * error[1]
     start = Vector(*at) - Vector(*axis) * deep + shift
@@ -85,7 +91,7 @@ def flange(at, axis, r, journal, h, deep, error=(0.0, 0.0), key=X):
 
 
 def bolts(at, axis, r, count, size, h):
-    """Bolt heads on a circle, one solid each."""
+    """Return `count` bolt heads on a circle of radius r, each as a solid of radius `size` and height h."""
     out = []
     a, b = Vector(*X), Vector(*axis).cross(Vector(*X))
     for k in range(count):
@@ -96,25 +102,25 @@ def bolts(at, axis, r, count, size, h):
 
 
 def cap(at, axis, r, h):
-    """Cover of a joint motor: a domed disc."""
+    """Return the cover of a joint motor: a domed disc."""
     solid = cyl(at, axis, r, h)
     group = Axis.Y if axis in (Y, (0, -1, 0)) else Axis.Z
     return soft(solid, group, min(h, r) * 0.6, -1 if axis in (Y, Z) else 0)
 
 
 def location(matrix):
-    """Location of a 4x4 matrix."""
+    """Return the location with a pose (4, 4)."""
     return Location(Plane(origin=tuple(matrix[:3, 3]), x_dir=tuple(matrix[:3, 0]), z_dir=tuple(matrix[:3, 2])))
 
 
 def box(x0, x1, y0, y1, z0, z1, radius=0.0, axis=Axis.Z):
-    """Box between two corners, edges along an axis rounded."""
+    """Return a box between two corners; its edges parallel to `axis` are rounded by a radius."""
     solid = Solid.make_box(x1 - x0, y1 - y0, z1 - z0, Plane(origin=(x0, y0, z0)))
     return solid.fillet(radius, solid.edges().filter_by(axis)) if radius else solid
 
 
 def cannula(d):
-    """Trocar: tube with a ball in the abdominal wall, head with a tap above."""
+    """Draw a trocar: a tube with a ball in the abdominal wall, and a head with a tap above the wall."""
     ball = Solid.make_sphere(d.ball, Plane.XY)
     tube = cyl((0, 0, -d.tube_out), Z, d.cannula, d.tube_out + d.tube_in)
     head = cyl((0, 0, -d.tube_out - 26), Z, 11, 26)

@@ -1,7 +1,7 @@
-"""The surgeon's cart of the console: two haptic pens, two pedals, a visor on an arm, a seat.
+"""The surgeon's cart of the console: two haptic pens, two pedals, a visor on an arm, and a seat.
 
-Frame (mm): on the floor below the middle of the arm support's front edge, x to the surgeon's right, y away from the
-surgeon. Every function returns a list of ``(part name, solid, material)``.
+Frame (mm): the origin is on the floor below the middle of the front edge of the arm support, x points to the surgeon's
+right and y away from the surgeon. Every function except `_rod` returns a list of ``(part name, solid, material)``.
 """
 
 import numpy as np
@@ -24,18 +24,18 @@ MATERIALS = {  # sRGB, density in kg/m3
 
 
 def cart(d):
-    """All of it."""
+    """Draw all parts of the cart."""
     return [*_frame(d), *_pen(d, "right", 1), *_pen(d, "left", -1), *_visor(d), *_pedals(d), *_seat(d)]
 
 
 def _rod(a, b, r):
-    """Round bar from a to b."""
+    """Return a round bar of radius r from a to b."""
     way = np.subtract(b, a)
     return cyl(tuple(map(float, a)), tuple(way / np.linalg.norm(way)), r, float(np.linalg.norm(way)))
 
 
 def _frame(d):
-    """Trolley with castors and two shelves, and the arm support in front of it on two bars."""
+    """Draw the trolley with castors and two shelves, and the arm support on two bars in front of it."""
     w, near, far, p = d.cart_half, d.cart_near, d.cart_far, d.profile / 2
     out = []
     corners = [(sx * (w - p), y) for y in (near + p, far - p) for sx in (-1, 1)]
@@ -51,7 +51,7 @@ def _frame(d):
     out += [("shelf1", low, "shelf"), ("shelf2", top, "shelf")]
     tower = box(-90, 90, near + 60, far - 60, inner, inner + 360, 12)
     out.append(("computer", tower, "device"))
-    # The support stands in front of the shelf and higher, so that the wrists are free beyond it.
+    # The support is in front of the shelf and higher, so that the wrists can move freely behind it.
     high, deep = d.support_high, d.support_deep
     plate = box(-w, w, 0, deep, high - 28, high - 12, 25)
     pad = box(-w + 6, w - 6, 4, deep - 4, high - 12, high, 24)
@@ -65,7 +65,7 @@ def _frame(d):
 
 
 def _pen(d, name, side):
-    """Haptic pen: foot, turning head, two links, stylus with its gripper, held where a hand is."""
+    """Draw a haptic pen (foot, rotating head, two links, stylus with gripper); the stylus is at the hand's position."""
     x = side * d.pen_apart / 2
     shelf, hand = d.shelf_high, np.array([x, d.support_deep + d.hand_from_support, d.hand_high])
     y = hand[1] + d.pen_reach
@@ -113,7 +113,7 @@ def _pen(d, name, side):
 
 
 def _visor(d):
-    """Mast behind the shelf, two arms, and the visor before the eyes, open towards the surgeon."""
+    """Draw the mast behind the shelf, its two arms, and the visor in front of the surgeon's eyes."""
     far, eyes = d.cart_far, np.array([0, d.eyes_from_support, d.eyes_high])
     mast_y, top = far + 22, d.eyes_high + 150
     mast = cyl((0, mast_y, d.shelf_high - 160), Z, 20, top - d.shelf_high + 160)
@@ -148,7 +148,7 @@ def _visor(d):
 
 
 def _pedals(d):
-    """Clutch on the left, camera on the right, each a plate that leans on its foot."""
+    """Draw the pedals: clutch on the left, camera on the right; each is a plate inclined on its foot."""
     out = []
     y, w, deep = d.pedal_from_support, d.pedal_half, d.pedal_deep
     for name, s in (("clutch", -1), ("camera", 1)):
@@ -164,7 +164,7 @@ def _pedals(d):
 
 
 def _seat(d):
-    """Stool: five feet with castors, column, seat."""
+    """Draw the stool: five feet with castors, a column and a seat."""
     y, high = -d.seat_from_support, d.seat_high
     out = []
     for k in range(5):

@@ -88,9 +88,9 @@ def test_the_wheel_leads_it_deeper_and_shift_turns_it(page):
 
 def test_the_right_button_drags_the_camera(page):
     before, (x, y, _) = joints(page), tips(page)["right"]
-    drag(page, (x, y + 60), (-80, 0), lambda: "ecm" in moved(before, joints(page)), button="right")
+    # The scene goes with the mouse.
+    drag(page, (x, y + 60), (-80, 0), lambda: tips(page)["right"][0] < x - 5, button="right")
     assert moved(before, rest(page)) == {"ecm"}
-    assert tips(page)["right"][0] < x, "the scene goes with the mouse"
 
 
 def hold(page, keys, until):

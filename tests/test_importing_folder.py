@@ -179,7 +179,7 @@ LOST = [
         "fourbar.urdf",
         '<axis xyz="0 1 0"/>\n  </joint>\n  <joint name="rocker_joint"',
         '<axis xyz="0 1 0"/><limit effort="7" velocity="1"/></joint><joint name="rocker_joint"',
-        "joint 'elbow': effort 7 is not kept",
+        "joint 'elbow': effort 7 is not imported",
     ),
     ("fourbar.urdf", "</robot>", '<gazebo reference="crank"/></robot>', "<gazebo>"),
     ("fourbar.urdf", "</robot>", "<sensor/></robot>", "<sensor>"),
@@ -196,7 +196,7 @@ LOST = [
         "fourbar.sdf",
         "<child>coupler</child><axis><xyz>0 1 0</xyz>",
         "<child>coupler</child><axis><xyz>0 1 0</xyz><limit><effort>9</effort></limit>",
-        "joint 'elbow': effort 9 is not kept",
+        "joint 'elbow': effort 9 is not imported",
     ),
     ("fourbar.sdf", '<link name="rocker">', '<link name="rocker"><sensor name="s" type="imu"/>', "<sensor>"),
     ("fourbar.sdf", "</model>", "<gripper/></model>", "<gripper>"),
@@ -231,7 +231,7 @@ LOST = [
         '"PhysicsRigidBodyAPI", "PhysicsMassAPI", "PhysxForceAPI"',
         "PhysxForceAPI is not read",
     ),
-    ("fourbar.usda", "float3 physics:diagonalInertia = (3, 0.1, 3)", "", "its mass of 0.15 kg is not kept"),
+    ("fourbar.usda", "float3 physics:diagonalInertia = (3, 0.1, 3)", "", "its mass of 0.15 kg is not imported"),
 ]
 
 

@@ -78,7 +78,7 @@ def test_the_four_bar_is_planar_so_three_of_its_five_closure_rows_are_redundant(
         assert (m.freedom, m.redundancy, m.redundant, m.internal) == (1, 3, {"closing": 3}, 0)
         # In the plane the loop is not repeated; out of it every pin of the loop locks the same again.
         assert m.repeated == {"closing": ("offset z", "turn x", "turn y")}
-        assert m.describe() == "closing: 3 of offset z, turn x, turn y"
+        assert m.describe() == "closing: 3 among offset z, turn x, turn y"
 
 
 def test_unrelated_states_are_solved_at_once(four_bar, rng):

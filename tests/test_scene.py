@@ -129,7 +129,7 @@ def test_a_start_in_collision_names_the_nearest_free_one():
     assert (finding.code, finding.where, finding.when) == ("scene.start", "a/base, b/base", "t = 0.0 s")
     start = "start the protocols from their poses at t = 2.0 s, the first time with a clearance of 5 mm"
     assert start in finding.suggestion
-    assert "below 150 mm during the whole protocols" in too_near(found, 0, t, 0.15).suggestion
+    assert "below 150 mm throughout both protocols" in too_near(found, 0, t, 0.15).suggestion
 
 
 def one_robot(tmp_path):
@@ -173,7 +173,7 @@ def test_a_scene_is_exported_robot_by_robot_and_stands_in_one_stage(tmp_path, ca
     report = twin.audit(out)
     assert report.verdict == "agree"
     assert {c.file.split("/")[0] for c in report.checks} == {"scene.json", "hibou", "usd"}
-    with pytest.raises(TwinError, match="is an exported scene: audit it without a robot"):
+    with pytest.raises(TwinError, match="is an exported scene: omit the robot"):
         twin.audit(out, "hibou")
     where = re.search(r"xformOp:translate = \((\S+),", stage.read_text())
     assert where is not None

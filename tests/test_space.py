@@ -201,9 +201,9 @@ def test_loops_that_cannot_close_are_not_free():
 @pytest.mark.parametrize(
     ("start", "goal", "words"),
     [
-        ([0.0, 0, 0], [1.5, 0, 0], "its start is not free: link1 and room/post collide"),
-        ([1.5, 0, 0], [0.0, 0, 0], "its goal is not free: link1 and room/post collide"),
-        ([1.5, 0, 0], [2.7, 0, 0], r"its goal is not free: joint q0 = 154.699 deg is 5.73 deg beyond its limits"),
+        ([0.0, 0, 0], [1.5, 0, 0], "at its start, link1 and room/post collide"),
+        ([1.5, 0, 0], [0.0, 0, 0], "at its goal, link1 and room/post collide"),
+        ([1.5, 0, 0], [2.7, 0, 0], r"at its goal, joint q0 = 154.699 deg is 5.73 deg beyond its limits"),
         ([1.5, 0, 0], [0.0, 2.5, 2.5], "mm apart \\(required: 5 mm\\)|collide"),
     ],
 )

@@ -156,4 +156,4 @@ def test_without_jerks_none_is_reported():
 
 def test_a_jerk_in_another_unit_is_a_warning(tmp_path):
     found = load_protocol(with_jerk(tmp_path, 0.9, 800)).findings
-    assert [f for f in found if "0.9 mm/s3" in f.message and "looks like another unit" in f.message]
+    assert [f for f in found if "0.9 mm/s3" in f.message and "probably in a wrong unit" in f.message]

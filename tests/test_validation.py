@@ -91,7 +91,7 @@ def test_the_stage_read_back_and_the_baked_motion_are_the_mechanism(judged, prot
     assert worst(report, "B-D", "baked", "rad") <= 2e-7
     between = next(r for r in rows(report, "B-D", "baked", "m") if r.tolerance is None)
     assert 1e-7 < between.worst < 5e-5
-    assert "single precision explains" in report.facts["stage"]["float32 joint frames"]
+    assert "single precision causes" in report.facts["stage"]["float32 joint frames"]
 
 
 @pytest.mark.parametrize("protocol", PROTOCOLS)
@@ -192,7 +192,7 @@ def test_both_printed_equations_are_both_blamed(judged):
 def test_degrees_of_freedom_and_redundancy_are_told(judged):
     facts = judged("table2").facts["mechanism"]
     assert facts["degrees of freedom"].startswith("6,")
-    assert facts["redundant constraints"].startswith("9 (r13: 3 of offset z, turn x, turn y; r23: 3")
+    assert facts["redundant constraints"].startswith("9 (r13: 3 among offset z, turn x, turn y; r23: 3")
 
 
 def test_assumed_values_are_listed_with_reasons(judged):

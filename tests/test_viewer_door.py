@@ -272,6 +272,8 @@ def test_a_posture_is_written_if_the_terminal_says_yes(tmp_path, yes):
                 button = element(front, "as a posture")._impl.uuid
                 await ws.send(pack("GuiUpdateMessage", uuid=button, updates={"value": True}))
                 await until(lambda: front.wished("save"), "the wish")
+            # viser warns of a notice to a browser that leaves at that moment
+            await until(lambda: not front.server.get_clients(), "the end of the connection")
 
         asyncio.run(go("\x1b[2Jevil"))
         front.step()

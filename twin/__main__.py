@@ -3,8 +3,8 @@
 import sys
 
 if not sys.flags.safe_path:
-    # The working directory is first on the path: a `numpy.py` that lies there must not be taken for NumPy. Where twin
-    # itself comes from there, the package knows its own folder by now.
+    # The working directory is first on the path. It is removed, so that a `numpy.py` in it is not imported as NumPy. If
+    # twin itself is in the working directory, the package has already stored its own folder and is still found.
     del sys.path[0]
 
 from twin.cli import main

@@ -1,9 +1,9 @@
-"""Draw what stands around the arms of the da Vinci: table, patient with a board with pegs inside, the surgeon's cart.
+"""Draw the props of the scene davinci: table, patient with a peg board inside, and the surgeon's cart.
 
     python cad/davinci/model.py [--dimensions FILE] [--out davinci.step]
 
 Table and patient are those of the scene vsrs, with other ports. Each body is one sub-assembly; its parts are named
-<body>_<part>.  All shapes are written in world coordinates; the cart is drawn in a frame of its own and placed.
+<body>_<part>.  All shapes are written in world coordinates; the cart is drawn in its own frame and then placed.
 """
 
 import importlib.util
@@ -20,7 +20,7 @@ BODIES = ["table", "patient", "board", "cart"]
 
 
 def drawing(folder, name):
-    """Load parts.py of a folder; late, because build123d takes seconds."""
+    """Load parts.py of a folder; called only when drawing, because importing build123d takes seconds."""
     if name not in sys.modules:
         spec = importlib.util.spec_from_file_location(name, folder / "parts.py")
         sys.modules[name] = importlib.util.module_from_spec(spec)
@@ -29,7 +29,7 @@ def drawing(folder, name):
 
 
 def assembly(path):
-    """Return the drawn theatre of a dimension file: ({body: [(name, shape, rgb)]}, mass in kg)."""
+    """Draw the theatre with the values of a dimension file; return ({body: [(name, shape, rgb)]}, mass in kg)."""
     d = cad.Dimensions(path, {})
     theatre, own = drawing(HERE.parent / "vsrs", "vsrs_parts"), drawing(HERE, "davinci_theatre_parts")
     solids = {

@@ -1,4 +1,4 @@
-"""A board with pegs inside the patient, in the world frame, for the task of the rings. And the cart."""
+"""The board with pegs inside the patient, in the world frame, for the ring transfer task; and the surgeon's cart."""
 
 from math import cos, radians, sin
 
@@ -16,7 +16,7 @@ MATERIALS = surgeons_cart.MATERIALS | {  # sRGB, density in kg/m3
 
 
 def _pin(start, end, radius):
-    """Pin between two points with a round end; its other end is round too, inside what carries it."""
+    """Return a pin with two round ends; the rounding at `start` is inside the body that carries the pin."""
     way = [b - a for a, b in zip(start, end, strict=True)]
     length = sum(w * w for w in way) ** 0.5
     tip = [b - radius * w / length for b, w in zip(end, way, strict=True)]
@@ -27,7 +27,7 @@ def _pin(start, end, radius):
 
 
 def board(d):
-    """Floor and wall; rings hang on the pegs of the wall, and go to the two pegs of the floor."""
+    """Draw the floor and the wall of the board; rings are moved from the wall's pegs to the floor's two pegs."""
     x, y, top = d.board_at
     w, h, thick = d.board_half_x, d.board_half_y, d.board_high
     face = y + h - thick  # of the wall

@@ -1,7 +1,7 @@
 """Parts of the endoscope arm that slide on the rail.
 
-Body frames (mm), axes of the world in both: `stage` and `scope` at the origin of the insertion, on the
-endoscope's axis, which leads down along -z.
+Both body frames (mm) have the axes of the world. `stage` and `scope` have the same origin: that of the insertion, on
+the endoscope's axis. The endoscope points down along -z.
 """
 
 from build123d import Axis
@@ -10,12 +10,12 @@ from shapes import X, Y, Z, box, cone, cyl, flange, seat, soft
 
 
 def places(d):
-    """Origin of both bodies in the world, inserted as far as drawn."""
+    """Return the origin of both bodies in the world in mm, at the insertion of the dimension file."""
     return dict.fromkeys(("stage", "scope"), (0, 0, d.origin - d.insertion))
 
 
 def stage(d):
-    """Sledge with the bearing of the roll axis and its motor beside it."""
+    """Draw the sledge with the bearing of the roll axis and, next to it, the roll motor."""
     low = -d.roll_face
     ring = cyl((0, 0, low + d.roll_seat), Z, d.roll_r + 3, 30) - cyl((0, 0, low), Z, d.roll_j + 1, 60)
     bridge = box(-17, 17, d.plate, -4, low + d.roll_seat, low + 34)
@@ -31,7 +31,7 @@ def stage(d):
 
 
 def scope(d):
-    """Endoscope: camera head with two cables above the bearing, light post, tube, window at its tip."""
+    """Draw the endoscope: camera head with two cables above the bearing, light post, tube, and window at its tip."""
     low = -d.roll_face
     foot = flange((0, 0, low), DOWN, d.roll_r, d.roll_j, d.roll_seat, 20)
     neck = cyl((0, 0, low + 2), Z, d.roll_j - 2, 48)

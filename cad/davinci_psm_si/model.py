@@ -3,8 +3,8 @@
     python cad/davinci_psm_si/model.py [--dimensions FILE] [--out davinci_psm_si.step]
 
 Yaw, pitch, roll and wrist are drawn at zero, the instrument inserted by `insertion`, the jaws closed.  Each rigid body
-is one sub-assembly; its parts are named <body>_<part>.  All shapes are written in world coordinates, whose origin is
-the RCM: no instance carries a placement.
+is one sub-assembly; its parts are named <body>_<part>.  All shapes are written in world coordinates with the origin
+at the RCM: no instance has a placement.
 """
 
 import sys
@@ -16,8 +16,8 @@ import drawing as cad
 
 
 def assembly(path):
-    """Return the drawn robot of a dimension file: ({body: [(name, shape, rgb)]}, mass in kg)."""
-    # late, because build123d takes seconds
+    """Draw the robot with the values of a dimension file; return ({body: [(name, shape, rgb)]}, mass in kg)."""
+    # imported here, because build123d takes seconds
     import davinci_instrument as sliding
     from davinci import assembly as arm
     from davinci import parts

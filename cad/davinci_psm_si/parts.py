@@ -1,23 +1,24 @@
-"""Linkage of the instrument arm of the da Vinci Si: one crank, one coupler, two bands, an insertion of two telescopes.
+"""Linkage of the instrument arm of the da Vinci Si: one crank, one coupler, two bands, and a two-stage telescope.
 
-    yaw        turns about y through the RCM; carries the pivot B on one side, and a pulley that stands still
-    crank      from B to A; its band leads from the yaw link's pulley to the coupler's: the coupler keeps its direction
-    coupler    from A to C; its band leads from the crank's pulley to the rail's: the rail stays parallel to the crank
-    rail       hangs on C and holds the cannula
-    slide      runs on the rods of the rail, the instrument's sledge on those of the slide
+    yaw        rotates about y through the RCM; it has the pivot B on one side, and a pulley fixed to it
+    crank      from B to A; its band connects the pulleys of yaw link and coupler: the coupler keeps its direction
+    coupler    from A to C; its band connects the pulleys of crank and rail: the rail stays parallel to the crank
+    rail       is carried by C and holds the cannula
+    slide      slides on the rods of the rail; the instrument's sledge slides on the rods of the slide
 
-Nothing turns at the RCM: C - A = RCM - B, so that the rail turns about it with the crank. Where a second crank and a
-second coupler would lie flat, at a pitch of -74.9 deg, bands still pull; the pitch comes to within 2.4 deg of it.
+There is no joint at the RCM: because C - A = RCM - B, the rail rotates about the RCM with the crank. A double
+parallelogram would be singular at a pitch of -74.9 deg, where its links are in line. Bands have no such singularity;
+the pitch limit is 2.4 deg from this angle.
 
-Body frames (mm), axes of the world: `yaw` and `rail` at the RCM, `crank` on B, `coupler` on A, `slide` at the origin of
-its telescope. Layers along x: yaw link, crank and rail, coupler.
+All body frames (mm) have the axes of the world. Their origins: `yaw` and `rail` at the RCM, `crank` at B, `coupler` at
+A, `slide` at the origin of its telescope. In the order of x: yaw link, then crank and rail, then coupler.
 """
 
 from build123d import Axis
 from davinci import LEFT, hole, plane_x, scaled
 from shapes import X, Y, Z, box, cap, cyl, flange, hull, pipe, seat, soft
 
-ERRORS = {  # which manufacturing errors each body knows; band_mm: by how much its band is longer
+ERRORS = {  # the manufacturing errors that can be set for each body; band_mm: excess length of its band
     "yaw": {"pivot_offset_mm"},
     "crank": {"length_mm", "band_mm"},
     "coupler": {"length_mm", "band_mm"},
@@ -26,13 +27,13 @@ ERRORS = {  # which manufacturing errors each body knows; band_mm: by how much i
 
 
 def pivots(d):
-    """Pivots B, A and C as drawn, (y, z) each."""
+    """Return the nominal pivots B, A and C, each (y, z) in mm."""
     base, crank = d.base_link[1:], d.crank[1:]
     return (-base[0], -base[1]), (crank[0] - base[0], crank[1] - base[1]), tuple(crank)
 
 
 def places(d):
-    """Origin of each body in the world, as far as the slide."""
+    """Return the origin in the world in mm of each body from the yaw link to the slide."""
     b, a, _ = pivots(d)
     slide = (0, 0, d.slide_origin - d.insertion / 2)
     return {"yaw": (0, 0, 0), "crank": (0, *b), "coupler": (0, *a), "rail": (0, 0, 0), "slide": slide}
@@ -40,12 +41,12 @@ def places(d):
 
 # ---- bands --------------------------------------------------------------------
 def _middle(d):
-    """Middle of the coupler's layer along x; that of the crank's is 0."""
+    """Return the x coordinate of the middle of the coupler; the middle of the crank is at 0."""
     return d.half + 2 * d.gap + d.coupler_wide / 2
 
 
 def _band(d, end, x, longer):
-    """Draw a closed band about the pulleys at the origin and at `end`, taut also if it is too long."""
+    """Draw a taut closed band about the pulleys at the origin and at `end`; `longer` (mm) is its error of length."""
     length = (end[0] ** 2 + end[1] ** 2) ** 0.5
     far = scaled(end, length + longer / 2)
     loop = [
@@ -55,7 +56,7 @@ def _band(d, end, x, longer):
 
 
 def _housing(d, end, ra, rb, x, half, windows):
-    """Hollow link from the origin to `end`: room for the band, and windows, (from, to) along the link."""
+    """Draw a hollow link from the origin to `end`, with room for the band, and `windows` (from, to) along the link."""
     shell = hull([(0, 0, ra), (*end, rb)], plane_x(x - half), 2 * half, 4)
     room = d.pulley + 4
     shell -= hull([(0, 0, room), (*end, room)], plane_x(x - d.band_wide / 2 - 1), d.band_wide + 2)
@@ -65,7 +66,7 @@ def _housing(d, end, ra, rb, x, half, windows):
 
 
 def _pulley(d, p, x):
-    """Pulley on its axle, between two rims."""
+    """Draw a pulley with two rims."""
     w = d.band_wide / 2
     wheel = cyl((x - w, *p), X, d.pulley, 2 * w)
     for s in (-1, 1):
@@ -75,7 +76,7 @@ def _pulley(d, p, x):
 
 # ---- the bodies ---------------------------------------------------------------
 def yaw(d, err):
-    """Neck on the yaw bearing, hollow arm to B with the pitch motor, axle with the pulley that stands still."""
+    """Draw the yaw link: neck on the yaw bearing, hollow arm to B with the pitch motor, axle with the fixed pulley."""
     b, _, _ = pivots(d)
     start = d.yaw_face + d.seat
     inside = -d.half - 2 * d.gap
@@ -105,7 +106,7 @@ def yaw(d, err):
 
 
 def crank(d, err):
-    """Driven crank: hollow pin B, seat of the coupler at A, the first band inside, axle of the second band's pulley."""
+    """Draw the driven crank: hollow pin B, seat of the coupler at A, first band, axle of the second band's pulley."""
     a = scaled(tuple(d.crank[1:]), err("length_mm", None))
     nominal = tuple(d.crank[1:])
     body = _housing(d, nominal, d.hub_b, d.hub_a, 0, d.half, [(78, 126)])
@@ -124,7 +125,7 @@ def crank(d, err):
 
 
 def coupler(d, err):
-    """Coupler: hollow pin A with the pulley of the first band, the second band inside, seat of the rail at C."""
+    """Draw the coupler: hollow pin A with the pulley of the first band, second band, and seat of the rail at C."""
     nominal = tuple(d.base_link[1:])
     c = scaled(nominal, err("length_mm", None))
     face, x = d.half + d.gap, _middle(d)
@@ -146,7 +147,7 @@ def coupler(d, err):
 
 
 def rail(d, err):
-    """Hub on the pin C with the pulley of the second band, column with three rods, holder of the cannula."""
+    """Draw the rail: hub on the pin C with the pulley of the second band, column with three rods, cannula holder."""
     _, _, c = pivots(d)
     face, x, w = d.half + d.gap, _middle(d), d.half - 2
     back, front, low, high = d.rail_back, d.rail_face, d.rail_low, d.slide_origin
@@ -186,7 +187,7 @@ def rail(d, err):
 
 
 def slide(d):
-    """First telescope: block on the rail's rods, beam with the rods of the sledge, band that doubles the travel."""
+    """Draw the slide: block on the rail's rods, beam with the rods of the sledge, and band that doubles the travel."""
     low, high, front = -d.slide_low, d.slide_high, d.rail_front
     block = box(-15, 15, d.guide_y - 4.8, d.guide_y + 6.2, low, low + 105, 3)
     for v, r in ((0, d.guide), (-11, d.guide - 1.5), (11, d.guide - 1.5)):

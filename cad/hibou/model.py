@@ -2,8 +2,8 @@
 
     python cad/hibou/model.py [--dimensions FILE] [--out hibou.step]
 
-The robot stands with its endoscope straight down through the trocar.  Each rigid body is one sub-assembly; its parts
-are named <body>_<part>.  All shapes are written in world coordinates: no instance carries a placement.
+The robot is drawn with its endoscope pointing straight down through the trocar.  Each rigid body is one sub-assembly;
+its parts are named <body>_<part>.  All shapes are written in world coordinates: no instance has a placement.
 """
 
 import importlib.util
@@ -21,7 +21,7 @@ BODIES = ["base", "turret", "upper_arm", "forearm", "bracket", "yoke", "scope", 
 
 
 def table(d):
-    """Constant part of each row: from frame j - 1 to where joint j stands at zero."""
+    """Return the pose (4, 4) of frame j in frame j - 1 with joint j at zero, {j: pose}; lengths in mm."""
     return {
         1: row(0, 0, 0, d.h),
         2: row(-90, 0, 0, 0),
@@ -35,9 +35,9 @@ def table(d):
 
 
 def placements(d):
-    """World placement (4x4, mm) of every body with the scope straight down through the trocar."""
+    """Return the pose (4, 4) in mm of each body in the world, with the scope pointing straight down in the trocar."""
     x, _, z = d.trocar
-    rise = z - d.depth + d.length - d.h  # of the outer point over the shoulder
+    rise = z - d.depth + d.length - d.h  # height of the outer point above the shoulder
     reach = np.hypot(x, rise)
     bend = 2 * np.degrees(np.arccos(reach / (2 * d.arm)))  # elbow of two equal links
     lean = -np.degrees(np.arctan2(rise, x)) - bend / 2  # elbow up
@@ -52,7 +52,7 @@ def placements(d):
 
 
 def drawing():
-    """Load parts.py beside this file; late, because build123d takes seconds."""
+    """Load parts.py next to this file; called only when drawing, because importing build123d takes seconds."""
     if "hibou_parts" not in sys.modules:
         spec = importlib.util.spec_from_file_location("hibou_parts", HERE / "parts.py")
         sys.modules["hibou_parts"] = importlib.util.module_from_spec(spec)
@@ -61,7 +61,7 @@ def drawing():
 
 
 def assembly(path):
-    """Return the drawn robot of a dimension file: ({body: [(name, shape, rgb)]}, mass in kg)."""
+    """Draw the robot with the values of a dimension file; return ({body: [(name, shape, rgb)]}, mass in kg)."""
     from shapes import location
 
     d, parts = cad.Dimensions(path, {}), drawing()

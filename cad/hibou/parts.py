@@ -1,8 +1,9 @@
 """Parts of Hibou, each body drawn in its own frame (mm).
 
-Body frames are those of the table in Khalil and Kleinfinger's form: `turret` frame 1, `upper_arm` 2, `forearm` 3,
-`bracket` 4, `yoke` 5, `camera` 7; `scope` is frame 6 moved back to the outer point. In each the joint that carries the
-body turns about z, with the flat of its flange towards x. `base` is the world, `cannula` has its ball at the origin.
+Body frames are those of the table in Khalil and Kleinfinger's form: `turret` has frame 1, `upper_arm` 2, `forearm` 3,
+`bracket` 4, `yoke` 5, `camera` 7, and `scope` has frame 6 moved back to the outer point. The joint between a body and
+its parent rotates about z of this frame; the flat of its flange has the normal x. `base` has the world frame; `cannula`
+has its ball at the origin.
 
 Every function returns a list of ``(part name, solid, material)``.
 """
@@ -23,7 +24,7 @@ MATERIALS = {  # sRGB, density in kg/m3
 
 
 def base(d, seat1):
-    """Round foot with bolts, conical column, seat of joint 1."""
+    """Draw the base: round foot with bolts, conical column, and seat of joint 1."""
     foot = cyl((0, 0, 0), Z, d.foot, 20)
     foot = foot.chamfer(5, None, foot.edges().group_by(Axis.Z)[-1])
     top = d.h + d.o1
@@ -40,7 +41,7 @@ def base(d, seat1):
 
 
 def turret(d, seat2):
-    """Flange, neck, housing of the shoulder motor, seat of joint 2."""
+    """Draw the turret: flange, neck, housing of the shoulder motor, and seat of joint 2."""
     foot = flange((0, 0, d.o1), Z, d.r1, d.j1, d.seat, d.deep)
     neck = cyl((0, 0, d.o1 + d.seat), Z, d.r1 - 4, -d.o1 - d.seat) - box(-90, 90, d.o2 - d.seat, 120, -200, 100)
     house = Solid.make_cylinder(d.r2, d.o2 - d.seat + d.back2, Plane(origin=(0, -d.back2, 0), z_dir=Y))
@@ -56,7 +57,7 @@ def turret(d, seat2):
 
 
 def upper_arm(d, seat3):
-    """Flange, tapered side plate, seat of joint 3."""
+    """Draw the upper arm: flange, tapered side plate, and seat of joint 3."""
     foot = flange((0, 0, d.o2), Z, d.r2, d.j2, d.seat, d.deep)
     low = d.o2 + d.seat
     arm = hull([(0, 0, d.r2), (d.arm, 0, d.r3)], Plane(origin=(0, 0, low)), d.thick, 5)
@@ -67,7 +68,7 @@ def upper_arm(d, seat3):
 
 
 def forearm(d, seat4):
-    """Flange, tapered side plate, seat of joint 4 on its inner side."""
+    """Draw the forearm: flange, tapered side plate, and seat of joint 4 on its inner side."""
     foot = flange((0, 0, d.o3), Z, d.r3, d.j3, d.seat, d.deep)
     low = d.o3 + d.seat
     arm = hull([(0, 0, d.r3), (d.arm, 0, d.r4)], Plane(origin=(0, 0, low)), d.thick, 5)
@@ -78,7 +79,7 @@ def forearm(d, seat4):
 
 
 def bracket(d, seat5):
-    """Flange at the forearm, angle to the seat of joint 5 beside the outer point."""
+    """Draw the bracket: flange at the forearm, and angle bracket to the seat of joint 5 next to the outer point."""
     foot = flange((0, 0, d.o3), DOWN, d.r4, d.j4, d.seat, d.deep)
     y, low = -d.o5 + d.seat5, d.o3 - d.seat - 12
     lid = hull([(0, 0, d.r4), (0, y + 3, 12)], Plane(origin=(0, 0, low)), 12, 2)
@@ -89,7 +90,7 @@ def bracket(d, seat5):
 
 
 def yoke(d, seat6):
-    """Flange, housing of the roll motor about the outer point, seat of joint 6."""
+    """Draw the yoke: flange, housing of the roll motor around the outer point, and seat of joint 6."""
     foot = flange((0, 0, d.o5), Z, d.r5, d.j5, d.seat5, d.deep5)
     stub = cyl((0, 0, d.o5 + d.seat5), Z, d.r5 - 3, -d.o5 - d.seat5)
     back = d.house_back
@@ -100,7 +101,7 @@ def yoke(d, seat6):
 
 
 def scope(d, seat7):
-    """Roll flange, light connector, straight tube, tongue with the seat of joint 7."""
+    """Draw the scope: roll flange, light connector, straight tube, and tongue with the seat of joint 7."""
     foot = flange((0, 0, d.o6), Z, d.r6, d.j6, d.seat5, d.deep5)
     start = d.o6 + d.seat5
     head = cyl((0, 0, start), Z, d.r6 - 1, 22)
@@ -123,7 +124,7 @@ def scope(d, seat7):
 
 
 def camera(d):
-    """Tilting tip: flange, arm, barrel with its lens."""
+    """Draw the tilting tip: flange, arm, and barrel with its lens."""
     foot = flange((0, 0, d.o7), Z, d.r7, d.j7, d.seat7, d.deep7)
     low = d.o7 + d.seat7
     arm = hull([(0, 0, d.r7 - 0.2), (0, -9, 4)], Plane(origin=(0, 0, low)), 2, 0)

@@ -2,8 +2,8 @@
 
     python cad/lapbot/model.py [--dimensions FILE] [--out lapbot.step]
 
-The robot stands with its instrument straight down through the trocar.  Each rigid body is one sub-assembly; its parts
-are named <body>_<part>.  All shapes are written in world coordinates: no instance carries a placement.
+The robot is drawn with its instrument pointing straight down through the trocar.  Each rigid body is one sub-assembly;
+its parts are named <body>_<part>.  All shapes are written in world coordinates: no instance has a placement.
 """
 
 import importlib.util
@@ -21,7 +21,7 @@ BODIES = ["base", "lift", "upper_arm", "forearm", "bracket", "yoke", "carrier", 
 
 
 def table(d):
-    """Constant part of each row: from frame j - 1 to where joint j stands at zero."""
+    """Return the pose (4, 4) of frame j in frame j - 1 with joint j at zero, {j: pose}; lengths in mm."""
     return {
         2: row(0, 0, 0, 0),
         3: row(0, d.arm, 0, 0),
@@ -36,7 +36,7 @@ def table(d):
 
 
 def placements(d):
-    """World placement (4x4, mm) of every body with the shaft straight down through the trocar."""
+    """Return the pose (4, 4) in mm of each body in the world, with the shaft pointing straight down in the trocar."""
     x, _, z = d.trocar
     top = z - d.depth + d.length  # height of the outer point
     bend = 2 * np.degrees(np.arccos(x / (2 * d.arm)))  # elbow of two equal links over the distance x
@@ -52,7 +52,7 @@ def placements(d):
 
 
 def drawing():
-    """Load parts.py beside this file; late, because build123d takes seconds."""
+    """Load parts.py next to this file; called only when drawing, because importing build123d takes seconds."""
     if "lapbot_parts" not in sys.modules:
         spec = importlib.util.spec_from_file_location("lapbot_parts", HERE / "parts.py")
         sys.modules["lapbot_parts"] = importlib.util.module_from_spec(spec)
@@ -61,7 +61,7 @@ def drawing():
 
 
 def assembly(path):
-    """Return the drawn robot of a dimension file: ({body: [(name, shape, rgb)]}, mass in kg)."""
+    """Draw the robot with the values of a dimension file; return ({body: [(name, shape, rgb)]}, mass in kg)."""
     from shapes import location
 
     d, parts = cad.Dimensions(path, {}), drawing()

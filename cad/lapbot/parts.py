@@ -1,9 +1,9 @@
 """Parts of Lapbot, each body drawn in its own frame (mm).
 
-Body frames are those of the table in Khalil and Kleinfinger's form: `lift` frame 1, `upper_arm` 2, `forearm` 3,
-`bracket` 4, `yoke` 5, `carrier` 6, `wrist` 8, `jaw` 9; `shaft` is frame 7 moved back to the outer point. In each the
-joint that carries the body turns about z, with the flat of its flange towards x. `base` is the world, `cannula` has
-its ball at the origin and its bore along z.
+Body frames are those of the table in Khalil and Kleinfinger's form: `lift` has frame 1, `upper_arm` 2, `forearm` 3,
+`bracket` 4, `yoke` 5, `carrier` 6, `wrist` 8, `jaw` 9, and `shaft` has frame 7 moved back to the outer point. The joint
+between a body and its parent rotates about z of this frame; the flat of its flange has the normal x. `base` has the
+world frame; `cannula` has its ball at the origin and its bore along z.
 
 Every function returns a list of ``(part name, solid, material)``.
 """
@@ -24,7 +24,7 @@ MATERIALS = {  # sRGB, density in kg/m3
 
 
 def base(d):
-    """Foot with castors, column at the back, two rails, the motor of the lift on top."""
+    """Draw the base: foot with castors, column at the back, two rails, and the motor of the lift on top."""
     foot = box(-d.back - 60, 130, -150, 150, 30, 70, 40)
     foot = foot.chamfer(12, None, foot.edges().group_by(Axis.Z)[-1])
     castors = [
@@ -51,7 +51,7 @@ def base(d):
 
 
 def lift(d, seat2):
-    """Carriage on both rails, boss with the seat of joint 2, first pulley of the belt."""
+    """Draw the lift: carriage on both rails, and boss with the seat of joint 2."""
     x = -d.back + d.rail_gap
     block = box(x - 14, x + 24, -62, 62, -45, 25, 10)
     for s in (1, -1):
@@ -69,7 +69,7 @@ def lift(d, seat2):
 
 
 def upper_arm(d, seat3):
-    """Flange, tapered arm, cover, belt run to the elbow, seat of joint 3."""
+    """Draw the upper arm: flange, tapered arm, cover, belt to the elbow, and seat of joint 3."""
     foot = flange((0, 0, d.o2), Z, d.r2, d.j2, d.seat, d.deep)
     low = d.o2 + d.seat
     arm = hull([(0, 0, d.r2), (d.arm, 0, d.r3)], Plane(origin=(0, 0, low)), d.thick2, 5)
@@ -91,7 +91,7 @@ def upper_arm(d, seat3):
 
 
 def forearm(d, seat4):
-    """Flange, tapered arm, belt run to the bracket, seat of joint 4 below its end."""
+    """Draw the forearm: flange, tapered arm, cover, belt to the bracket, and seat of joint 4 below its end."""
     foot = flange((0, 0, d.o3), Z, d.r3, d.j3, d.seat, d.deep)
     low = d.o3 + d.seat
     arm = hull([(0, 0, d.r3), (d.arm, 0, d.r4)], Plane(origin=(0, 0, low)), d.thick3, 5)
@@ -113,7 +113,7 @@ def forearm(d, seat4):
 
 
 def bracket(d, seat5):
-    """Flange under the forearm, arm down beside the outer point, seat of joint 5."""
+    """Draw the bracket: flange under the forearm, arm down to the outer point, and seat of joint 5 next to it."""
     top = d.o3
     foot = flange((0, 0, top), DOWN, d.r4, d.j4, d.seat, d.deep)
     y = -d.o5
@@ -127,7 +127,7 @@ def bracket(d, seat5):
 
 
 def yoke(d, seat6):
-    """Angle between the two passive axes."""
+    """Draw the yoke: an angle bracket between the two passive axes."""
     foot = flange((0, 0, d.o5), Z, d.r5, d.j5, d.seat5, d.deep5)
     low = d.o5 + d.seat5
     reach = -d.o6 + d.seat5
@@ -140,7 +140,7 @@ def yoke(d, seat6):
 
 
 def carrier(d, seat7):
-    """Housing of the roll motor about the outer point, seat of joint 7."""
+    """Draw the carrier: housing of the roll motor around the outer point, and seat of joint 7."""
     foot = flange((0, 0, d.o6), Z, d.r6, d.j6, d.seat5, d.deep5)
     stub = cyl((0, 0, d.o6 + d.seat5), Z, d.r6 - 2, -d.o6 - d.seat5)
     house = Solid.make_cylinder(
@@ -152,7 +152,7 @@ def carrier(d, seat7):
 
 
 def shaft(d, seat8):
-    """Roll flange, straight shaft, tongue with the seat of joint 8."""
+    """Draw the shaft: roll flange, straight tube, and tongue with the seat of joint 8."""
     foot = flange((0, 0, d.o7), Z, d.r7, d.j7, d.seat5, d.deep5)
     hub = cone((0, 0, d.o7 + d.seat5), Z, d.r7 - 1, 7, 26)
     start = d.o7 + d.seat5 + 26
@@ -173,7 +173,7 @@ def shaft(d, seat8):
 
 
 def wrist(d, seat9):
-    """Angle between the two axes of the wrist."""
+    """Draw the wrist: an angle bracket between its two axes."""
     foot = flange((0, 0, d.o8), Z, d.r8, d.j8, d.seat8, d.deep8)
     low = d.o8 + d.seat8
     y = -d.o9
@@ -185,7 +185,7 @@ def wrist(d, seat9):
 
 
 def jaw(d):
-    """Flange and a closed grasper across the last axis."""
+    """Draw the jaw: a flange, and a closed grasper perpendicular to the last axis."""
     foot = flange((0, 0, d.o9), Z, d.r8, d.j8, d.seat8, d.deep8)
     low = d.o9 + d.seat8
     arm = hull([(0, 0, d.r8 - 0.2), (0, -9, 2.4)], Plane(origin=(0, 0, low)), 2, 0)

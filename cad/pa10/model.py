@@ -2,7 +2,7 @@
 
     python cad/pa10/model.py [--dimensions FILE] [--out pa10.step]
 
-All joints are drawn at zero: the arm stands straight up, frame 0 at its shoulder.  Each rigid body is one
+All joints are drawn at zero: the arm points straight up; frame 0 is at its shoulder.  Each rigid body is one
 sub-assembly; its parts are named <body>_<part>.
 """
 
@@ -17,7 +17,7 @@ sys.path.insert(0, str(HERE.parent))
 import drawing as cad
 
 BODIES = ["base", *(f"link{j}" for j in range(1, 8)), "instrument"]
-ERRORS = {  # which manufacturing errors each body knows
+ERRORS = {  # the manufacturing errors that can be set for each body
     "base": {"bore1_offset_mm"},
     **{f"link{j}": {f"journal{j}_offset_mm", f"bore{j + 1}_offset_mm"} for j in range(1, 7)},
     "link7": {"journal7_offset_mm"},
@@ -26,7 +26,7 @@ ERRORS = {  # which manufacturing errors each body knows
 
 
 def drawing():
-    """Load parts.py beside this file; late, because build123d takes seconds."""
+    """Load parts.py next to this file; called only when drawing, because importing build123d takes seconds."""
     if "pa10_parts" not in sys.modules:
         spec = importlib.util.spec_from_file_location("pa10_parts", HERE / "parts.py")
         sys.modules["pa10_parts"] = importlib.util.module_from_spec(spec)
@@ -35,7 +35,7 @@ def drawing():
 
 
 def assembly(path):
-    """Return the drawn robot of a dimension file: ({body: [(name, shape, rgb)]}, mass in kg)."""
+    """Draw the robot with the values of a dimension file; return ({body: [(name, shape, rgb)]}, mass in kg)."""
     d, parts = cad.Dimensions(path, ERRORS), drawing()
     d.elbow, d.wrist = d.upper_arm, d.upper_arm + d.forearm
     d.flange_high = d.wrist + d.wrist_flange

@@ -1,7 +1,7 @@
-"""Parts of the PA-10, each body drawn where it stands with all joints at zero: arm straight up, world = frame 0.
+"""Parts of the PA-10, each body drawn in the world frame (frame 0) with all joints at zero: the arm points straight up.
 
-Roll joints (1, 3, 5, 7) have their seat across the middle line. A pitch joint (2, 4, 6) is a fork of the link before,
-with a drum of the link behind between its cheeks; the cheek on the side of -y locates the drum.
+The seats of roll joints (1, 3, 5, 7) are perpendicular to the axis of the arm. At a pitch joint (2, 4, 6), a drum of
+the next link is between the two cheeks of a fork of the previous link; the cheek on the side of -y locates the drum.
 
 Every function returns a list of ``(part name, solid, material)``.
 """
@@ -24,20 +24,21 @@ MATERIALS = {  # sRGB, density in kg/m3
 
 # ---- shapes -----------------------------------------------------------------
 def rims(solid, axis, end, radius):
-    """Round all edges at one end of a solid along an axis."""
+    """Round all edges at one end of a solid; the ends are those along an axis."""
     return solid.fillet(radius, solid.edges().group_by(axis)[end])
 
 
 def slot(half, low, high, long, radius):
-    """Gap of a fork: half width along y, from low to high, rounded at its two lower edges along x."""
+    """Return the gap of a fork, to be subtracted: `half` width along y, z from low to high, lower edges rounded."""
     block = Solid.make_box(2 * long, 2 * half, high - low, Plane(origin=(-long, -half, low)))
     return block.fillet(radius, block.edges().filter_by(Axis.X).group_by(Axis.Z)[0])
 
 
 def fork(d, n, z, foot, r_foot, height, deep):
-    """Fork of joint n at height z, grown out of a round stem, bored and recessed for the seat.
+    """Return the fork of joint n at height z, which continues a round stem; it has a bore and a recess for the seat.
 
-    foot, r_foot: height and radius of the stem's end.  height: seat and flange.  deep: journal in its bore.
+    `foot` and `r_foot` are the height and the radius of the stem's end, `height` is the height of the seat, and `deep`
+    is the length of the journal in its bore.
     """
     half, thick, r = getattr(d, f"gap{n}"), getattr(d, f"cheek{n}"), getattr(d, f"fork{n}")
     waist, low = getattr(d, f"waist{n}"), z - getattr(d, f"crotch{n}")
@@ -55,9 +56,9 @@ def fork(d, n, z, foot, r_foot, height, deep):
 
 
 def drum(d, n, z, tube, height, deep, err):
-    """Drum of joint n at height z with the tube on it, in three: journal with its disc; casting; disc opposite.
+    """Return three parts of joint n at height z: (disc with journal, drum joined to the `tube`, opposite disc).
 
-    The discs turn in hollows of the tube where that is wider than the drum is long.
+    Where the tube is wider than the drum, it is cut out around the discs so that they can rotate.
     """
     half, r, journal = getattr(d, f"gap{n}"), getattr(d, f"r{n}"), getattr(d, f"j{n}")
     foot = flange((0, -half, z), Y, r, journal, height, deep, err(f"journal{n}_offset_mm", (0, 0)))
@@ -71,7 +72,7 @@ def drum(d, n, z, tube, height, deep, err):
 
 
 def cover(name, at, axis, r, h):
-    """Motor cover of a joint on the outside of a cheek: disc, dome, ring of six bolts; the parts."""
+    """Draw the motor cover of a joint on the outside of a cheek: a disc with a dome, and six bolts."""
     disc = cyl(at, axis, r, 0.3 * h)
     dome = rims(cyl(at, axis, 0.78 * r, h), Axis.Y, -1 if axis == Y else 0, 0.55 * h)
     top = [at[i] + 0.3 * h * axis[i] for i in range(3)]
@@ -80,43 +81,43 @@ def cover(name, at, axis, r, h):
 
 
 def covers(d, n, z, h):
-    """Covers of both cheeks of a fork."""
+    """Draw the covers of both cheeks of a fork."""
     wide, r = getattr(d, f"gap{n}") + getattr(d, f"cheek{n}"), 0.86 * getattr(d, f"fork{n}")
     return [*cover(f"cover{n}_left", (0, wide, z), Y, r, h), *cover(f"cover{n}_right", (0, -wide, z), BACK, r, h)]
 
 
 def stem(low, high, r0, r1, collar):
-    """Tube along the middle line on the flange of a roll joint: a collar narrows from that radius first."""
+    """Return the tube on the flange of a roll joint; it begins with a cone from radius `collar` to r0."""
     rise = 1.2 * (collar - r0)
     return cone((0, 0, low), Z, collar, r0, rise) + cone((0, 0, low + rise), Z, r0, r1, high - low - rise)
 
 
 def polar(r, degrees, z):
-    """Point at a radius and an angle about the middle line."""
+    """Return the point at a radius and an angle about the axis of the arm."""
     return (r * cos(radians(degrees)), r * sin(radians(degrees)), z)
 
 
 def roll_seat(d, n, height, err):
-    """Seat of roll joint n on the middle line."""
+    """Return the seat of roll joint n on the axis of the arm."""
     at = (0, 0, getattr(d, f"hub{n}"))
     return seat(at, Z, getattr(d, f"r{n}"), getattr(d, f"j{n}"), height, err(f"bore{n}_offset_mm", (0, 0)))
 
 
 def pitch_seat(d, n, z, height, err):
-    """Seat of pitch joint n in its cheek."""
+    """Return the seat of pitch joint n in its cheek."""
     at = (0, -getattr(d, f"gap{n}"), z)
     return seat(at, Y, getattr(d, f"r{n}"), getattr(d, f"j{n}"), height, err(f"bore{n}_offset_mm", (0, 0)))
 
 
 def roll_flange(d, n, height, deep, err):
-    """Flange and journal of roll joint n."""
+    """Return the flange and the journal of roll joint n."""
     at = (0, 0, getattr(d, f"hub{n}"))
     return flange(at, Z, getattr(d, f"r{n}"), getattr(d, f"j{n}"), height, deep, err(f"journal{n}_offset_mm", (0, 0)))
 
 
 # ---- bodies -----------------------------------------------------------------
 def base(d, err):
-    """Mounting plate with bolts, conical column with a cable socket, seat of joint 1."""
+    """Draw the base: mounting plate with bolts, conical column with a cable socket, and seat of joint 1."""
     low, high = -d.shoulder_high, d.hub1
     plate = rims(cyl((0, 0, low), Z, d.base_radius, d.plate), Axis.Z, -1, 4)
     foot, collar = low + d.plate, high - d.seat - d.rib
@@ -136,7 +137,7 @@ def base(d, err):
 
 
 def link1(d, err):
-    """Shoulder: flange on joint 1 and the fork of joint 2."""
+    """Draw the shoulder: the flange of joint 1 and the fork of joint 2."""
     body = fork(d, 2, 0.0, d.hub1 + d.seat, d.r1 - 3, d.seat, d.deep)
     return [
         ("flange1", roll_flange(d, 1, d.seat, d.deep, err), "grey"),
@@ -147,7 +148,7 @@ def link1(d, err):
 
 
 def link2(d, err):
-    """Upper arm, lower half: drum of joint 2 and tube up to joint 3."""
+    """Draw the lower half of the upper arm: the drum of joint 2 and a tube up to joint 3."""
     tube = cone((0, 0, 0), Z, d.tube2, d.tube2 - 3, d.hub3 - d.seat)
     foot, body, disc = drum(d, 2, 0.0, tube, d.seat, d.deep, err)
     body -= cyl((0, 0, d.hub3 - d.seat - d.deep), Z, d.j3 + 1, d.deep + 1)
@@ -160,7 +161,7 @@ def link2(d, err):
 
 
 def link3(d, err):
-    """Upper arm, upper half: flange on joint 3, tube, fork of joint 4."""
+    """Draw the upper half of the upper arm: the flange of joint 3, a tube, and the fork of joint 4."""
     z, low = d.elbow, d.elbow - d.foot4
     body = fork(d, 4, z, low, d.waist4 - 1, d.seat, d.deep)
     body += stem(d.hub3 + d.seat, low, d.tube3, d.waist4 - 1, d.r3 - 2)
@@ -173,7 +174,7 @@ def link3(d, err):
 
 
 def link4(d, err):
-    """Forearm, lower half: drum of joint 4 and tube up to joint 5."""
+    """Draw the lower half of the forearm: the drum of joint 4 and a tube up to joint 5."""
     tube = cyl((0, 0, d.elbow), Z, d.tube4, d.hub5 - d.seat - d.elbow)
     foot, body, disc = drum(d, 4, d.elbow, tube, d.seat, d.deep, err)
     body -= cyl((0, 0, d.hub5 - d.seat - d.deep), Z, d.j5 + 1, d.deep + 1)
@@ -186,7 +187,7 @@ def link4(d, err):
 
 
 def link5(d, err):
-    """Forearm, upper half: flange on joint 5, tube, fork of joint 6."""
+    """Draw the upper half of the forearm: the flange of joint 5, a tube, and the fork of joint 6."""
     z, low = d.wrist, d.wrist - d.foot6
     body = fork(d, 6, z, low, d.waist6 - 1, d.seat6, d.deep6)
     body += stem(d.hub5 + d.seat, low, d.tube5, d.waist6 - 1, d.r5 - 2)
@@ -199,7 +200,7 @@ def link5(d, err):
 
 
 def link6(d, err):
-    """Wrist: drum of joint 6 with the neck of joint 7."""
+    """Draw the wrist: the drum of joint 6 with the neck of joint 7."""
     tube = cyl((0, 0, d.wrist), Z, d.r7 - 3, d.hub7 - d.seat6 - d.wrist)
     foot, body, disc = drum(d, 6, d.wrist, tube, d.seat6, d.deep6, err)
     body -= cyl((0, 0, d.hub7 - d.seat6 - d.deep6), Z, d.j7 + 1, d.deep6 + 1)
@@ -212,7 +213,7 @@ def link6(d, err):
 
 
 def link7(d, err):
-    """Last link: journal, disc with its flat, neck, tool flange with centring pin."""
+    """Draw the last link: journal, disc with a flat, neck, and tool flange with a centring pin."""
     disc = roll_flange(d, 7, d.seat6, d.deep6, err)
     top = d.flange_high - d.flange_height
     disc += cyl((0, 0, d.hub7 + d.seat6), Z, d.groove7, top - d.hub7 - d.seat6)
@@ -221,7 +222,7 @@ def link7(d, err):
 
 
 def instrument(d, err):
-    """Adapter, drive of the jaws, turning ring, nose, shaft and a grasper along the last axis."""
+    """Draw the instrument: adapter, jaw drive, rotation ring, nose, shaft, and a grasper along the last axis."""
     z, tip = d.flange_high, d.flange_high + d.tool_length + err("tip_mm", 0.0)
     adapter = rims(cyl((0, 0, z), Z, d.adapter_radius, d.adapter), Axis.Z, -1, 3)
     adapter -= cyl((0, 0, z - 1), Z, d.pin + 0.02, d.pin_high + 3)

@@ -2,9 +2,9 @@
 
     python cad/sher/model.py [--dimensions FILE] [--out sher.step]
 
-The robot stands in the posture given in the dimension file.  Each rigid body
+The robot is drawn in the posture given in the dimension file.  Each rigid body
 is one sub-assembly; its parts are named <body>_<part>.  All shapes are written
-in world coordinates: no instance carries a placement.
+in world coordinates: no instance has a placement.
 """
 
 import importlib.util
@@ -19,7 +19,7 @@ import drawing as cad
 from drawing import pose4, unit
 
 LEGS = [f"{i}{k}" for i in (1, 2, 3) for k in "ab"]
-ERRORS = {  # which manufacturing errors each body knows
+ERRORS = {  # the manufacturing errors that can be set for each body
     **{f"carriage{i}": {"rail_bore_offset_mm", "bore_a_offset_mm", "bore_b_offset_mm"} for i in (1, 2, 3)},
     **{f"cross{n}": {"pin2_offset_mm"} for n in LEGS},
     **{f"rod{n}": {"length_mm", "bore_offset_mm", "ball_offset_mm"} for n in LEGS},
@@ -61,16 +61,16 @@ BODIES = [
 
 
 def dimensions(path):
-    """Read a dimension file of this robot."""
+    """Read a dimension file of the SHER."""
     return cad.Dimensions(path, ERRORS, VECTORS)
 
 
 # ---- placement, by construction ---------------------------------------------
 def spheres(centres, radius):
-    """Upper point at one distance from three points; None if there is none."""
+    """Return the upper of the two points at distance `radius` from three points; None if there is none."""
     a, b, c = centres
     n = np.cross(b - a, c - a)
-    # on the planes midway between a and b, a and c, and in the plane of the three: their centre
+    # circumcentre: on the bisector planes of a, b and of a, c, and in the plane of the three points
     rows = np.array([b - a, c - a, n])
     centre = np.linalg.solve(rows, [(b @ b - a @ a) / 2, (c @ c - a @ a) / 2, n @ a])
     rest = radius**2 - np.sum((centre - a) ** 2)
@@ -78,7 +78,7 @@ def spheres(centres, radius):
 
 
 def circles(a, ra, b, rb, side):
-    """Point at distance ra from a and rb from b, left (+1) or right (-1) of the way from a to b; None if none."""
+    """Return the point at distances ra from a and rb from b, left (+1) or right (-1) of the line a-b; None if none."""
     gap = np.linalg.norm(b - a)
     along = (gap**2 + ra**2 - rb**2) / (2 * gap)
     rest = ra**2 - along**2
@@ -89,21 +89,21 @@ def circles(a, ra, b, rb, side):
 
 
 def direction(degrees):
-    """Return a unit vector in the plane."""
+    """Return the unit vector in the plane at an angle from x."""
     return np.array([np.cos(np.radians(degrees)), np.sin(np.radians(degrees))])
 
 
 def turn(v, degrees):
-    """Plane vector turned counter-clockwise."""
+    """Return a vector in the plane, rotated counter-clockwise."""
     c, s = direction(degrees)
     return np.array([c * v[0] - s * v[1], s * v[0] + c * v[1]])
 
 
 def linkage(d, tilt):
-    """Pins of the tilt mechanism in {a}, at an angle of the tool from the vertical; None if it cannot stand.
+    """Return the pins of the tilt mechanism in frame {a} at a tool angle from the vertical; None if unreachable.
 
-    Ruler and compasses from the tool back to the drive: the tool's direction turns the coupler; that carried
-    to pin B closes the four-bar; the bell crank places Q, and Q the slider on its line.
+    The construction goes from the tool to the drive. The tool's direction gives the direction of the coupler C-D; D is
+    at distance DA from A, and C at distance BC from B. The bell crank gives Q, and Q gives R on the line of the slider.
     """
     A, B = np.zeros(2), np.array([0.0, d.AB])
     handle = direction(tilt + 90)
@@ -121,7 +121,7 @@ def linkage(d, tilt):
 
 
 def placements(d, q, roll, tilt):
-    """World placement (4x4, mm) of every body; None if out of reach."""
+    """Return the pose (4, 4) in mm of each body in the world; None if out of reach."""
     u = [np.array([*direction(w), 0.0]) for w in d.leg_azimuth]
     z = np.array([0.0, 0, 1])
     centre = spheres([(d.base_radius - d.platform_radius) * r + h * z for r, h in zip(u, q, strict=True)], d.rod_length)
@@ -158,19 +158,19 @@ def placements(d, q, roll, tilt):
 
 
 def drawn(d):
-    """Placements in the drawn posture."""
+    """Return the placements in the drawn posture."""
     return placements(d, d.pose_q, d.pose_roll, d.pose_tilt)
 
 
 def tool(d):
-    """P and the direction of the handle, in l3."""
+    """Return the point P and the direction of the handle, both in frame l3."""
     p = d.DP * direction(-d.phi3)
     return p, turn(unit(-p), -d.phi4)
 
 
 # ---- drawing ----------------------------------------------------------------
 def drawing():
-    """Load parts.py beside this file; late, because build123d takes seconds."""
+    """Load parts.py next to this file; called only when drawing, because importing build123d takes seconds."""
     if "sher_parts" not in sys.modules:
         spec = importlib.util.spec_from_file_location("sher_parts", HERE / "parts.py")
         sys.modules["sher_parts"] = importlib.util.module_from_spec(spec)
@@ -179,12 +179,12 @@ def drawing():
 
 
 def draw(d):
-    """Parts of all bodies in their body frames: {body: [(part, solid, material)]}."""
+    """Draw all bodies in their body frames; return {body: [(part, solid, material)]}."""
     return {body: draw_body(d, body, d.error(body)) for body in BODIES}
 
 
 def draw_body(d, body, err):
-    """Parts of one body: [(part, solid, material)]."""
+    """Draw one body; return [(part, solid, material)]."""
     parts = drawing()
     p, handle = tool(d)
     if body in ("base", "eye_phantom", "microscope"):  # where the tool points in the drawn posture
@@ -205,11 +205,11 @@ def draw_body(d, body, err):
 
 
 def assembly(path):
-    """Return the drawn robot of a dimension file: ({body: [(name, shape, rgb)]}, mass in kg)."""
+    """Draw the robot with the values of a dimension file; return ({body: [(name, shape, rgb)]}, mass in kg)."""
     d = dimensions(path)
     where = drawn(d)
     if where is None:
-        raise ValueError("the drawn posture is out of reach of these lengths")
+        raise ValueError("the posture in the CAD cannot be reached with these lengths")
     return cad.build(BODIES, draw(d), where, drawing().MATERIALS)
 
 

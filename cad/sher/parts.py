@@ -2,12 +2,12 @@
 
 Body frames (mm):
     base, eye_phantom, microscope   the world frame
-    carriageN        x = u, y = t, z up; origin on the first pins' axis, amid the two rods
-    crossNk, rodNk   origin in the cross centre; z = second pin; x up along the rod
-    platform         origin amid the ball sockets, axes of the world
-    arm              the linkage frame: origin pin A, x along the roll axis, z across the linkage
-    tilt_slider      as the arm, origin pin R
-    l2, l3, l4, l5   origin pin B, D, A, R; x to pin C, C, D, Q; z across the linkage
+    carriageN        x = u (radial), y = t (tangential), z up; origin on the axis of the first pins, between the rods
+    crossNk, rodNk   origin at the centre of the cross; z along the second pin; rod: x up along the rod
+    platform         origin at the centre of the ball sockets, axes of the world
+    arm              frame of the tilt linkage: origin at pin A, x along the roll axis, z perpendicular to the linkage
+    tilt_slider      axes of the arm, origin at pin R
+    l2, l3, l4, l5   origin at pin B, D, A, R; x to pin C, C, D, Q; z perpendicular to the linkage
 
 Every function returns a list of ``(part name, solid, material)``.
 """
@@ -35,29 +35,29 @@ MATERIALS = {  # sRGB, density in kg/m3
 
 # ---- shapes -----------------------------------------------------------------
 def cyl(at, axis, r, h):
-    """Cylinder of radius r from `at`, length h along `axis`."""
+    """Return a cylinder of radius r that starts at `at` and has length h along `axis`."""
     return Solid.make_cylinder(r, h, Plane(origin=at, z_dir=axis))
 
 
 def ring(at, axis, inner, outer, h):
-    """Tube of length h."""
+    """Return a tube with inner and outer radius that starts at `at` and has length h along `axis`."""
     return cyl(at, axis, outer, h) - cyl(at, axis, inner, h)
 
 
 def box(x0, x1, y0, y1, z0, z1):
-    """Box between two corners."""
+    """Return a box between two corners."""
     return Solid.make_box(x1 - x0, y1 - y0, z1 - z0, Plane(origin=(x0, y0, z0)))
 
 
 def prism(points, height, plane=Plane.XY):
-    """Polygon, extruded along the normal of its plane."""
+    """Return a polygon extruded along the normal of its plane."""
     points = [Vector(*p, 0) for p in points]
     edges = [Edge.make_line(p, q) for p, q in zip(points, [*points[1:], points[0]], strict=True)]
     return Solid.extrude(Face(Wire(edges)), Vector(0, 0, height)).moved(Location(plane))
 
 
 def belt(circles, height, plane=Plane.XY, chamfer=0.0):
-    """Convex outline around circles (x, y, r), counter-clockwise, extruded."""
+    """Return the extruded convex hull of circles (x, y, r), given in counter-clockwise order."""
     normals = []
     for (xa, ya, ra), (xb, yb, rb) in zip(circles, [*circles[1:], circles[0]], strict=True):
         dx, dy = xb - xa, yb - ya
@@ -87,36 +87,36 @@ def rounded(solid, radius, axis):
 
 
 def joint(at, axis, long, offset=(0, 0), tilt=0.0):
-    """Location of a joint axis: z = axis, x = long, with the errors of one part."""
+    """Return the location of a joint axis (z = axis, x = long), shifted and tilted by the errors of one part."""
     about = list(tilt) if isinstance(tilt, (list, tuple)) else [tilt, 0.0]
     nominal = Location(Plane(origin=at, x_dir=long, z_dir=axis))
     return nominal * Location((offset[0], offset[1], 0), (about[0], about[1], 0))
 
 
 def polar(r, degrees, z=0.0):
-    """Point at a radius and an angle."""
+    """Return the point at a radius, an angle and a height."""
     return (r * cos(radians(degrees)), r * sin(radians(degrees)), z)
 
 
 def turned(degrees):
-    """Location turned about z."""
+    """Return a rotation about z as a location."""
     return Location((0, 0, 0), (0, 0, degrees))
 
 
 def clip(d, at, z, sign):
-    """Retaining ring on a pin at (x, y) before the face at z, on the side of `sign`."""
+    """Return the retaining ring on a pin at `at` (x, y), in front of the face at z on the side `sign` (+1 or -1)."""
     start = z + sign * d.clip_gap
     return ring((*at, start), (0, 0, sign), d.pin_radius, d.clip_radius, d.clip_height)
 
 
 def pin(d, where, z0, z1):
-    """Pin along z of a joint location."""
+    """Return a pin along z of a joint location, from z0 to z1."""
     return cyl((0, 0, z0), Z, d.pin_radius, z1 - z0).moved(where)
 
 
 # ---- base -------------------------------------------------------------------
 def base(d, eye_at):
-    """Bench, ring, pillar with the datum, and per leg a column with rail, screw and motor; pads for the props."""
+    """Draw bench, ring, pillar with the datum, three columns with rail, screw and motor, and the pads of the props."""
     high, low = d.ring_high, d.ring_low
     plate = ring((0, 0, low), Z, d.ring_inner, d.ring_radius, high - low)
     plate = plate.chamfer(1.5, None, plate.edges().group_by(Axis.Z)[-1])
@@ -168,7 +168,7 @@ def base(d, eye_at):
 
 # ---- legs -------------------------------------------------------------------
 def carriage(d, err):
-    """Bearing block on rail and screw, with the fork that holds two crosses."""
+    """Draw the carriage: bearing block on rail and screw, with a fork that holds two crosses."""
     r, rail, screw = d.base_radius, d.rail_at, d.screw_at
     h, w = d.carriage_half, d.rod_spread
     block = box(d.carriage_front - r, d.carriage_back - r, -h, h, d.carriage_low, d.carriage_high)
@@ -182,7 +182,7 @@ def carriage(d, err):
     for y0, y1 in ((-end, -start), (-inner, -inner + d.ear_thickness), (inner - d.ear_thickness, inner), (start, end)):
         plane = Plane(origin=(0, y0, 0), x_dir=Z, z_dir=Y)
         fork += belt([(d.fork_low + 4, 0, d.ear_radius), (0, 0, d.ear_radius)], y1 - y0, plane)
-    # the outer ears locate the crosses, at the inner ones a gap stays
+    # the outer ears locate the crosses; there is a gap at the inner ears
     bushes = []
     for side, name in ((w, "a"), (-w, "b")):
         o = err(f"bore_{name}_offset_mm", (0, 0))
@@ -197,7 +197,7 @@ def carriage(d, err):
 
 
 def cross(d, err):
-    """Cross with two pins: the first along y, the second along z."""
+    """Draw a cross with two pins: the first along y, the second along z."""
     c, s = d.cross_half, d.cross_shoulder
     body = rounded(box(-c, c, -c, c, -c, c), 0.4, Axis.X)
     g, t = d.ear_gap, d.ear_thickness
@@ -211,7 +211,7 @@ def cross(d, err):
 
 
 def rod(d, err):
-    """Rod with fork, ferrule and ball."""
+    """Draw a rod with fork, ferrule and ball."""
     length, s = err("length_mm", d.rod_length), d.pin2_shoulder
     top = d.bridge_start + d.bridge_height
     out, r, w, t = None, d.cheek_radius, d.cheek_waist, d.cheek_thickness
@@ -232,7 +232,7 @@ def rod(d, err):
 
 # ---- platform ---------------------------------------------------------------
 def platform(d, err):
-    """Disc with six sockets, roll housing and roll motor."""
+    """Draw the platform: a disc with six ball sockets, roll housing and roll motor."""
     low, high, r = d.disc_low, d.disc_high, d.disc_radius
     disc = cyl((0, 0, low), Z, r, high - low)
     disc = disc.chamfer(1.5, None, disc.edges().group_by(Axis.Z)[-1])
@@ -281,7 +281,7 @@ def platform(d, err):
 
 # ---- arm --------------------------------------------------------------------
 def arm(d, err):
-    """L1: roll shaft and flange, main beam, side beam with the tilt rail, end plate with pins A and B."""
+    """Draw the arm L1: roll shaft and flange, main beam, side beam with the tilt rail, end plate with pins A and B."""
     axis, face = -d.d3, d.housing_half - d.d2
     shaft = cyl((face - 2 * d.housing_half, axis, 0), X, d.bearing_radius, 2 * d.housing_half)
     flange = cyl((face, axis, 0), X, d.hub_radius, d.hub_thickness)
@@ -330,7 +330,7 @@ def arm(d, err):
 
 
 def tilt_slider(d, err):
-    """Block on the tilt rail with pin R and a lug whose end face is the linkage plane."""
+    """Draw the block on the tilt rail with pin R, and a lug with its end face in the plane of the linkage."""
     h, rail = d.slider_half, d.tilt_rail_layer
     block = box(-h, h, -h, h, d.slider_front, d.slider_back)
     block += box(-h, h, d.lug_low, d.lug_high, 0, d.slider_back - 4) + box(-h, h, d.lug_high, 0, d.slider_front, 16)
@@ -349,20 +349,20 @@ def tilt_slider(d, err):
 
 # ---- tilt links -------------------------------------------------------------
 def link(d, length, layer, r0, r1):
-    """Flat link with a boss at both ends."""
+    """Draw a flat link with a boss at each end."""
     low, t = layer - d.link_half, 2 * d.link_half
     body = belt([(0, 0, d.waist), (length, 0, d.waist)], t, Plane(origin=(0, 0, low)))
     return body + cyl((0, 0, low), Z, r0, t) + cyl((length, 0, low), Z, r1, t)
 
 
 def bore(d, err, name, at):
-    """Bore through everything at (x, y)."""
+    """Return a cylinder for a bore through all layers at `at` (x, y)."""
     where = joint((*at, 0), Z, X, err(f"bore_{name}_offset_mm", (0, 0)), err(f"bore_{name}_tilt_deg", 0.0))
     return cyl((0, 0, -50), Z, d.pin_radius + d.play, 100).moved(where)
 
 
 def l5(d, err):
-    """Link from the tilt slider (R) to the bell crank (Q)."""
+    """Draw the link from the tilt slider (R) to the bell crank (Q)."""
     length = err("length_mm", d.QR)
     body = link(d, length, d.layer_QR, d.boss, d.boss)
     low, top = d.layer_QR - d.link_half, d.link_half
@@ -371,7 +371,7 @@ def l5(d, err):
 
 
 def l4(d, err):
-    """Bell crank Q-A-D with pins Q and D."""
+    """Draw the bell crank Q-A-D with the pins Q and D."""
     h, r, length = d.link_half, d.boss, err("DA_mm", d.DA)
     q = polar(err("AQ_mm", d.AQ), err("phi2_deg", d.phi2))[:2]
     low = Plane(origin=(0, 0, -h))
@@ -399,7 +399,7 @@ def l4(d, err):
 
 
 def l2(d, err):
-    """Link B-C with pin C."""
+    """Draw the link B-C with the pin C."""
     length = err("length_mm", d.BC)
     body = link(d, length, d.layer_BC, d.boss, d.boss)
     low, high = d.layer_BC - d.link_half, d.layer_BC + d.link_half
@@ -418,7 +418,7 @@ def l2(d, err):
 
 
 def l3(d, err, p, along):
-    """Coupler C-D with holder, handle and instrument; P at p, handle in direction `along` (x, y)."""
+    """Draw the coupler C-D with holder, handle and instrument; point P is at p, `along` is the handle's direction."""
     reach = err("tool_reach_mm", d.tool_reach)
     tool = Location(Plane(origin=(*p, 0), x_dir=Z, z_dir=(*along, 0)))
     p, along = np.array(p), np.array(along)
@@ -450,14 +450,14 @@ def l3(d, err, p, along):
 
 # ---- props ------------------------------------------------------------------
 def foot(d, x, radius):
-    """Foot plate of a prop, on its pad."""
+    """Return the foot plate of a prop, on its pad."""
     z = d.bench_high + d.mount_height
     plate = cyl((x, 0, z), Z, radius, d.plate_height) - box(x + d.mount_flat, x + 40, -40, 40, z - 1, z + 20)
     return plate - cyl((x, 0, z - 1), Z, d.mount_pin + d.play, d.plate_height + 2)
 
 
 def eye_phantom(d, centre, pole, err):
-    """Hemisphere with five holes, copper inside, on a post; pole = direction of its axis."""
+    """Draw the eye phantom on a post: a hemisphere with five holes and copper foil inside; its axis is `pole`."""
     r, wall = d.eye_radius, d.eye_wall
     off = err("centre_offset_mm", (0, 0, 0))
     at = tuple(np.array(centre) + off)
@@ -496,7 +496,7 @@ def eye_phantom(d, centre, pole, err):
 
 
 def microscope(d, eye_x):
-    """Column, arm and a tube that looks down on the eye."""
+    """Draw the microscope: a column, an arm, and a tube that points down at the eye."""
     x, z = d.scope_x, d.bench_high + d.mount_height + d.plate_height
     column = cyl((x, 0, z), Z, d.scope_column, d.scope_top - z)
     column = column.fillet(3, column.edges().group_by(Axis.Z)[-1])
@@ -526,5 +526,5 @@ def microscope(d, eye_x):
 
 
 def only_solid(shape):
-    """Return the one solid of a cut."""
+    """Return the only solid of a shape that is the result of a cut."""
     return shape if isinstance(shape, Solid) else shape.solids()[0]

@@ -2,10 +2,10 @@
 
     python cad/sils/model.py [--dimensions FILE] [--out sils.step]
 
-The robot stands in the posture given in the dimension file.  Each rigid body
+The robot is drawn in the posture given in the dimension file.  Each rigid body
 is one sub-assembly (frame, limb1..3, carriage1..6, strut1..3, bar1..3,
 platform); its parts are named <body>_<part>.  All shapes are written in world
-coordinates: no instance carries a placement.
+coordinates: no instance has a placement.
 """
 
 import importlib.util
@@ -19,7 +19,7 @@ sys.path.insert(0, str(HERE.parent))
 import drawing as cad
 from drawing import pose4
 
-ERRORS = {  # which manufacturing errors each kind of body knows
+ERRORS = {  # the manufacturing errors that can be set for each kind of body
     "carriage": {"l0_mm", "pin_offset_mm", "pin_tilt_deg", "bore_offset_mm", "bore_tilt_deg"},
     "strut": {
         "l1_mm",
@@ -52,14 +52,14 @@ BODIES = [
 
 
 def dimensions(path):
-    """Read a dimension file of this robot."""
+    """Read a dimension file of the SILS robot."""
     errors = {body: ERRORS[kind] for body in BODIES if (kind := body.rstrip("0123456789")) in ERRORS}
     return cad.Dimensions(path, errors, {"ball_offset_mm", *(("platform", key) for key in ERRORS["platform"])})
 
 
 # ---- placement, by construction ---------------------------------------------
 def rotation(psi, theta, phi):
-    """Rz(psi) Ry(theta) Rx(phi), angles in degrees."""
+    """Return the rotation Rz(psi) Ry(theta) Rx(phi); angles in degrees."""
     (a, b, c), (u, v, w) = np.cos(np.radians([psi, theta, phi])), np.sin(np.radians([psi, theta, phi]))
     rz = np.array([[a, -u, 0], [u, a, 0], [0, 0, 1]])
     ry = np.array([[b, 0, v], [0, 1, 0], [-v, 0, b]])
@@ -67,7 +67,7 @@ def rotation(psi, theta, phi):
 
 
 def line_sphere(start, direction, centre, radius):
-    """Both points of a line on a sphere, lower one first; None if it misses."""
+    """Return both intersections of a line with a sphere, in the order of `direction`; None if there are none."""
     middle = direction @ (centre - start)
     gap = radius**2 - np.sum((start + middle * direction - centre) ** 2)
     if gap < 0:
@@ -76,12 +76,11 @@ def line_sphere(start, direction, centre, radius):
 
 
 def placements(d, position, angles):
-    """World placement (4x4, mm) of every body at a platform pose; None if out of reach.
+    """Return the pose (4, 4) in mm of each body in the world at a platform pose; None if out of reach.
 
-    Each limb is found with ruler and compasses: the ball centre gives the limb
-    plane; in it the pivot line runs parallel to the rail; a sphere around the
-    ball centre cuts the bar pivot out of it, a sphere around the apex the
-    strut pivot.
+    Each limb is constructed geometrically. The rail and the ball centre define the plane of the limb; the pivots are
+    on a line in this plane, parallel to the rail. The bar pivot is where this line intersects a sphere around the ball
+    centre, and the strut pivot is where it intersects a sphere around the apex.
     """
     turn, e = rotation(*angles), np.array(position, float)
     out = {"frame": np.eye(4), "platform": pose4(e, *turn.T)}
@@ -113,7 +112,7 @@ def placements(d, position, angles):
 
 # ---- drawing ----------------------------------------------------------------
 def drawing():
-    """Load parts.py beside this file; late, because build123d takes seconds."""
+    """Load parts.py next to this file; called only when drawing, because importing build123d takes seconds."""
     if "sils_parts" not in sys.modules:
         spec = importlib.util.spec_from_file_location("sils_parts", HERE / "parts.py")
         sys.modules["sils_parts"] = importlib.util.module_from_spec(spec)
@@ -122,7 +121,7 @@ def drawing():
 
 
 def draw(d):
-    """Parts of all bodies in their body frames: {body: [(part, solid, material)]}."""
+    """Draw all bodies in their body frames; return {body: [(part, solid, material)]}."""
     parts = drawing()
     out = {"frame": parts.frame(d)}
     for n in (1, 2, 3):
@@ -138,11 +137,11 @@ def draw(d):
 
 
 def assembly(path):
-    """Return the drawn robot of a dimension file: ({body: [(name, shape, rgb)]}, mass in kg)."""
+    """Draw the robot with the values of a dimension file; return ({body: [(name, shape, rgb)]}, mass in kg)."""
     d = dimensions(path)
     where = placements(d, d.pose_position, d.pose_angles)
     if where is None:
-        raise ValueError("the drawn posture is out of reach of these lengths")
+        raise ValueError("the posture in the CAD cannot be reached with these lengths")
     return cad.build(BODIES, draw(d), where, drawing().MATERIALS)
 
 

@@ -2,8 +2,8 @@
 
 Body frames (mm):
     frame      the world frame
-    limbN      x = r, y = t, z = a; origin in the axial zero of rail N
-    carriageK  as its limb, origin on the rail axis in the pivot plane
+    limbN      x = r (radial), y = t (tangential), z = a (axis of the rail); origin at the axial zero of rail N
+    carriageK  axes of its limb; origin on the axis of the rail, at the height of the pivot
     strutN     x from the carriage pivot to the apex, z = t
     barN       x from the carriage pivot to the ball, z = t
     platform   origin E, instruments along -z
@@ -33,35 +33,35 @@ MATERIALS = {  # sRGB, density in kg/m3
 
 # ---- shapes -----------------------------------------------------------------
 def cyl(at, axis, r, h):
-    """Cylinder of radius r from `at`, length h along `axis`."""
+    """Return a cylinder of radius r that starts at `at` and has length h along `axis`."""
     return Solid.make_cylinder(r, h, Plane(origin=at, z_dir=axis))
 
 
 def ring(at, axis, inner, outer, h):
-    """Tube of length h."""
+    """Return a tube with inner and outer radius that starts at `at` and has length h along `axis`."""
     return cyl(at, axis, outer, h) - cyl(at, axis, inner, h)
 
 
 def box(x0, x1, y0, y1, z0, z1):
-    """Box between two corners."""
+    """Return a box between two corners."""
     return Solid.make_box(x1 - x0, y1 - y0, z1 - z0, Plane(origin=(x0, y0, z0)))
 
 
 def prism(points, height, plane=Plane.XY):
-    """Polygon, extruded along the normal of its plane."""
+    """Return a polygon extruded along the normal of its plane."""
     points = [Vector(*p, 0) for p in points]
     edges = [Edge.make_line(p, q) for p, q in zip(points, [*points[1:], points[0]], strict=True)]
     return Solid.extrude(Face(Wire(edges)), Vector(0, 0, height)).moved(Location(plane))
 
 
 def hexagon(at, axis, r, h):
-    """Hexagonal prism, r = half of the width across corners."""
+    """Return a hexagonal prism; r is half of the width across corners."""
     corners = [(r * cos(radians(60 * k)), r * sin(radians(60 * k))) for k in range(6)]
     return prism(corners, h, Plane(origin=at, z_dir=axis))
 
 
 def belt(circles, height, plane=Plane.XY, chamfer=0.0):
-    """Convex outline around circles (x, y, r), counter-clockwise, extruded."""
+    """Return the extruded convex hull of circles (x, y, r), given in counter-clockwise order."""
     normals = []
     for (xa, ya, ra), (xb, yb, rb) in zip(circles, [*circles[1:], circles[0]], strict=True):
         dx, dy = xb - xa, yb - ya
@@ -91,14 +91,14 @@ def rounded(solid, radius, axis):
 
 
 def screw(d, at, axis):
-    """Cap screw head with a round socket."""
+    """Return the head of a cap screw, with a round socket."""
     head = cyl(at, axis, d.bolt_radius, d.bolt_height)
     top = np.array(at, float) + np.array(axis) * (d.bolt_height - d.bolt_socket)
     return head - cyl(tuple(top), axis, d.bolt_socket, d.bolt_socket)
 
 
 def joint(at, axis, long, offset=(0, 0), tilt=0.0):
-    """Location of a joint axis: z = axis, x = long, with the errors of one part."""
+    """Return the location of a joint axis (z = axis, x = long), shifted and tilted by the errors of one part."""
     about = list(tilt) if isinstance(tilt, (list, tuple)) else [tilt, 0.0]
     nominal = Location(Plane(origin=at, x_dir=long, z_dir=axis))
     return nominal * Location((offset[0], offset[1], 0), (about[0], about[1], 0))
@@ -106,7 +106,7 @@ def joint(at, axis, long, offset=(0, 0), tilt=0.0):
 
 # ---- frame ------------------------------------------------------------------
 def profile(d, side, length, hollow):
-    """Extruded profile along z, centred, with a slot in each side."""
+    """Return an extruded profile along z, centred in x and y, with a slot in each side."""
     h, w = side / 2, d.profile_slot / 2
     solid = rounded(box(-h, h, -h, h, 0, length), d.profile_corner, Axis.Z)
     for k in range(4):
@@ -116,7 +116,7 @@ def profile(d, side, length, hollow):
 
 
 def gusset(d, plane, leg):
-    """Triangular plate with blunt corners; legs along x and y of the plane."""
+    """Return a triangular plate with blunt corners and its legs along x and y of the plane."""
     t, n = d.gusset_thickness, d.gusset_nose
     solid = prism([(0, 0), (leg, 0), (leg, n), (n, leg), (0, leg)], t)
     at = 0.3 * leg
@@ -124,7 +124,7 @@ def gusset(d, plane, leg):
 
 
 def pillow(d, start, length, thrust, radius):
-    """Pillow block and bush around z; the columns lie on the -x side."""
+    """Return (pillow block, bush) around z, for a column on the side of -x."""
     lower = start if thrust is None else thrust - d.bearing_flange_height - length
     back, web = d.portal_front, d.block_web
     body = cyl((0, 0, lower), Z, radius, length)
@@ -147,7 +147,7 @@ def pillow(d, start, length, thrust, radius):
 
 
 def frame(d):
-    """Portal with feet, pillow blocks, datum plate and drive cabinets."""
+    """Draw the frame: portal with feet, pillow blocks, datum plate and drive cabinets."""
     out = []
     half, front = d.profile / 2, d.portal_front
     mid = front - half
@@ -254,7 +254,7 @@ def frame(d):
 
 # ---- limbs ------------------------------------------------------------------
 def limb(d, n):
-    """Rail with flat, thrust collar, lock nut and end stop."""
+    """Draw the limb: a rail with flat, thrust collar, lock nut and end stop."""
     flat = n == 2
     thrust, shoulder = (d.h_thrust, d.h_shoulder) if flat else (d.v_thrust, d.v_shoulder)
     bottom, top = (d.h_bottom, d.h_top) if flat else (d.v_bottom, d.v_top)
@@ -290,7 +290,7 @@ def limb(d, n):
 
 # ---- carriages --------------------------------------------------------------
 def pin(d, sign, back, front, where):
-    """Pin with head at `back`, ring beyond `front` (both along sign * z)."""
+    """Return (pin, retaining ring): head at `back`, ring beyond `front`, both measured along sign * z."""
     lo = back - d.pin_head_height
     hi = front + d.clip_gap
     axis = (0, 0, sign)
@@ -301,7 +301,7 @@ def pin(d, sign, back, front, where):
 
 
 def carriage(d, n, err):
-    """Hub (tubular motor), arm, pivot pin with thrust washer and ring."""
+    """Draw a carriage: hub (tubular motor), arm, and pivot pin with thrust washer and retaining ring."""
     even = n % 2 == 0
     hh, cap = d.hub_half, d.hub_cap
     eye, reach = d.eye_half, d.eye_half + d.washer
@@ -350,13 +350,13 @@ def carriage(d, n, err):
 
 
 def _swap(tilt):
-    """Tilt [about r, about a] in the joint frame x = r, y = -a."""
+    """Return a tilt [about r, about a] as angles about x = r and y = -a of the joint frame."""
     return [tilt[0], -tilt[1]] if isinstance(tilt, (list, tuple)) else tilt
 
 
 # ---- struts and bars --------------------------------------------------------
 def strut(d, err):
-    """Link on the -t side of the bar, with pressed-in apex pin."""
+    """Draw the strut, a link beside the bar (on the side of negative t), with a pressed-in apex pin."""
     top = -d.eye_half - d.washer
     low, length = top - d.plate, err("l1_mm", d.l1)
     e, s = d.strut_eye, d.strut_slot
@@ -381,7 +381,7 @@ def strut(d, err):
 
 
 def bar(d, err):
-    """Rod with pivot eye and apex eye, ferrule and ball stud."""
+    """Draw the bar: a rod with pivot eye, apex eye, ferrule and ball stud."""
     apex_at = err("l1_mm", d.l1)
     ball_at = apex_at + err("l2_mm", d.l2)
     off = err("ball_offset_mm", (0, 0, 0))
@@ -413,7 +413,7 @@ def bar(d, err):
 
 # ---- platform ---------------------------------------------------------------
 def platform(d, err):
-    """Plate, three ball cups, laparoscope with camera head, two instrument modules."""
+    """Draw the platform: a plate, three ball cups, a laparoscope with camera head, and two instrument modules."""
     third = d.lp / sqrt(3)
     nominal = [(third / 2, -d.lp / 2), (-third, 0.0), (third / 2, d.lp / 2)]
     top, low = d.plate_top, d.plate_top - d.plate_thickness

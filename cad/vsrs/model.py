@@ -1,4 +1,4 @@
-"""Draw what stands around the three robots of the virtual surgery paper and write it as a STEP assembly.
+"""Draw the props around the three robots of the virtual surgery paper and write them as a STEP assembly.
 
     python cad/vsrs/model.py [--dimensions FILE] [--out vsrs.step]
 
@@ -19,7 +19,7 @@ BODIES = ["table", "patient", "stand_left", "stand_right", "stand_camera"]
 
 
 def drawing():
-    """Load parts.py beside this file; late, because build123d takes seconds."""
+    """Load parts.py next to this file; called only when drawing, because importing build123d takes seconds."""
     if "vsrs_parts" not in sys.modules:
         spec = importlib.util.spec_from_file_location("vsrs_parts", HERE / "parts.py")
         sys.modules["vsrs_parts"] = importlib.util.module_from_spec(spec)
@@ -28,7 +28,7 @@ def drawing():
 
 
 def assembly(path):
-    """Return the drawn theatre of a dimension file: ({body: [(name, shape, rgb)]}, mass in kg)."""
+    """Draw the theatre with the values of a dimension file; return ({body: [(name, shape, rgb)]}, mass in kg)."""
     d, parts = cad.Dimensions(path, {}), drawing()
     solids = {
         "table": parts.table(d),

@@ -1,6 +1,6 @@
 """Parts of the operating theatre, all in the world frame: floor at z = 0, y towards the head of the patient.
 
-Every function returns a list of ``(part name, solid, material)``.
+Every function that draws a body returns a list of ``(part name, solid, material)``.
 """
 
 from math import sqrt
@@ -18,24 +18,24 @@ MATERIALS = {  # sRGB, density in kg/m3
 
 
 def box(x0, x1, y0, y1, z0, z1, radius=0.0, axis=Axis.Z):
-    """Box between two corners, edges along an axis rounded."""
+    """Return a box between two corners; its edges parallel to `axis` are rounded by a radius."""
     solid = Solid.make_box(x1 - x0, y1 - y0, z1 - z0, Plane(origin=(x0, y0, z0)))
     return solid.fillet(radius, solid.edges().filter_by(axis)) if radius else solid
 
 
 def cyl(at, r, h):
-    """Upright cylinder from `at`."""
+    """Return a vertical cylinder of radius r and height h that starts at `at`."""
     return Solid.make_cylinder(r, h, Plane(origin=at, z_dir=Z))
 
 
 def on_belly(d, port):
-    """Height of the abdomen's outer face over the world's floor at a port."""
+    """Return the height of the outer face of the abdomen above the floor at a port, in mm."""
     x, y, _ = port
     return d.mattress_high + d.belly_z * sqrt(1 - (x / d.belly_x) ** 2 - (y / d.belly_y) ** 2)
 
 
 def dome(d, less=0.0):
-    """Upper half of the abdomen's ellipsoid, `less` inside its outer face."""
+    """Return the upper half of the ellipsoid of the abdomen, with semi-axes shorter by `less` in mm."""
     ball = Solid.make_sphere(1.0, Plane.XY)
     ax, ay, az = d.belly_x - less, d.belly_y - less, d.belly_z - less
     whole = ball.transform_geometry(_scaled(ax, ay, az)).moved(Location((0, 0, d.mattress_high)))
@@ -49,7 +49,7 @@ def _scaled(x, y, z):
 
 
 def table(d):
-    """Table: foot, column, top, mattress, side rails."""
+    """Draw the table: foot, column, top, mattress and side rails."""
     w, a, b = d.table_half, d.table_foot, d.table_head
     foot = box(-d.foot_half_x, d.foot_half_x, -d.foot_half_y, d.foot_half_y, 0, d.foot_high, 60)
     foot = foot.chamfer(20, None, foot.edges().group_by(Axis.Z)[-1])
@@ -69,7 +69,7 @@ def table(d):
 
 
 def patient(d):
-    """Abdomen as a shell with three ports, chest and legs under drapes."""
+    """Draw the patient: the abdomen as a shell with three ports, the chest and the legs under drapes."""
     wall = dome(d) - dome(d, d.belly_wall)
     for port in (d.port_left, d.port_right, d.port_camera):
         wall -= cyl((port[0], port[1], d.mattress_high + 20), d.port_radius, 400)
@@ -95,7 +95,7 @@ def patient(d):
 
 
 def pedestal(d, at):
-    """Foot, column and top plate of a robot's stand; the robot stands on top."""
+    """Draw the stand of a robot: foot, column and top plate, whose upper face is at `at`."""
     x, y, top = at
     foot = cyl((x, y, 0), d.pedestal_foot, d.pedestal_foot_high)
     foot = foot.chamfer(15, None, foot.edges().group_by(Axis.Z)[-1])

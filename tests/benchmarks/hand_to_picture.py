@@ -35,7 +35,8 @@ WATCH = """
   const { app } = twin, gl = app.world.renderer.getContext(), pixel = new Uint8Array(4);
   const seen = () => app.model.robots.map((r) => [...r.frame.q].join()).join();
   const bench = (window.bench = { rest: '', newest: '', same: 0, now: null, done: [] });
-  addEventListener('pointermove', (e) => { if (bench.now && !bench.now.event) bench.now.event = e.timeStamp }, true);
+  for (const type of ['pointermove', 'pointerrawupdate'])
+    addEventListener(type, (e) => { if (bench.now && !bench.now.event) bench.now.event = e.timeStamp }, true);
   const tell = app.line.tell.bind(app.line);
   app.line.tell = (type, fields) => {
     const at = performance.now();
@@ -120,7 +121,7 @@ def measure(browser, tree: Path, moves: int, draws: bool) -> np.ndarray:
 
 
 PARTS = (("event to message", 0, 1), ("message to frame", 1, 2), ("frame to drawing", 2, 3), ("drawing", 3, 4))
-WHOLE = (("message to picture", 1, 4), ("mouse to picture", 0, 4))
+WHOLE = (("mouse to frame", 0, 2), ("message to picture", 1, 4), ("mouse to picture", 0, 4))
 
 
 def report(name: str, rows: np.ndarray) -> float:

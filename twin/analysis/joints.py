@@ -107,7 +107,10 @@ def _root(n: int) -> float:
 
 
 def _sampler(robot: Robot, ranges: Array) -> Callable[[int, int], tuple[Array, Array]]:
-    """Return a function (first, last sample index) -> (values (k, 4) as `measure.NAMES`, positions (k, 3) in m)."""
+    """Return a function that computes the samples from index `first` to before `last`.
+
+    It returns their values (k, 4), with the columns `measure.NAMES`, and their positions (k, 3) in m.
+    """
     n = len(ranges)
     steps = _root(n) ** -np.arange(1, n + 1)
 

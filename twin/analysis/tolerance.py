@@ -373,8 +373,8 @@ class ToleranceBudget(Result):
                     f"{b.sampled_within[0] / UM:.4g} µm; standard deviations differ by {100 * b.difference:.2g} %"
                 )
         if self.required is not None and self.factor is not None:
-            small = f"is NOT met: reduce all errors by a factor of {1 / self.factor:.3g}"
-            yield f"  required: {self.required / UM:g} µm {'is met' if self.factor >= 1 else small}"
+            small = f", NOT met: reduce all errors by a factor of {1 / self.factor:.3g}"
+            yield f"  required: {self.required / UM:g} µm{', met' if self.factor >= 1 else small}"
             if self.requirement:
                 yield f"    {self.requirement}"
         yield ""

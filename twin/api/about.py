@@ -57,7 +57,7 @@ class Info(Result):
             + (f"loops closed by {', '.join(loops)}" if loops else "no loops")
         )
         for name, r in data["redundant"].items():
-            yield f"    redundant constraints of loop {name}: {r['count']} of {', '.join(r['among'])}"
+            yield f"    redundant constraints of loop {name}: {r['count']} among {', '.join(r['among'])}"
         yield f"  frames: {', '.join(data['frames'])}   points: {', '.join(data['points']) or 'none'}\n"
         yield Table(("joint", "type", "between", "limits", ""), [_joint_row(j) for j in data["joints"]])
         yield ""

@@ -123,7 +123,9 @@ def audit(path: str | Path, robot: Robot | str | Path | None = None, progress: P
     if robot is None:
         return audit_(path, progress=progress)
     if (path / SCENE).is_file():
-        raise TwinError(f"{path} is an exported scene: audit it without a robot, or the folder of one of its robots")
+        raise TwinError(
+            f"{path} is an exported scene: omit the robot, or give the folder of one of the scene's robots instead"
+        )
     robot = robot if isinstance(robot, Robot) else load(robot)
     return audit_(path, truth=_truth(robot, path, progress), mechanism=robot.weighed().mechanism, progress=progress)
 

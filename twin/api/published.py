@@ -61,8 +61,8 @@ class Study(Result):
         yield from by_severity(self.findings)
         n = sum(f.severity == "disagreement" for f in self.findings)
         words = {
-            "agree": f"AGREE: {self.what} follow from the printed rows",
-            "disagree": f"DISAGREE: {n} of {self.what} {'do' if n > 1 else 'does'} not follow from the printed rows",
+            "agree": f"AGREE: {self.what} are consistent",
+            "disagree": f"DISAGREE: {n} {'inconsistencies' if n > 1 else 'inconsistency'} in {self.what}",
             "unchecked": f"UNCHECKED: not all of {self.what} could be judged",
         }
         yield f"\n  {words[self.verdict]} (exit code {self.exit_code})"
@@ -93,7 +93,10 @@ def study(source: Robot | str | Path) -> Result:
     if paths:
         return _users(paths)
     if robot.files is None or not (robot.files.cad / "exhibit.toml").is_file():
-        raise TwinError(f"{robot.name} has no study and no exhibit; give the path of a study file")
+        raise TwinError(
+            f"{robot.name} has neither a study file nor published inertia tables (cad/exhibit.toml); give the path "
+            "of a study file"
+        )
     return _inertias(robot.files.cad / "exhibit.toml")
 
 
@@ -115,7 +118,7 @@ def _users(paths: Sequence[Path]) -> Study:
         data.append({"title": printed.title, "source": printed.source, "rows": [r.as_dict() for r in rows]})
         titles.append((printed.title, printed.source))
         lines = [
-            (r.name, f"{r.printed_p:.2f}", f"{p:.3f}", name, "agrees with the print" if name == r.test() else "")
+            (r.name, f"{r.printed_p:.2f}", f"{p:.3f}", name, "agrees with the printed p" if name == r.test() else "")
             for r in rows
             for name, p in r.tests.items()
         ]
@@ -209,7 +212,16 @@ class Masses(Result):
             least = sum(b.least for b in source.bodies)
             stated = sum(b.mass or 0.0 for b in source.bodies)
             rows.append(("sum", f"{stated:.4g}" if stated else "-", f"{least:.4g}", "", "", "", "", ""))
-            head = ("body", "mass kg", "minimum kg", "slack kg m2", "definite", "kg/m3", "mass centre", "")
+            head = (
+                "body",
+                "mass kg",
+                "minimum kg",
+                "triangle slack kg m2",
+                "eigenvalue ratio",
+                "kg/m3",
+                "mass centre",
+                "",
+            )
             yield Table(head, rows)
             yield ""
             yield from by_severity(source.all_findings)

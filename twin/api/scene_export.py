@@ -202,7 +202,7 @@ def _keys(bundle: Bundle) -> tuple[Array, Mapping[str, Array]]:
 
 def _row(worst: float, where: str, when: str) -> dict[str, Any]:
     return {
-        "check": "every link in world, first, middle and last key",
+        "check": "every link in the world frame, at the first, middle and last key",
         "tool": "pxr",
         "worst": worst if np.isfinite(worst) else None,
         "unit": "m",

@@ -168,7 +168,8 @@ class ConsoleSession(Result):
         if self.lost:
             out.append(warning("session.interrupted", self.source, self.lost))
         if self.console.time == 0:
-            out.append(warning("session.idle", "", "no arm followed a hand: the start condition was never met"))
+            text = "no arm followed a hand: the condition to start following (docs/console.md) was never met"
+            out.append(warning("session.idle", "", text))
         if self.task is not None:
             out += [
                 disagreement(

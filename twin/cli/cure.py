@@ -64,7 +64,7 @@ class Cures:
         def bounded(label: str, fraction: float) -> None:
             if time.thread_time() > until or time.monotonic() > at_last:
                 raise _LateError
-            progress(f"cure: {label}", fraction)
+            progress(f"search for a correction: {label}", fraction)
 
         kin = robot.kinematics(dict(report.variants))
         try:

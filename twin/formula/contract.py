@@ -134,10 +134,10 @@ class Formula:
         reach: symbol of each reach margin in m, by name of the margin (>= 0: within reach).
         measures: numbers that are 0 at singularities.
         aspects: signs that distinguish assemblies.
-        branches: function that enumerates all assemblies, (q, parameters, variants) -> list of poses (4, 4), or None.
+        branches: function of (q, parameters, variants) that returns the poses (4, 4) of all assemblies; or None.
         seeds: starting values for solvers in SI: coordinates, or joints for a formula without inverse equations.
-        numbers: function (pose, parameters) -> text that names the line of the file without a value at this pose, or
-            "".
+        numbers: function of a pose and the parameters. If a line of the file gives NaN or infinity at this pose, it
+            returns a text that names the line, otherwise "".
     """
 
     name: str

@@ -84,7 +84,8 @@ def plain_formula(
     inverse, forward = rows("inverse", points.outputs if points else ()), rows("forward")
     first = points is not None and inverse is not None and bool(set(points.outputs) & set(inverse.argument_names))
     if first and points is not None and set(names) & set(inspect.signature(points).parameters):
-        raise points.error("inverse() uses the named points, but points() uses the joints", points.line)
+        text = "inverse() cannot use the named points, because points() computes them from the joints"
+        raise points.error(text, points.line)
     equations = []
     order: tuple[tuple[_Rows | None, Stage, tuple[str, ...], str], ...] = (
         (points, "inverse" if first else "helper", points.outputs if points else (), "named points"),
@@ -239,7 +240,7 @@ def _line_of(module: ModuleType, path: Path, name: str, key: str | None = None) 
 
 
 def _length_scale(parameters: Sequence[Parameter]) -> Any:
-    """Return the characteristic length as a function of the parameters: their median length."""
+    """Return the characteristic length as a function of the parameters: the median of those that are lengths."""
     lengths = sorted(abs(p.value) for p in parameters if p.unit in ("mm", "m") and p.value)
     scale = lengths[len(lengths) // 2] if lengths else _LENGTH
     return lambda: scale
@@ -281,7 +282,10 @@ def _point_names(
 
 
 def _on_numbers(rows: Sequence[_Rows], coordinates: Coordinates) -> Any:
-    """Return a function (pose (4, 4), parameters) -> text on the first line without a value, or ""; None if no rows."""
+    """Return a function that names the first line of the file that gives NaN or infinity; None if there are no rows.
+
+    The function takes a pose (4, 4) and the parameters, and returns a text; "" if there is no such line.
+    """
 
     def first(T: Array, parameters: Mapping[str, float]) -> str:
         symbols: dict[str, Any] = {**parameters, POSE_SYMBOL: T}

@@ -25,7 +25,8 @@ class Program:
         order: symbols of all joints, in the order of q.
         extra_values: values (m, rad) of the joints that are not in the equations, by name; see `Compiled.auxiliary`.
         length: characteristic length in m.
-        scalars: names of the rows of `group` for "passive", "reach", "measure" and "aspect".
+        group: evaluators by kind of scalar: "passive", "reach", "measure", "aspect".
+        scalars: names of the scalars of each kind, in the order of the evaluator's output.
     """
 
     def __init__(
@@ -71,14 +72,14 @@ class Program:
 
     @cached_property
     def inverse(self) -> Evaluator:
-        """Pose -> q (n), and the norm of the difference between the pose and the pose rebuilt from its coordinates."""
+        """Function of the pose (16,): q (n), and the distance (a norm) of the pose from that of its coordinates."""
         T = symbolic.unflat(self._z, 4, 4)
         misfit = _length(ca.vec(flow.to_pose(self.formula, self._symbols) - T))
         return Evaluator("inverse", self._z, ca.vertcat(self._q, misfit))
 
     @cached_property
     def judged_inverse(self) -> Evaluator:
-        """Pose -> q (n); all NaN if the pose is not rigid within `POSE_TOL`, or out of reach."""
+        """Function of the pose (16,): q (n); all NaN if the pose is not rigid within `POSE_TOL`, or out of reach."""
         pose = self.inverse.function(self._z)
         q, misfit = pose[:-1], pose[-1]
         good = ca.logic_and(misfit <= POSE_TOL, ca.sumsqr(q) < np.inf)
@@ -86,7 +87,7 @@ class Program:
 
     @cached_property
     def inverse_jacobian(self) -> Evaluator:
-        """Pose -> dq/dtwist (n, 6)."""
+        """Function of the pose (16,): the derivative (n, 6) of q with respect to a twist of the tool."""
         xi = ca.SX.sym("xi", 6)
         J = ca.jacobian(self.joints_at(symbolic.retract(symbolic.unflat(self._z, 4, 4), xi)), xi)
         J = ca.cse(ca.substitute(J, xi, ca.SX.zeros(6)))  # at least a third faster, because derivatives repeat terms
@@ -94,13 +95,13 @@ class Program:
 
     @cached_property
     def forward(self) -> Evaluator:
-        """Joints -> pose (4, 4)."""
+        """Function of q (n): the pose (4, 4)."""
         q, T = self._forward()
         return Evaluator("forward", q, T, (4, 4))
 
     @cached_property
     def forward_jacobian(self) -> Evaluator:
-        """Joints -> dtwist/dq (6, n)."""
+        """Function of q (n): the derivative (6, n) of the tool's twist with respect to q, linear rows first."""
         q, T = self._forward()
         R = T[0:3, 0:3]
         columns = []
@@ -112,21 +113,21 @@ class Program:
 
     @cached_property
     def pose_of_coordinates(self) -> Evaluator:
-        """Coordinates of the published equations -> pose (4, 4)."""
+        """Function of the coordinates of the published equations: the pose (4, 4)."""
         x = ca.SX.sym("x", len(self.formula.coordinates.names))
         T = flow.to_pose(self.formula, dict(zip(self.formula.coordinates.names, ca.vertsplit(x), strict=True)))
         return Evaluator("pose_of_coordinates", x, T, (4, 4))
 
     @cached_property
     def coordinates_of_pose(self) -> Evaluator:
-        """Pose (16 numbers) -> coordinates of the published equations."""
+        """Function of the pose (16,): the coordinates of the published equations."""
         z = ca.SX.sym("z", 16)
         values = self.formula.coordinates.from_pose(symbolic.unflat(z, 4, 4))
         return Evaluator("coordinates_of_pose", z, ca.vertcat(*values))
 
     @cached_property
     def newton(self) -> Evaluator:
-        """(q, start pose) -> pose (16,), joint error, travel, aspects: Newton's method from the start pose.
+        """Newton's method, as a function of q and a start pose: pose (16,), joint error, travel and aspects.
 
         The joint error is a norm in m or rad. The travel is the norm of the translation (divided by the characteristic
         length) and the rotation in rad. One call returns all results, because separate Python calls would take ten
@@ -151,7 +152,7 @@ class Program:
         return Evaluator("newton", z, out, (out.shape[0],))
 
     def from_points(self, names: tuple[str, ...]) -> Evaluator:
-        """Named points (3 numbers each, in the order of `names`) -> q (n)."""
+        """Return the function of the named points (3 numbers each, in the order of `names`) that returns q (n)."""
         if names not in self._partial:
             z = ca.SX.sym("z", 3 * len(names))
             symbols: dict[str, Any] = dict(self.parameters)
@@ -163,7 +164,7 @@ class Program:
         return self._partial[names]
 
     def margins_at(self, passive: tuple[str, ...], points: tuple[str, ...]) -> Evaluator:
-        """State of a mechanism -> reach margins, measures, aspects, each computed from the mechanism's values.
+        """Return the function of a mechanism's state that returns its reach margins, measures and aspects.
 
         Inputs: parameters in the order of `parameters`, pose (16,), joints (n,), then passive joints and named points
         (3 numbers each), in the given order. The equations compute all symbols that are not inputs.

@@ -106,7 +106,7 @@ class PlainRows(ABC):
         names = self.outputs
         if isinstance(value, Mapping):
             wrong = [f"'{n}' is missing" for n in names if n not in value]
-            wrong += [f"'{n}' is too many" for n in value if n not in names]
+            wrong += [f"'{n}' is unknown" for n in value if n not in names]
             if wrong:
                 what = "points" if self.name == "points" else "active joints"
                 text = ", ".join(names)

@@ -152,6 +152,6 @@ class Kinematics(Compiled):
         short = [f"{name} by {-m[0] / MM:.3f} mm" for name, m in margins.items() if m[0] < 0]
         where = np.array2string(T[:3, 3] / MM, precision=1, suppress_small=True)
         if short:
-            return f"{self.formula.name}: tool at {where} mm is out of reach: {', '.join(short)} too far."
+            return f"{self.formula.name}: tool at {where} mm is out of reach: beyond the limit of {', '.join(short)}."
         why = self.why(T)
         return f"{self.formula.name}: the equations have no real solution with the tool at {where} mm. {why}".rstrip()

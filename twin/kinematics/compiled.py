@@ -118,11 +118,11 @@ class Compiled(ABC):
         return self._named("passive", Ts, qs)
 
     def inverse_jacobian(self, T: ArrayLike | None = None, q: ArrayLike | None = None) -> Array:
-        """Return dq/dtwist (n, 6) at a pose, or at q for a formula without inverse equations."""
+        """Return the derivative (n, 6) of q with respect to a twist, at a pose, or at q without inverse equations."""
         return self.inverse_jacobian_many(_one(T), _one(q))[0]
 
     def inverse_jacobian_many(self, Ts: ArrayLike | None = None, qs: ArrayLike | None = None) -> Array:
-        """Return dq/dtwist (k, n, 6); NaN where it does not exist.
+        """Return the derivatives (k, n, 6) of q with respect to a twist; NaN where they do not exist.
 
         Without inverse equations: the pseudo-inverse of `jacobian`.
         """
@@ -131,7 +131,7 @@ class Compiled(ABC):
         return singularity.invert_many(self.program.forward_jacobian.many(self._states(Ts, qs)))
 
     def jacobian(self, T: ArrayLike | None = None, q: ArrayLike | None = None) -> Array:
-        """Return dtwist/dq (6, n) at a pose, or at q.
+        """Return the derivative (6, n) of the tool's twist with respect to q, at a pose or at q.
 
         Raises:
             KinematicsError: the Jacobian does not exist (singular, or out of reach).
@@ -144,7 +144,7 @@ class Compiled(ABC):
         return J
 
     def jacobian_many(self, Ts: ArrayLike | None = None, qs: ArrayLike | None = None) -> Array:
-        """Return dtwist/dq (k, 6, n); NaN where the Jacobian does not exist."""
+        """Return the Jacobians (k, 6, n), as `jacobian`; NaN where they do not exist."""
         if self.closed_forward:
             return self.program.forward_jacobian.many(
                 self._joints(qs) if qs is not None else self.inverse_many(_need(Ts, "poses"))

@@ -107,7 +107,7 @@ class Margins:
         return np.stack([found[n] for n in self._kin.formula.reach], axis=1)
 
     def fails(self, s: States) -> Array:
-        """Return the largest entry (k,) of dq/dtwist; infinite without a solution, 0 without inverse equations."""
+        """Return the largest entry (k,) of the inverse Jacobian: infinite out of reach, 0 without inverse equations."""
         kin = self._kin
         if not kin.closed_inverse:
             return np.zeros(len(s.q))

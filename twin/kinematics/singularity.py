@@ -11,12 +11,12 @@ _WELL = 1e-8
 
 
 def condition(J: Array, length: float) -> float:
-    """Return the condition number of dtwist/dq (6, n), rotation rows multiplied by `length` in m."""
+    """Return the condition number of a Jacobian (6, n), with rotation rows multiplied by `length` in m."""
     return float(np.linalg.cond(np.vstack([J[:3], J[3:] * length])))
 
 
 def condition_inverse(J: Array, length: float) -> float:
-    """Return the condition number of dq/dtwist (n, 6), rotation columns divided by `length` in m."""
+    """Return the condition number of an inverse Jacobian (n, 6), with rotation columns divided by `length` in m."""
     return float(np.linalg.cond(np.hstack([J[:, :3], J[:, 3:] / length])))
 
 

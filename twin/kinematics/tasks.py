@@ -91,7 +91,7 @@ def Trocar(  # noqa: N802
     if not np.linalg.norm(a) > 0:
         raise KinematicsError("task Trocar: the axis has length 0.")
     if depth is not None and not depth > 0:
-        raise KinematicsError(f"task Trocar: depth {depth} m is not beyond the trocar.")
+        raise KinematicsError(f"task Trocar: depth {depth} m must be above 0.")
     numbers = [_vector("Trocar", p_base), a / np.linalg.norm(a), _vector("Trocar", p_tool_tip)]
     if depth is None:
         return _task("trocar", np.concatenate(numbers), (0, 1, 2))

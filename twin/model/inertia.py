@@ -48,7 +48,7 @@ class Inertia:
         return moments, axes
 
     def pseudo(self) -> Array:
-        """Return the pseudo-inertia (4, 4) about the origin of the frame: [[Sigma, h], [h', m]].
+        """Return the pseudo-inertia (4, 4) about the origin of the frame: [[Sigma, h], [h^T, m]].
 
         Sigma (kg m2) contains the second moments of mass, tr(I) / 2 - I about the origin; h (kg m) is the first moment.
         The matrix is positive definite exactly for physically possible mass distributions.

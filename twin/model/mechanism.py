@@ -306,7 +306,7 @@ class Mechanism:
 
     @cached_property
     def motor_names(self) -> tuple[str, ...]:
-        """Motor names (n,) in the order of q: actuator k for joint k of a transmission, else the name of the joint."""
+        """Motor names (n,) in the order of q: the actuator of a transmission or, without one, the name of the joint."""
         names = {j: a for t in self.transmissions for j, a in zip(t.joints, t.actuators, strict=True)}
         return tuple(names.get(j.name, j.name) for j in self.active)
 

@@ -14,7 +14,7 @@ from twin.model.mechanism import Finish, Mesh
 ShapeName = Literal["ring", "box", "ball"]
 
 _AROUND, _ACROSS = 48, 16
-"""Number of corners of a drawn ring around its axis and around its wire; a ball has as many around and from pole to
+"""Numbers of facets of a drawn ring around its axis and around its wire; of a ball around its axis and from pole to
 pole."""
 
 
@@ -54,7 +54,7 @@ class Movable:
 
 
 def _turned(radius: float, wire: float) -> tuple[Array, np.ndarray]:
-    """Return vertices and triangles of a circle turned about z; with radius 0 a half circle is turned, to a ball."""
+    """Return vertices and triangles of a torus about z; with radius 0, those of a ball with the radius `wire`."""
     ball = radius == 0.0
     rows = _ACROSS + 1 if ball else _ACROSS
     v = np.linspace(-np.pi / 2, np.pi / 2, rows) if ball else np.arange(rows) * (2 * np.pi / rows)

@@ -97,15 +97,17 @@ class ConsoleTable(Table):
 class ObjectTable(Table):
     """A movable object. Instruments grasp and push it in tasks that name it.
 
-    `size_mm` is, of a ring, the radius of its wire's centre line and the radius of the wire; of a box, its three edges;
-    of a ball, its radius. At the start its middle is at `position_mm` in the world frame; the axis of a ring is along
+    `size_mm` of a ring: the radius of its wire's centre line, and the radius of the wire; of a box: its three edges; of
+    a ball: its radius. At the start, its centre is at `position_mm` in the world frame, and the axis of a ring is along
     `axis`.
     """
 
     shape: ShapeName
     size_mm: list[float] = Field(min_length=1, max_length=3)
     mass_g: float = Field(ge=0.001, le=10_000)
-    friction: float = Field(ge=0, le=2, description="coefficient of sliding friction; of a pair, the larger one counts")
+    friction: float = Field(
+        ge=0, le=2, description="coefficient of sliding friction; in a contact, the larger one applies"
+    )
     position_mm: Vector
     axis: Vector = (0.0, 0.0, 1.0)
     color: str = Field("#999999", pattern="^#[0-9a-f]{6}$", description="sRGB")
@@ -127,10 +129,10 @@ class ObjectTable(Table):
 
 
 class ContactTable(Table):
-    """What movable objects touch: bodies of the props, and the instruments of the console.
+    """Contact of movable objects with bodies of the props and with the instruments of the console.
 
-    `solid` names bodies of the props. `jaw_effort_n_mm` is the largest torque with which one jaw presses. The friction
-    is that of the bodies and of the instruments.
+    `solid` names the bodies of the props. `jaw_effort_n_mm` is the largest torque of one jaw. `friction` is the
+    coefficient of these bodies and of the instruments.
     """
 
     solid: list[Identifier] = Field(min_length=1)
@@ -294,7 +296,7 @@ class Scene:
         cameras: cameras by name.
         console: the surgeon's console, or None.
         objects: the movable objects.
-        contact: what they touch, or None.
+        contact: contact of the objects, or None.
         haptics: numbers of the forces on the hands; None: the defaults.
         tasks: tasks at the console, by name.
         parameters: every number with its provenance.

@@ -40,12 +40,12 @@ def around(
         progress: called with the fraction done of the current search.
 
     Raises:
-        ProtocolError: start or goal is not free, or no path was found; the message lists the searches.
+        ProtocolError: start or goal collides or exceeds a limit, or no path was found; the message lists the searches.
     """
     start, goal = np.asarray(start, float), np.asarray(goal, float)
     for name, q in (("start", start), ("goal", goal)):
         if reason := space.why(q):
-            raise ProtocolError(f"its {name} is not free: {reason}")
+            raise ProtocolError(f"at its {name}, {reason}")
     straight = line(start, goal)
     if space.free_along(straight):
         return straight

@@ -74,7 +74,7 @@ def _radius(count: int, n: int, volume: float) -> float:
 
 
 def _grown(space: Space, q: Array, x: Array, near: list[list[int]], progress: Callable[[float], None]) -> Array | None:
-    """Grow the tree from sample 0 until it reaches sample 1; return the corners of the path, None if it cannot."""
+    """Grow the tree from sample 0; return the corners of the path to sample 1, None if the tree does not reach it."""
     waiting, front = np.ones(len(q), bool), np.zeros(len(q), bool)
     waiting[0], front[0] = False, True
     cost, parent = np.full(len(q), np.inf), np.full(len(q), -1)

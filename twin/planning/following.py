@@ -261,7 +261,7 @@ class Follower:
         count = int(directions.sum())
         raise ProtocolError(
             f"{self._protocol.name}: waypoint '{name}' is not reachable by this robot, which has {count} "
-            f"degree{'s' if count != 1 else ''} of freedom there: with {_list(directions)} as written, "
+            f"degree{'s' if count != 1 else ''} of freedom there: with {_list(directions)} as in the file, "
             f"{self._protocol.frame} deviates by {_words(off, bad)}. Write the reachable pose: position_mm = "
             f"{_numbers(at / MM)}, angles_deg = {_numbers(turned / DEG)}; or declare the other directions as free, "
             f"with free = {_names(~directions)} above the tables of the protocol; or give the waypoint by joints."
@@ -288,7 +288,10 @@ def carried(path: PhasePath, course: Path, carrier: Carrier, start: Array, where
 
 
 def _followed(path: PhasePath, taken: Callable[[Array], tuple[Array, Array, Array]]) -> Followed:
-    """Return a phase as series fitted to `taken`: s (k,) -> states, driven joint values (k, n), poses (k, 4, 4)."""
+    """Return a phase as series fitted to `taken`.
+
+    `taken` is a function of s (k,) that returns states, values of driven joints (k, n), and poses (k, 4, 4).
+    """
 
     def rows(s: Array) -> Array:
         order = np.argsort(s)

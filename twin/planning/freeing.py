@@ -38,7 +38,8 @@ def way(
         progress: called with a description of the current step.
 
     Raises:
-        ProtocolError: start or goal is not free, or no path was found; the message names bodies, sizes and searches.
+        ProtocolError: start or goal collides or exceeds a limit, or no path was found; the message names bodies, sizes
+            and searches.
     """
     from twin.planning.around import around  # imports scipy, which loads slowly
 

@@ -44,7 +44,9 @@ def line(start: Array, end: Array) -> Smooth:
 
 
 def fit(function: Callable[[Array], Array], *, smallest: int = 17, largest: int = 513) -> Smooth:
-    """Fit a series to a function (k,) -> (k, n) on [0, 1]; the degree grows until the last coefficients are rounding.
+    """Fit a series to a function of s (k,) in [0, 1] with values (k, n).
+
+    The degree is increased until the last coefficients are at the level of rounding errors.
 
     For a less accurate function (an iterative inverse), the degree stops increasing at the noise level. The caller
     must check the truncation error `tail`.

@@ -222,7 +222,7 @@ def _rates(grid: Array, first: Array, second: Array, speed: Array, acceleration:
             continue
         if np.all(rates[1:] + rates[:-1] > 0):
             return rates / unit, solver
-        why.append(f"{solver}: the timing stops on the way")
+        why.append(f"{solver}: the speed is zero between start and end of the path")
     raise TimingError(f"no timing was found within the limits ({'; '.join(why)})")
 
 

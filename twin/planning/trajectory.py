@@ -30,7 +30,7 @@ class Gap:
 
 
 class Carrier(Interface):
-    """Interface of a mechanism that moves along a path; a state (nq,) is the start from which the next call continues.
+    """Interface of a mechanism that moves along a path; the next motion can start at any returned state (nq,).
 
     Every method raises `AssemblyError` if the mechanism cannot follow.
     """

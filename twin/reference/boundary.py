@@ -24,7 +24,7 @@ from twin.reference.seeking import NEARLY, Mask, Valid, Walks, seek, wander
 from twin.reference.states import Run
 
 _DEGENERATE = 1e-2
-"""Relative singular value below which the mechanism counts as degenerate; walks end within 1e-5 of a zero."""
+"""Relative singular value below which the mechanism counts as degenerate; larger than the error of a walk (1e-5)."""
 
 _STARTS = 12
 """Number of states at which walks start."""
@@ -32,10 +32,10 @@ _STARTS = 12
 _LARGER = 1.25
 
 _FLAT = 1e-2
-"""Relative slope of a margin per radian, below which the margin is taken to have a minimum."""
+"""Relative slope per radian of a margin below which the margin counts as being at its minimum."""
 
 _ENDS = 0.05
-"""Relative size of another row below which it is near its own zero, which explains why the walk ended."""
+"""Relative size of another margin below which it counts as zero; the walk then ended because of that margin."""
 
 _MOSTLY = 0.3
 """Minimum ratio of the sum of an aspect's values with the preferred sign to the sum of those with the other sign.
@@ -45,7 +45,7 @@ singularity.
 """
 
 _NEGATIVE = 1e-9
-"""Size in m of a negative margin above which a state counts as out of reach; smaller margins are rounding errors."""
+"""A state counts as out of reach if a reach margin is below minus this length in m, which allows for rounding."""
 
 Status = Literal["agrees", "disagrees", "not judged"]
 
@@ -123,7 +123,7 @@ class Boundary:
         self._whole = bool(stated.valid(run, True).any())  # False: passive joints are wrong (reported elsewhere)
         good = stated.valid(run, self._whole)
         self._drawn = some[good]
-        self._why = "" if good.any() else "the equations agree with the mechanism's joint values at no state"
+        self._why = "" if good.any() else "there is no state at which the equations agree with the joint values"
         if not self._why:
             far = wander(self.motions, self._valid, self._drawn)
             self._pool = np.concatenate([self._drawn, far])
@@ -174,7 +174,7 @@ class Boundary:
         if off[k] > 1e-6 * np.abs(v).max() and s.homogeneous(self._given, _LARGER):
             what = "length" if s.kinds[i] == "reach" else "dimensionless number"
             much, usual = (f"{x / scale:.4g} {unit}".rstrip() for x in (large[k], v[k]))
-            text = f"it is not a {what}: with all lengths {_LARGER:g} times as long it is {much} instead of {usual}"
+            text = f"it is not a {what}: with all lengths multiplied by {_LARGER:g}, it changes from {usual} to {much}"
             return self._row(i, "disagrees", text, self._pool[k], float(off[k] / scale), unit)
         return None
 
@@ -280,7 +280,10 @@ class Boundary:
             others = [j for j, kind in enumerate(s.kinds) if kind == "reach" and j != i]
             near = np.abs(self._at(x[None])[0]) < _ENDS * self._size
             if not near[others].any():
-                text = f"the mechanism's reach ends where this margin is {least} and no margin is zero"
+                text = (
+                    f"the mechanism reaches its limit at a state where this margin is {least}, not 0, and no other "
+                    "margin is near 0"
+                )
                 return self._row(i, "disagrees", text, x, value / MM, "mm")
         text = f"it did not vanish at any tested state; its minimum was {least}"
         return self._row(i, "not judged", text, x)

@@ -4,7 +4,7 @@
 
 Pinocchio computes the equations of the spanning tree in its velocities V (composite rigid bodies, recursive
 Newton-Euler). Loops and couplings, A V = 0, are included by projection on the active joints: V = G qd and dV/dt = G qdd
-- A_p^+ (dA/dt V). By virtual work, tau = G' tau_tree, because the forces in the loops do no work. Rotors turn with the
+- A_p^+ (dA/dt V). By virtual work, tau = G^T tau_tree, because the forces in the loops do no work. Rotors turn with the
 motors, m = T^-1 q, so their inertia at the joints is T^-T J_m T^-1.
 
 Sources: R. Featherstone, Rigid Body Dynamics Algorithms, Springer 2008, chapters 5, 6 and 8; R. M. Murray, Z. Li,

@@ -102,16 +102,16 @@ class Loops:
         return np.concatenate([r, self._sums(X) * scale], axis=1), np.concatenate([A, rows], axis=1)
 
     def drift(self, poses: Array, twists: Array, biases: Array) -> Array:
-        """Return the second time derivative (k, m) of the residual at constant velocities, with the loops closed.
+        """Return the second time derivative (k, m) of the residual of closed loops if all velocities are constant.
 
-        The rows contain the offset o = R0' (p1 - p0) and the rotation R = R0' R1, in the axes of the joint frame on the
-        parent. These axes rotate with the angular velocity w0. R'' = (hat(w') + hat(w)^2) R, with the relative angular
-        velocity w in these axes.
+        Frame 0 of a loop joint is on its parent, frame 1 on its child. The residual contains the offset R0^T (p1 - p0)
+        and the rotation R = R0^T R1, both in the axes of frame 0, which rotate with the angular velocity w0. The second
+        derivative of R is (hat(dw/dt) + hat(w)^2) R, where w is the angular velocity of frame 1 relative to frame 0.
 
         Args:
             poses: (k, joints, 4, 4) joint poses from `Tree.update`.
             twists: (k, joints, 6) twists of the tree's joints in base at the base origin, linear part first.
-            biases: (k, joints, 6) their spatial accelerations at constant velocities, in the same form.
+            biases: (k, joints, 6) spatial accelerations of the tree's joints at constant velocities, in the same form.
         """
         T0, T = self.relative(poses)
         (a, b), R0t = (self._ids[:, 0], self._ids[:, 1]), np.swapaxes(T0[..., :3, :3], -1, -2)

@@ -39,7 +39,7 @@ class Mobility:
     def describe(self) -> str:
         """Return the redundant constraints as text; "" if there are none."""
         return "; ".join(
-            f"{name}: {count} of {', '.join(self.repeated[name])}" if self.repeated[name] else f"{name}: {count}"
+            f"{name}: {count} among {', '.join(self.repeated[name])}" if self.repeated[name] else f"{name}: {count}"
             for name, count in self.redundant.items()
             if count
         )

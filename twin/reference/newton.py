@@ -28,7 +28,7 @@ _FLOOR_REACHED = 1e-9
 """Damping, relative to the mean diagonal, below which damping shortens a step only negligibly."""
 
 Residual = Callable[[Array, Index], tuple[Array, Array]]
-"""Residual function: (X (k, nq), sample indices (k,)) -> (residuals (k, m), Jacobians (k, m, nv))."""
+"""Function of configurations X (k, nq) and sample indices (k,); returns residuals (k, m) and Jacobians (k, m, nv)."""
 
 
 def minimise(

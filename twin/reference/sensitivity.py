@@ -58,7 +58,10 @@ def of_rounding(model: ReferenceModel, x: Array, epsilon: float = 2.0**-24) -> S
 
 
 def _roundings(T: Array, epsilon: float) -> Array:
-    """Return twists (7, 6) in the frame's own axes, for half a unit in the last place of each number of its pose."""
+    """Return the twists (7, 6), in the axes of the frame T, caused by rounding.
+
+    There is one for each number of its pose (position, quaternion), which is changed by half a unit in the last place.
+    """
 
     def half_ulp(values: Array) -> Array:
         return np.where(values == 0, 0.0, epsilon * 2.0 ** np.floor(np.log2(np.maximum(np.abs(values), 1e-300))))

@@ -44,13 +44,13 @@ _FINE = 512
 """Number of intervals of a path; in each, the speed is taken as the larger speed of both ends, times `_BETWEEN`."""
 
 _BETWEEN = 1.05
-"""Safety factor: at corners rounded over 1/80 of a path (six intervals), the speed is up to 0.3 % above both ends."""
+"""Safety factor: in corners rounded over 1/80 of a path (six intervals), the speed exceeds both ends by up to 0.3 %."""
 
 _BETWEEN_LOOPS = 1.5
 """Safety factor for passive joints, whose speeds are known only at stations; the value is chosen, not derived."""
 
 _SAME = 1 * MM
-"""Distance in m between bodies of two assemblies below which both are in the same assembly mode."""
+"""Two assemblies are in the same mode if each body has the same position in both, within this distance in m."""
 
 _FIRST = 5
 """Number of first halvings in which mesh collisions are tested, because they reject most blocked paths early."""

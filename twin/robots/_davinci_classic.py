@@ -50,7 +50,7 @@ def linkage(
             f"{source}: distance of pivot B2 from B along y; that B2 is behind B is ASSUMED",
         ),
         mm("second_z", second[1], provenance, f"{source}: height of pivot B2 above B"),
-        mm("second", hypot(*second), "DERIVED", "distance of the pivots of the yaw link"),
+        mm("second", hypot(*second), "DERIVED", "distance between the pivots B and B2 of the yaw link"),
         mm("apart_y", apart[0], provenance, f"{source}: distance of the second coupler from the first, along y"),
         mm(
             "apart_z",
@@ -58,5 +58,5 @@ def linkage(
             provenance,
             f"{source}: height of the second coupler above the first; its sign is ASSUMED",
         ),
-        mm("apart", hypot(*apart), "DERIVED", "distance of the pins of the rail"),
+        mm("apart", hypot(*apart), "DERIVED", "distance between the pins C and C2 of the rail"),
     )

@@ -77,14 +77,14 @@ def outer(q1, q2, q3, a, b, h, r6, trocar_x, trocar_y, trocar_z):
 
 @equation("forward", "joints -> pose", gives="T_base_tool")
 def chain(q1, q2, q3, q6, q7, u_out, a, b, h, r6, r8):
-    """Return the pose of the tool: all rows of the table, with the passive joints from the trocar."""
+    """Return the tool pose: the product of all Denavit-Hartenberg rows; q4 and q5 follow from the trocar."""
     T = _to_outer(q1, q2, q3, *gimbal(u_out, q1, q2, q3, a, h), a, b, h)
     return T @ row(pi / 2, 0, q6, r6) @ row(-pi / 2, 0, q7, 0) @ row(pi / 2, 0, 0, r8)
 
 
 @equation("helper", "points in base", gives=[f"at_{n}" for n in _POINTS])
 def places(T_base_tool, P_7, W, trocar_x, trocar_y, trocar_z):
-    """Return the outer point, the end of the shaft, the tip and the trocar in base, each (3,)."""
+    """Return W (outer point), P_7 (end of the shaft), the tip and the trocar in base, each (3,)."""
     return W, P_7, T_base_tool[0:3, 3], vertcat(trocar_x, trocar_y, trocar_z)
 
 

@@ -70,14 +70,14 @@ def outer(q1, q2, q3, a, b, r7, trocar_x, trocar_y, trocar_z):
 
 @equation("forward", "joints -> pose", gives="T_base_tool")
 def chain(q1, q2, q3, q7, q8, q9, u_out, a, b, r7, r10):
-    """Return the pose of the tool: all rows of the table, with the passive joints from belt and trocar."""
+    """Return the tool pose: the product of all Denavit-Hartenberg rows; q4 to q6 follow from belt and trocar."""
     T = _to_shaft(q1, q2, q3, *gimbal(u_out, q2, q3), q7, a, b, r7)
     return T @ row(pi / 2, 0, pi / 2 + q8, 0) @ row(pi / 2, 0, pi / 2 + q9, 0) @ row(pi / 2, 0, 0, r10)
 
 
 @equation("helper", "points in base", gives=[f"at_{n}" for n in _POINTS])
 def places(T_base_tool, P_in, W, trocar_x, trocar_y, trocar_z):
-    """Return the outer point, the inner wrist, the tip and the trocar in base, each (3,)."""
+    """Return W (outer point), P_in (inner wrist), the tip and the trocar in base, each (3,)."""
     return W, P_in, T_base_tool[0:3, 3], vertcat(trocar_x, trocar_y, trocar_z)
 
 

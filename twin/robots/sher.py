@@ -126,7 +126,7 @@ def eq2(q4, d1):
     gives="T_r_a",
     source=f"{_PAPER}, eq. (3)",
     name="eq3",
-    why="Rot(x, 90 deg) is added at the end, as in [A]; only so is the linkage upright at psi = 0, as in all figures.",
+    why="Rot(x, 90 deg) is added at the end, as in [A]; only then is the linkage upright at psi = 0 (all figures).",
 )
 def eq3_corrected(d2, d3):
     """Return T_a^r = Trans(x, d2) Trans(z, d3) Rot(x, 90 deg)."""

@@ -108,9 +108,9 @@ def eq2_corrected(X_S1, Y_S1, Z_S1, X_S2, Y_S2, Z_S2, X_S3, Y_S3, Z_S3, q1, q2, 
 @equation.variant(
     "printed",
     of=eq2_corrected,
-    why="The radicals are corrected: all terms are under the root, where their sum is (l_1+l_2)^2 - (rho-l_0)^2, the reach "
-    "condition of the bar. The odd rows are as printed: each odd carriage is at the place of the even one, and struts "
-    "have lengths of 244 to 396 mm instead of l_1.",
+    why="The radicals are corrected: all terms are under the root. Their sum, (l_1+l_2)^2 - (rho-l_0)^2, is negative if "
+    "the bar does not reach. The odd rows are as printed: each odd carriage is where the even one should be, and the "
+    "struts have lengths of 244 to 396 mm instead of l_1.",
 )
 def eq2_printed(Z_S1, Y_S2, Z_S3, q1, q2, q3, q4, q5, q6, l_1, l_2):
     """Return the joints with all terms under the radical, and the odd rows as printed."""
@@ -262,8 +262,8 @@ FORMULA = Formula(
             "L_H",
             612.0,
             "ASSUMED",
-            f"{_EQ3} gives L_B = 612 mm; eq. (2) uses L_H, which has no value. Both are taken as the distance of "
-            "rail 3 from rail 1",
+            f"{_EQ3} gives L_B = 612 mm; eq. (2) uses L_H, which has no value. Both are taken as the distance between "
+            "rail 1 and rail 3",
         ),
     ),
     joints=tuple(ActiveJoint(f"q{i}", "prismatic") for i in range(1, 7)),

@@ -1,4 +1,4 @@
-"""What the instruments of a console touch in a scene: its movable objects, the bodies of its props, and its pegs."""
+"""Contact of a console's instruments with a scene: with its movable objects, the bodies of its props, and its pegs."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from twin.simulation.plants.contact import Contact, Gripper, Solid
 
 @dataclass(frozen=True)
 class Peg:
-    """A peg: its name, the middle (3,) of its free end and of its other end in m in the World, its radius in m."""
+    """A peg: its name, the centres (3,) of its free end and of its other end in m in the World, and its radius in m."""
 
     name: str
     end: Array
@@ -61,7 +61,8 @@ def contact(
 def pegs(scene: Scene, props: Mechanism | None, task: Task) -> dict[str, Peg]:
     """Return the pegs of a task by name, measured on the drawn parts.
 
-    A peg is longer than it is thick; its free end is the one further from the boxes around the other parts.
+    The axis of a peg is its longest direction. Its free end is the end that is farther from the bounding boxes of the
+    other parts.
 
     Raises:
         TwinError: a peg is not a part of a solid body.

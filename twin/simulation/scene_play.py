@@ -217,7 +217,7 @@ def too_near(found: Clearance, k: int, t: Array, clearance: float) -> Finding:
         a, b = found.pair[0]
         k, least, what, code = 0, start, "overlap at the start", "scene.start"
         free = np.flatnonzero(found.distance >= clearance)
-        way_out = f"their distance is below {mm(clearance)} during the whole protocols: move a base in scene.toml"
+        way_out = f"their distance is below {mm(clearance)} throughout both protocols: move a base in scene.toml"
         if len(free):
             way_out = (
                 f"start the protocols from their poses at t = {t[free[0]]:.1f} s, the first time with a clearance of "

@@ -148,7 +148,7 @@ class Scene:
         return np.array(sorted(codes), float)
 
     def owner(self, prim: Usd.Prim) -> Usd.Prim | None:
-        """Return the rigid body with which a prim moves (itself or its nearest ancestor); None if there is none."""
+        """Return the rigid body that a prim belongs to (itself or its nearest ancestor); None if there is none."""
         for ancestor in _ancestry(prim):
             if str(ancestor.GetPath()) in self.bodies:
                 return ancestor

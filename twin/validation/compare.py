@@ -273,7 +273,8 @@ def _driven(
             _add(out, r, f"joint {joint}{by} differs from the mechanism's", cause)
     if alone is not None and blamed:
         out.facts.setdefault("equations by themselves", {})[_equation_of(kin, kin.joints)] = (
-            f"with the CAD's points, its joint values are correct to {text(float(np.abs(alone - posed.q).max()), 'm')}"
+            "computed from the CAD's points, its joint values differ from the mechanism's by at most "
+            f"{text(float(np.abs(alone - posed.q).max()), 'm')}"
         )
     if not wrong:
         return _Blame()

@@ -220,9 +220,9 @@ def _rcm(trajectory: Trajectory, span: PhaseSpan) -> list[Fix]:
     moved = float(np.linalg.norm(best - span.rcm))
     enough = left <= 1e-4
     why = (
-        "both shafts pass through it"
+        "both shafts pass through this point"
         if enough
-        else f"even there the shafts, which are skew, miss it by {left / MM:.2f} mm"
+        else f"the two shafts are skew; their largest distance from this point is {left / MM:.2f} mm"
     )
     return [Fix("move the RCM", "", moved, 0.0, f"({at}) mm", enough, why)]
 

@@ -26,7 +26,7 @@ _POINT, _ANGLE = 1e-12, 1e-7
 _INCREMENTS = 10_000
 _SCALE = 0.5
 _PEN = 3.3
-"""Largest force in N of a haptic pen (ASSUMED: the value is the manufacturer's)."""
+"""Largest force in N of a haptic pen: the manufacturer's value, ASSUMED because the paper gives none."""
 
 
 class Laws(Protocol):

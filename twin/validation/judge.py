@@ -206,8 +206,8 @@ def _stage(case: Case, model: ReferenceModel, out: Comparison, clock: Clock, pro
     Ts = run.Ts_base_tool
     spread = of_rounding(model, run.x[0])
     note = (
-        f"single precision explains {text(spread.expected[0], 'm')} and {text(spread.expected[1], 'rad')} "
-        f"(at most {text(spread.bound[0], 'm')}, {text(spread.bound[1], 'rad')})"
+        f"single precision causes an error of {text(spread.expected[0], 'm')} and {text(spread.expected[1], 'rad')} "
+        f"(standard deviation; at most {text(spread.bound[0], 'm')}, {text(spread.bound[1], 'rad')})"
     )
     out.facts["stage"] = {"float32 joint frames": note, "most sensitive joint": spread.worst_joint}
     t = case.tolerances

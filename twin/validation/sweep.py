@@ -291,8 +291,8 @@ class Strokes(Result):
 
     def text(self) -> Iterator[Part]:
         """Yield a row per joint and model."""
-        yield f"{self.robot} · each stroke with the other joints at home · tool compared with the mechanism's\n"
-        header = ("joint", "stroke", "model", "mean", "worst", "turned", "")
+        yield f"{self.robot} · tool error over each joint's stroke (the others at home), compared with the mechanism\n"
+        header = ("joint", "stroke", "model", "mean", "worst", "rotation", "")
         yield Table(header, [row for s in self.sweeps for row in self._rows(s)])
         if self.requirement:
             required, provenance, note = self.requirement

@@ -97,7 +97,7 @@ def _draw(
 
 
 def _compiles(text: str, robot: api.Robot) -> bool:
-    """Return whether the edited equations run; a fault with which they raise an error is not used."""
+    """Return whether the edited equations run without an error; otherwise the fault is not used."""
     with Scratch() as folder, warnings.catch_warnings():
         warnings.simplefilter("ignore")
         path = Path(folder) / "formula.py"

@@ -10,7 +10,7 @@ compare_physics    compare joints, drives, masses, frames, surfaces, colours bet
 claims      check what files state about themselves: errors between keys, assumptions, README.txt
 unity, proof                       check the other contents of a bundle
 diagnose    find a common mistake that explains a difference
-scene       an exported scene: each robot's folder, and the scene's stages against them
+scene       audit an exported scene: each robot's folder; the scene's stages are compared with these folders
 """
 
 from __future__ import annotations

@@ -59,7 +59,7 @@ def along(links: Sequence[Link], q: Sequence[Array | None], count: int) -> Array
 
 
 def fit(links: Sequence[Link], given: Sequence[Array | None], goal: Array) -> list[Array | None]:
-    """Return the joint values (k,) of a chain with which its end has the poses `goal` (k, 4, 4).
+    """Return the joint values (k,) that bring the end of a chain to the poses `goal` (k, 4, 4).
 
     Joint values that are None in `given` are computed with Gauss-Newton for all frames at once. Frames that do not
     converge are restarted from the solution of a neighbouring frame. If a goal cannot be reached, the best result is

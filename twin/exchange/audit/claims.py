@@ -63,7 +63,7 @@ def _check_between(content: Content, shapes: Mapping[str, Shape], joints: Sequen
         low = said < estimate / TOO_GOOD and estimate > floor
         high = said > TOO_BAD * max(estimate, floor) and (shapes or key != "between_position")
         content.ledger.row(
-            f"{key}: stated error against the error with every second key left out",
+            f"{key}: stated error compared with an estimate from every second key",
             abs(estimate - said),
             unit,
             fits=not low,
@@ -72,8 +72,9 @@ def _check_between(content: Content, shapes: Mapping[str, Shape], joints: Sequen
             content.ledger.add(
                 f"claims.{key}",
                 "disagreement",
-                f"{key} states {quantity(said, unit)} for {text}; with every second key left out it is "
-                f"{quantity(cost, unit)}; a quarter of it, the estimate, is {quantity(estimate, unit)}.",
+                f"{key} states an error of {quantity(said, unit)} for {text}, but the estimate is "
+                f"{quantity(estimate, unit)}: a quarter of the error with every second key left out, "
+                f"{quantity(cost, unit)}.",
                 where=key,
                 size=float(said),
                 unit=unit,

@@ -36,7 +36,10 @@ class Reference:
 
 
 def references(contents: Sequence[Content], truth: Mapping[str, tuple[Array, Mapping[str, Array]]]) -> dict:
-    """Return the `Reference` of each clip, by name: from `truth` if given, else the track, else the first file."""
+    """Return the `Reference` of each clip, by name.
+
+    It is from `truth` if that has the clip, otherwise from its track or, if there are no tracks, from the first file.
+    """
     out = {
         name: Reference(Clip(name, np.asarray(t, float), links), "the mechanism") for name, (t, links) in truth.items()
     }
@@ -169,7 +172,7 @@ def _times_apart(clip: Clip, ref: Reference, mine: Array, its: Array) -> str:
         here, there = told_apart(clip.duration, ref.clip.duration)
         return (
             f"the clip lasts {here} s; in {ref.source} it lasts {there} s (ratio {ratio:.6g}); {len(mine)} "
-            f"of its {len(clip.times)} key times are also key times there (of {len(ref.clip.times)})"
+            f"of its {len(clip.times)} key times are among the {len(ref.clip.times)} key times there"
         )
     said = []
     for times, shared, text in (

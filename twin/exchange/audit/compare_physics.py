@@ -225,7 +225,9 @@ def compare_physics(contents: Sequence[Content], truth: Physics | None = None) -
             for name, (off, where) in worst.get(view.file, {}).items():
                 q = QUANTITIES[name]
                 unit = "" if q.relative else q.unit
-                view.ledger.row(f"{name} against the other files", min(off, 1e300), unit, q.tolerance, where=where)
+                view.ledger.row(
+                    f"{_WORDS.get(name, name)} against the other files", min(off, 1e300), unit, q.tolerance, where=where
+                )
 
 
 # --------------------------------------------------------------------------------------------- values of each file
@@ -511,6 +513,10 @@ _WORDS = {
     "place": "line or point of the joint",
     "link": "its link",
     "held": "bodies fixed to the world",
+    "weighed": "presence of a mass",
+    "closed": "closed or open meshes",
+    "driven": "driven or passive",
+    "existence": "presence in the file",
     "row": "joint factors of the transmission",
 }
 

@@ -211,7 +211,7 @@ def open_gltf(path: Path, ledger: Ledger) -> Gltf:
 
 def _chunks(data: bytes, ledger: Ledger) -> tuple[bytes, bytes | None]:
     if len(data) < 20:
-        raise GltfError("gltf.header", f"the file ends after {len(data)} bytes")
+        raise GltfError("gltf.header", f"the file has {len(data)} bytes; a GLB has at least 20")
     magic, version, length = struct.unpack_from("<III", data)
     if magic != _MAGIC or version != 2:
         raise GltfError("gltf.version", f"its header states version {version}, not 2")

@@ -2,7 +2,8 @@
 
 A joint is defined by the pose of its child in its parent at zero coordinates, and by lines in the parent's frame along
 or about which the child moves. Some formats split a joint into parts (a ball into three hinges with auxiliary links, a
-loop closure into two ties); `reduced` joins the parts, so that joints of different formats can be compared.
+loop closure into two ties, which are pairs of coinciding points); `reduced` joins the parts, so that joints of
+different formats can be compared.
 """
 
 from __future__ import annotations

@@ -116,7 +116,9 @@ def _audit_stage(path: Path, robots: Mapping[str, Shown]) -> Ledger:
     for f in public:
         ledger.add(f.code, f.severity, f.message, where=f.where)
     ledger.row("public validators", float(len(public)), "found", 0.0)
-    ledger.row("every link in world, against its robot's files", worst, "m", POSITION_TOL, where=where, when=when)
+    ledger.row(
+        "links in the world frame, compared with the robots' files", worst, "m", POSITION_TOL, where=where, when=when
+    )
     if not worst <= POSITION_TOL:
         text = f"{where}: " + (
             f"it differs from its robot's files by {quantity(worst, 'm')}." if np.isfinite(worst) else "it is missing."
@@ -138,7 +140,7 @@ def deviation(stage: Path, robots: Mapping[str, Shown]) -> tuple[float, str, str
     for name, robot in robots.items():
         keys = sorted({0, len(robot.times) // 2, len(robot.times) - 1})
         if not robot.links:
-            return np.inf, f"{name}: its files show no link", ""
+            return np.inf, f"pose of any link of {name} in its files", ""
         for link, Ts in robot.links.items():
             if not (prim := opened.GetPrimAtPath(root.AppendChild(name).AppendChild(link))):
                 return np.inf, f"{name}/{link}", ""

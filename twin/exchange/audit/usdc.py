@@ -17,10 +17,10 @@ def trouble(data: bytes) -> str:
     if not data.startswith(b"PXR-USDC"):
         return ""
     if len(data) < 88:
-        return f"the file ends after {len(data)} bytes"
+        return f"the file has {len(data)} bytes, fewer than the header: it is truncated"
     (table,) = struct.unpack_from("<q", data, 16)
     if not 24 <= table <= len(data) - 8:
-        return f"its table of contents should begin at byte {table} of {len(data)}: truncated"
+        return f"its header places the table of contents at byte {table}, but the file has {len(data)} bytes: truncated"
     (count,) = struct.unpack_from("<Q", data, table)
     if table + 8 + 32 * count > len(data):
         return f"its table of contents states {count} sections, more than fit into the file"

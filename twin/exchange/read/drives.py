@@ -40,7 +40,7 @@ def with_drives(imported: Imported) -> Imported:
     left = {n: e for n, e in imported.efforts.items() if e and not m.joint(n).active}
     for name, effort in left.items():
         findings.append(
-            warning("effort", f"joint '{name}': effort {effort:g} is not kept: the joint has no drive.", name)
+            warning("effort", f"joint '{name}': effort {effort:g} is not imported: the joint has no drive.", name)
         )
     return replace(
         imported, mechanism=replace(m, joints=tuple(joints)), findings=findings, assumed=frozenset(assumed), efforts={}
@@ -70,7 +70,7 @@ def _motors(
                 known = found[name].max_effort
                 found[name] = replace(found[name], max_effort=known or efforts[joint] * abs(ratio))
             else:
-                text = f"joint '{joint}': effort {efforts[joint]:g} is not kept: several motors move it."
+                text = f"joint '{joint}': effort {efforts[joint]:g} is not imported: several motors move it."
                 findings.append(warning("effort", text, joint))
     return tuple(found.values())
 

@@ -34,27 +34,27 @@ def left_out(m, name: Callable[[str, int], str], kept_tendons: Collection[int] =
             kept.append(f"actuatorfrcrange {m.jnt_actfrcrange[i, 0]:g} .. {m.jnt_actfrcrange[i, 1]:g}")
         if kept:
             where = name("JOINT", i)
-            found.append(warning("friction", f"joint '{where}': {', '.join(kept)} are not kept.", where))
+            found.append(warning("friction", f"joint '{where}': {', '.join(kept)} are not imported.", where))
     tied = {int(m.eq_obj1id[i]) for i in range(m.neq) if m.eq_type[i] == mujoco.mjtEq.mjEQ_TENDON}
     for i in kept_tendons:
         told = {k: np.ravel(getattr(m, f"tendon_{k}")[i])[0] for k in ("stiffness", "damping", "frictionloss")}
         if kept := [f"{k} {v:g}" for k, v in told.items() if v]:
             where = name("TENDON", i)
-            found.append(warning("friction", f"tendon '{where}': {', '.join(kept)} are not kept.", where))
+            found.append(warning("friction", f"tendon '{where}': {', '.join(kept)} are not imported.", where))
     for i in set(range(m.ntendon)) - tied - set(kept_tendons):
         where = name("TENDON", i)
-        found.append(warning("tendon", f"tendon '{where}' is not kept: no equality constrains its length.", where))
+        found.append(warning("tendon", f"tendon '{where}' is not imported: no equality constrains its length.", where))
     for i in range(m.nexclude):
         a, b = (name("BODY", int(v)) for v in (m.exclude_signature[i] >> 16, m.exclude_signature[i] & 0xFFFF))
-        found.append(note("contact", f"contact exclusion of '{a}' and '{b}' is not kept.", a))
+        found.append(note("contact", f"contact exclusion of '{a}' and '{b}' is not imported.", a))
     for i in range(m.npair):
         a, b = (name("GEOM", int(v)) for v in (m.pair_geom1[i], m.pair_geom2[i]))
-        found.append(note("contact", f"contact pair of '{a}' and '{b}' is not kept.", a))
+        found.append(note("contact", f"contact pair of '{a}' and '{b}' is not imported.", a))
     if m.neq:
         found.append(note("soft", "equalities are soft in MuJoCo, but exact in the mechanism.", name("EQUALITY", 0)))
     for count, what in ((m.nsensor, "sensors"), (m.ncam, "cameras"), (m.nlight, "lights")):
         if count:
-            found.append(note("unread", f"{count} {what} are not kept.", what))
+            found.append(note("unread", f"{count} {what} are not imported.", what))
     if m.nplugin:
-        found.append(warning("plugin", f"{m.nplugin} plug-ins are not kept.", "plugin"))
+        found.append(warning("plugin", f"{m.nplugin} plug-ins are not imported.", "plugin"))
     return found

@@ -53,11 +53,11 @@ def shown(m, bodies: Sequence[str], name: Callable[[str, int], str], findings: l
         material = int(m.geom_matid[i])
         r, g, b, a = map(float, m.geom_rgba[i] if material < 0 else m.mat_rgba[material])
         if material >= 0 and np.any(m.mat_texid[material] >= 0):
-            text = f"body '{bodies[body]}': the texture of material '{name('MATERIAL', material)}' is not kept."
+            text = f"body '{bodies[body]}': the texture of material '{name('MATERIAL', material)}' is not imported."
             findings.append(warning("texture", text, bodies[body]))
         T = spatial.pose(spatial.matrix_from_quat_wxyz(m.geom_quat[i]), m.geom_pos[i])
         out[body].append(placed(names[str(i)], *solid, T, (r, g, b, a)))
     for body in sorted(hidden):
-        text = f"body '{bodies[body]}': its colliders are not kept: the visual meshes are used instead."
+        text = f"body '{bodies[body]}': its colliders are not imported: the visual meshes are used instead."
         findings.append(note("collision", text, bodies[body]))
     return out

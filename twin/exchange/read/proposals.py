@@ -38,7 +38,7 @@ _RAIL = 2.0
 
 @dataclass(frozen=True)
 class Side:
-    """A joint's frame on one body, as TOML text, and the TOML of the features that the frame refers to, by name."""
+    """A joint's frame on one body: its TOML text, and by name the TOML text of the features to which it refers."""
 
     text: str
     features: dict[str, str]

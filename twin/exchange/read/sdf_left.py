@@ -37,7 +37,9 @@ def left_out(model: Element, xml: Xml) -> list[Finding]:
     pose = model.find("pose")
     if pose is not None and (pose.text or "").strip():
         found.append(
-            note("unread", f"the model's pose in the world, {(pose.text or '').strip()[:60]}, is not kept.", "model")
+            note(
+                "unread", f"the model's pose in the world, {(pose.text or '').strip()[:60]}, is not imported.", "model"
+            )
         )
     _walk(model, "model", f"model '{model.get('name')}'", found)
     return found
@@ -48,7 +50,9 @@ def _walk(element: Element, kind: str, where: str, found: list[Finding]) -> None
         tag = str(child.tag)
         named = f"{where}, {tag} '{child.get('name')}'" if child.get("name") else f"{where}, {tag}"
         if tag == "collision" and element.find("visual") is not None:
-            found.append(note("collision", f"{named} is not kept: the visual meshes are used for collision.", where))
+            found.append(
+                note("collision", f"{named} is not imported: the visual meshes are used for collision.", where)
+            )
         elif tag not in _READ[kind]:
             _tell(child, tag, where, found)
         elif tag in _READ:
@@ -60,9 +64,9 @@ def _tell(child: Element, tag: str, where: str, found: list[Finding]) -> None:
     if tag in ("dynamics", "stiffness", "dissipation"):
         values = [f"{e.tag} {(e.text or '').strip()}" for e in (child.iter() if len(child) else [child]) if _says(e)]
         if values:
-            found.append(warning("friction", f"{where}: {', '.join(values)} is not kept.", where))
+            found.append(warning("friction", f"{where}: {', '.join(values)} is not imported.", where))
     elif tag in _HARMLESS:
-        found.append(note("unread", f"{where}: <{tag}> is not kept.", where))
+        found.append(note("unread", f"{where}: <{tag}> is not imported.", where))
     else:
         found.append(warning("unread", f"{where}: <{tag}> is not read.", where))
 

@@ -150,15 +150,15 @@ class _Urdf:
             if tag not in _KNOWN[kind]:
                 self.findings.append(warning("unread", f"{where}: <{tag}> is not read.", where))
             elif tag in ("calibration", "joint_properties"):
-                self.findings.append(note("unread", f"{where}: <{tag}> is not kept.", where))
+                self.findings.append(note("unread", f"{where}: <{tag}> is not imported.", where))
             elif tag == "gazebo":
                 self.findings.append(
-                    warning("unread", f"{where}: <gazebo> is not kept: plug-ins are not supported.", where)
+                    warning("unread", f"{where}: <gazebo> is not imported: plug-ins are not supported.", where)
                 )
         dynamics = element.find("dynamics") if kind == "joint" else None
         for key in ("damping", "friction"):
             if dynamics is not None and self.xml.number(where, key, dynamics.get(key), 0.0):
-                self.findings.append(warning("friction", f"{where}: {key} {dynamics.get(key)} is not kept.", where))
+                self.findings.append(warning("friction", f"{where}: {key} {dynamics.get(key)} is not imported.", where))
 
     def _ends(self, name: str, joint: Element, links: dict[str, Element]) -> tuple[str, str]:
         out = []
@@ -276,7 +276,9 @@ class _Urdf:
             if any(offsets):
                 self.findings.append(
                     warning(
-                        "gear", f"{where}: its offset is not kept; motor and joint get the same zero position.", name
+                        "gear",
+                        f"{where}: its offset is not imported; motor and joint get the same zero position.",
+                        name,
                     )
                 )
             single = len(told) == len(t.findall("actuator")) == len(ratios) == 1 and ratios[0] != 0
@@ -290,7 +292,7 @@ class _Urdf:
                     else "the assignment of motors to joints"
                 )
                 self.findings.append(
-                    warning("gear", f"{where}: {what} is not kept: the joints are driven directly.", name)
+                    warning("gear", f"{where}: {what} is not imported: the joints are driven directly.", name)
                 )
         motors = [(n, str(getattr(t.find("actuator"), "attrib", {}).get("name"))) for n, (t, _) in found.items()]
         motor = named_apart("motor", motors, {i for _, i in names.items()}, self.findings)
@@ -336,7 +338,7 @@ class _Urdf:
         kind, where, (parent, T) = self.retyped[name], f"joint '{name}'", self.home[ends[0]]
         T = T @ origin(self.xml, joint, where)
         child = self.home[ends[1]][0]
-        text = f"{where} is {kind} by the closure YAML: the axis and limits of the URDF are not kept."
+        text = f"{where} is {kind} by the closure YAML: the axis and limits of the URDF are not imported."
         self.findings.append(note("retyped", text, name))
         if not kind.startswith("UJOINT"):
             yield Joint(names[name], "spherical" if kind == "SPHERICAL" else "fixed", parent, child, T)

@@ -40,7 +40,9 @@ class Visuals:
     def _texture(self, material: Element, where: str) -> None:
         texture = material.find("texture")
         if texture is not None:
-            self.findings.append(warning("texture", f"{where}: texture {texture.get('filename')} is not kept.", where))
+            self.findings.append(
+                warning("texture", f"{where}: texture {texture.get('filename')} is not imported.", where)
+            )
 
     def _color(self, material: Element | None, where: str) -> Color:
         color = material.find("color") if material is not None else None
@@ -53,7 +55,7 @@ class Visuals:
         """Return the visual shapes of a link, or its collision shapes if it has no visual shapes."""
         where, out = f"link '{name}'", []
         if link.find("visual") is not None and link.find("collision") is not None:
-            text = f"{where}: its <collision> shapes are not kept; the visual meshes are used for collision."
+            text = f"{where}: its <collision> shapes are not imported; the visual meshes are used for collision."
             self.findings.append(note("collision", text, name))
         for element in link.findall("visual") or link.findall("collision"):
             geometry = element.find("geometry")

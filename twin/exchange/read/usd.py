@@ -79,7 +79,7 @@ def _left_out(path: Path, root: str | None, coupled: Container[str]) -> list[Fin
             mass = UsdPhysics.MassAPI(prim)
             kilograms, tensor = mass.GetMassAttr().Get(), mass.GetDiagonalInertiaAttr().Get()
             if kilograms and not any(tensor or ()):
-                text = f"{where}: its mass of {kilograms:g} kg is not kept: the stage gives no inertia with it."
+                text = f"{where}: its mass of {kilograms:g} kg is not imported: the stage gives no inertia with it."
                 found.append(warning("inertia", text, where))
         if joint:
             names = [a.GetName() for a in prim.GetAttributes() if a.HasAuthoredValue()]
@@ -87,11 +87,11 @@ def _left_out(path: Path, root: str | None, coupled: Container[str]) -> list[Fin
                 n for n in names if not n.startswith(("drive:", "state:")) and any(w in n.lower() for w in _WITHOUT)
             ]
             if names := [n for n in names if _is_set(prim.GetAttribute(n))]:
-                found.append(warning("friction", f"joint {where}: {', '.join(names)} are not kept.", where))
+                found.append(warning("friction", f"joint {where}: {', '.join(names)} are not imported.", where))
         elif prim.IsA(UsdGeom.Gprim) and not prim.IsA(UsdGeom.Mesh) and prim.IsA(UsdGeom.PointBased):
             found.append(warning("shape", f"{where}: a {prim.GetTypeName()} is not shown.", where))
         elif prim.GetTypeName() in ("PhysicsTendon", "PhysxTendon") or "Tendon" in str(prim.GetTypeName()):
-            found.append(warning("tendon", f"{where}: a {prim.GetTypeName()} is not kept.", where))
+            found.append(warning("tendon", f"{where}: a {prim.GetTypeName()} is not imported.", where))
     return found
 
 

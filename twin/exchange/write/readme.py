@@ -38,7 +38,7 @@ _CONVENTIONS = [
     "their z-up poses, so that a pose of the tracks can be assigned to a node unchanged.",
     "- Quaternions are x y z w (USD: w x y z); their signs do not change from key to key.",
     "- Unity is left-handed. A glTF importer mirrors x: (x, y, z) becomes (-x, y, z), the quaternion (x, -y, -z, w). "
-    "ROS importers use (-y, z, x) and (-y, z, x, -w). The player of the Unity package has both.",
+    "ROS importers use (-y, z, x) and (-y, z, x, -w). The player of the Unity package supports both conventions.",
     "- Names of links, joints and frames are the same in every file.",
 ]
 
@@ -112,7 +112,7 @@ def _motions(order: Order) -> Iterator[str]:
         budget = (
             f"budget: {b.position / UM:g} um, {b.rotation / DEG:g} degrees, {b.joint_gap / UM:g} um"
             if b
-            else "measured by leaving out every second sample; with all samples the error is about a quarter"
+            else "measured with every second sample left out; with all samples the error is about a quarter of this"
         )
         yield (
             f"- {c.name}: {c.title}; {c.times[-1]:.3f} s, {len(c.times)} keys at {c.rate:g} Hz. A player that "

@@ -253,7 +253,7 @@ class Dragger:
 
 
 class Grip:
-    """A grabbed point; its final position depends on the line along which targets are given, not on their spacing."""
+    """A grabbed point. If its targets are on a line, its final position does not depend on the number of targets."""
 
     def __init__(self, dragger: Dragger, look: Look, held: tuple[str, Array]) -> None:
         self._walk, self._hand = _Walk(dragger, look, held), look.p

@@ -204,7 +204,7 @@ class LoopSolver:
 
     @cached_property
     def stages(self) -> list[Stage]:
-        """Stages of the compiled function (q, unknowns) -> "pose" (12,), "gaps" (3,), "states" (numbers,)."""
+        """Stages of the compiled function of q and the unknowns that returns "pose" (12,), "gaps" (3,) and "states"."""
         e, names = self.equations, [p.name for p in self.equations.passive]
         determinants = [ca.SX.sym(n) for n in self._signs]
         margin = ca.SX(1)

@@ -8,9 +8,10 @@ points from the platform to the tip. The depth is measured along the shaft from 
 
 Each phase type is defined in one file in `phases`.
 
-If there are several trocars (`[trocars_mm]`), insertion, pivot, circle and retraction name one of them. An insertion
-begins at its trocar. For the other types, the shaft already passes through the trocar, which becomes the RCM if none is
-registered: the instrument is in the patient from the start.
+If there are several trocars (`[trocars_mm]`), each phase of type insertion, pivot, circle or retraction names one of
+them. An insertion begins at its trocar and registers it as the RCM. If a protocol begins with a pivot, circle or
+retraction, the instrument is in the patient from the start: the shaft already passes through the named trocar, and this
+phase registers it as the RCM.
 """
 
 from twin.planning.protocol.course import RcmMode as RcmMode

@@ -154,7 +154,7 @@ def _warnings(table: ProtocolTable, used: set[str], path: str) -> list[Finding]:
         )
     types = {p.kind() for p in table.phases}
     out += [
-        warning("protocol.unused_limits", Path(path).name, f"no phase is of type {kind}, for which limits are given")
+        warning("protocol.unused_limits", Path(path).name, f"limits.{kind} is not used: no phase has this type")
         for kind in table.limits
         if kind not in types
     ]

@@ -1,4 +1,4 @@
-"""Warn about numbers of a protocol that look like another unit: metres for millimetres, radians for degrees.
+"""Warn about numbers of a protocol that are probably in a wrong unit: metres for millimetres, radians for degrees.
 
 Such numbers are possible, so they cause warnings, not errors.
 """
@@ -23,7 +23,8 @@ _DEPTH = 0.5
 """Insertion depth in mm below which the number looks like metres."""
 
 _NEAR, _FAR = 1.0, 100.0
-"""Distances in mm from the origin: a position within the first looks like metres if another is beyond the second."""
+"""Distances in mm from the origin: a position nearer than the first is probably in metres if another position is
+farther than the second."""
 
 
 def plausible(table: ProtocolTable, file: str) -> Iterator[Finding]:
@@ -32,7 +33,7 @@ def plausible(table: ProtocolTable, file: str) -> Iterator[Finding]:
         if w.angles_deg is not None and _radians(w.angles_deg):
             shown = ", ".join(f"{a:g}" for a in w.angles_deg)
             turned = ", ".join(f"{np.rad2deg(a):.4g}" for a in w.angles_deg)
-            text = f"waypoint '{name}': angles ({shown}) deg look like radians: converted, ({turned}) deg are round"
+            text = f"waypoint '{name}': angles ({shown}) deg look like radians: converted, they are ({turned}) deg"
             yield _warning(text, file, "degrees are expected; multiply by 180/pi")
     positions = {n: np.linalg.norm(w.position_mm) for n, w in table.waypoints.items() if w.position_mm is not None}
     far = max(positions.values(), default=0.0)
@@ -53,18 +54,18 @@ def plausible(table: ProtocolTable, file: str) -> Iterator[Finding]:
         for name, speed, acceleration, jerk, (low, high), unit in rows:
             if not low <= speed <= high:
                 other = "m/s" if unit == "mm" else "rad/s"
-                text = f"limits.{kind}: a {name} speed of {speed:g} {unit}/s looks like another unit ({other}?)"
+                text = f"limits.{kind}: a {name} speed of {speed:g} {unit}/s is probably in a wrong unit ({other}?)"
                 yield _warning(text, file, f"speeds are in {unit}/s")
             elif not _RAMP[0] <= speed / acceleration <= _RAMP[1]:
                 text = (
-                    f"limits.{kind}: at {acceleration:g} {unit}/s2 the {name} speed of {speed:g} {unit}/s takes "
-                    f"{speed / acceleration:.3g} s: one of them looks like another unit"
+                    f"limits.{kind}: with {acceleration:g} {unit}/s2, the {name} reaches {speed:g} {unit}/s after "
+                    f"{speed / acceleration:.3g} s: one of these values is probably in a wrong unit"
                 )
                 yield _warning(text, file, f"accelerations are in {unit}/s2")
             if jerk is not None and not _RAMP[0] / 10 <= acceleration / jerk <= _RAMP[1]:
                 text = (
-                    f"limits.{kind}: at {jerk:g} {unit}/s3 the {name} acceleration of {acceleration:g} {unit}/s2 takes "
-                    f"{acceleration / jerk:.3g} s: one of them looks like another unit"
+                    f"limits.{kind}: with {jerk:g} {unit}/s3, the {name} reaches {acceleration:g} {unit}/s2 after "
+                    f"{acceleration / jerk:.3g} s: one of these values is probably in a wrong unit"
                 )
                 yield _warning(text, file, f"jerks are in {unit}/s3")
 

@@ -77,7 +77,11 @@ class Dragging:
 
 
 def _compile(laws: Console, drag: Drag, dt: float) -> Evaluator:
-    """Return the function (hands (6), hands at the start (6), camera at the start (4), camera (4)) -> camera (4)."""
+    """Return the compiled function for one tick, which returns the camera's next pan, tilt, depth and roll (4).
+
+    Its arguments are the positions of both hands (6) now and at the start of the motion, then the camera's pan, tilt,
+    depth and roll (4) at the start of the motion and now.
+    """
     z = ca.SX.sym("z", 20)
     right, left, right_0, left_0, at_0, at = ca.vertsplit(z, (0, 3, 6, 9, 12, 16, 20))
     d_R, d_L = laws.laws["eq3"](*(from_sx(p) for p in (right_0, right, left_0, left)))

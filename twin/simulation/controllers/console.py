@@ -108,7 +108,7 @@ def eq3(p_R0, p_R1, p_L0, p_L1):
     gives="turn_R turn_L",
     source=f"{PAPER}, eq. (4)",
     variant="corrected",
-    why="the angle of the line between the hands about the line of sight: it does not depend on the origin",
+    why="the rotation of the line between the hands about the line of sight, which does not depend on the origin",
 )
 def eq4(p_R0, p_L0, d_R, d_L, n):
     """Return the rotations about n in rad, counter-clockwise positive; corrected: equal for both hands."""

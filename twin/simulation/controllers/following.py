@@ -32,12 +32,12 @@ class Start:
     """Condition that must be met before a hand moves the tool.
 
     Attributes:
-        attitude, again: largest angle in rad between hand and tool: at the first start; when the hand starts again
-            after the clutch.
+        attitude, again: largest angle in rad between hand and tool: `attitude` at the first start, `again` when the
+            hand starts again after the clutch.
         grip, roll: gripper travel in rad, or rotation of the handle about its axis in rad, that shows that a person
             holds the handle.
-        together: fraction of the sum of both thresholds. A sum of gripper travel and rotation above this value also
-            shows that a person holds the handle.
+        together: smaller motions of gripper and handle also suffice if their sum exceeds `together` times the sum of
+            `grip` and `roll`.
     """
 
     attitude: float = 5 * DEG

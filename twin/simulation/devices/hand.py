@@ -70,8 +70,8 @@ def tremor(rng: np.random.Generator, hand: Hand, lines: int = 24) -> Callable[[f
 class ScriptedHand(Block):
     """Writes `hand.handle` (n,) with tremor, `hand.pedal` (0 or 1), and `hand.goal`: index of the goal, or -1.
 
-    The operator sees the tool pose (from `<robot>.q`) between two strokes. The device ends when the last goal is
-    reached, or when the operator gives up a goal.
+    The operator sees the tool pose (from `<robot>.q`) only between two strokes (single hand motions). The device ends
+    when the last goal is reached, or when the operator gives up a goal.
 
     Attributes:
         missed: name of the goal that the operator gave up; "" if there is none.

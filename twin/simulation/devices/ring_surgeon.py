@@ -1,9 +1,9 @@
-"""A simulated surgeon, with a random seed, who brings rings from pegs of a wall to pegs of a floor, with both hands.
+"""A simulated surgeon, with a random seed, who moves rings from pegs on a wall to pegs on a floor, with both hands.
 
-Both hands work at the same time, each at a ring for a peg on its side: open, go to the ring, grasp its wire from the
-side, lift it, pull it off, carry it to its peg while it is turned, put it over the end of the peg, let it go. If a ring
-slips before it has left its peg, the hand tries again; a ring that has fallen to the floor is left there. How the hands
-move: `devices.surgeon_hands`; all habits are ASSUMED.
+Both hands work at the same time, each with a ring for a peg on its side: they open, move to the ring, grasp its wire
+from the side, lift the ring, pull it off, rotate it on the way to its peg, put it over the end of the peg, and open. If
+a ring slips before it has left its first peg, the hand tries again; a ring that has fallen to the floor is left there.
+The motion of the hands is in `devices.surgeon_hands`; all habits are ASSUMED.
 """
 
 from __future__ import annotations
@@ -32,11 +32,11 @@ HABITS = Habits(hand=Hand(reach=(0.05, 2.5), speed=(0.08, 0.9), pause=0.3), open
 
 @dataclass(frozen=True)
 class Ring:
-    """A ring to bring to a peg, in m: its name, radii of its wire's centre line and of its wire, ends of its peg.
+    """A ring to bring to a peg; lengths in m.
 
     Attributes:
         name: name of the ring.
-        radius, wire: radii of the centre line of its wire, and of its wire.
+        radius, wire: radius of the ring (of the centre line of its wire), and radius of the wire.
         peg: name of the peg.
         end, foot: (3,) free end and other end of the peg in the World.
     """
@@ -59,8 +59,8 @@ class Manner:
         before: distance from which the jaws approach the wire, and to which they go back.
         lift: distance by which a ring is lifted before it is pulled off.
         pull: distance by which it is pulled off.
-        above, below: distance of the middle of the ring above the end of its peg before it is lowered, and below it
-            when it is let go.
+        above, below: distance of the ring's centre from the end of its peg: `above` it before the ring is lowered, and
+            `below` it when the ring is released.
         tilt: angle at which a ring is put over its peg, its far side lower than the near one.
         near, fine: remaining distance at the end of a rough and of a fine movement.
         turn: remaining angle at the end of a movement.
@@ -80,7 +80,7 @@ class Manner:
 
 
 class RingSurgeon(SurgeonHands):
-    """Writes what `SurgeonHands` writes, and `surgeon.target`: number of rings that the surgeon has let go on pegs.
+    """Writes what `SurgeonHands` writes, and `surgeon.target`: number of rings that the surgeon has put on pegs.
 
     The surgeon sees the rings from `<ring>.pose`, and whether the jaws hold one from `<ring>.holder`.
 
@@ -136,7 +136,7 @@ class RingSurgeon(SurgeonHands):
         at = a + (b - a) * (a[2] / (a[2] - b[2]))
         return float(np.hypot(at[0], at[1])) < ring.radius
 
-    # -- what the surgeon does; each yields once per tick ---------------------------------------------
+    # -- actions: each generator yields once per tick -------------------------------------------------
 
     def _work(self) -> Iterator[None]:
         yield from self._rest(0.3)
@@ -148,7 +148,7 @@ class RingSurgeon(SurgeonHands):
         yield from self._rest(0.5)
 
     def _next(self) -> dict[str, Ring]:
-        """Return the next ring of each hand: the hand on whose side of the picture the peg is."""
+        """Return the next ring of each hand; a ring is for the hand on the side of the picture where its peg is."""
         right, left = self.arms
         jobs: dict[str, Ring] = {}
         for ring in self._left:
@@ -167,7 +167,7 @@ class RingSurgeon(SurgeonHands):
                 self._left.remove(ring)
 
     def _bring(self, jobs: dict[str, Ring]) -> Iterator[None]:
-        """Bring a ring of each hand to its peg, or try to."""
+        """Try to bring the ring of each hand to its peg."""
         manner = self.manner
         yield from self._turn_grip(dict.fromkeys(jobs, self.habits.open))
         grasps = {hand: self._grasp(hand, ring) for hand, ring in jobs.items()}
@@ -203,9 +203,9 @@ class RingSurgeon(SurgeonHands):
         return n if n @ self._view()[:3, 2] > 0 else -n
 
     def _grasp(self, hand: str, ring: Ring) -> Array:
-        """Return the tool's pose (4, 4) in the World at which the jaws are to both sides of a ring's wire.
+        """Return the tool's pose (4, 4) in the World with the open jaws on both sides of a ring's wire.
 
-        The jaws point to the middle of the ring, from above and from the side of the hand, and close along its axis.
+        The jaws point to the centre of the ring, from above and from the side of the hand. They close along its axis.
         """
         T, view = self._ring(ring), self._view()
         n = -self._outwards(ring)
@@ -213,7 +213,7 @@ class RingSurgeon(SurgeonHands):
         aside = aside - n * (n @ aside)
         up = np.cross(n, np.cross([0.0, 0.0, 1.0], n))
         out = np.cos(self.manner.side) * _unit(up) + np.sin(self.manner.side) * _unit(aside)
-        # The jaws are alike: at the first grasp the hand takes the attitude to which it turns less.
+        # The jaws are interchangeable: at the first grasp, the hand uses the orientation that needs less rotation.
         y = n * self._turned.setdefault(hand, 1.0 if n @ self._tool(hand)[:3, 1] > 0 else -1.0)
         R = np.column_stack([np.cross(y, -out), y, -out])
         return spatial.pose(R, T[:3, 3] + (ring.radius + self._ahead(hand)) * out)
@@ -223,7 +223,7 @@ class RingSurgeon(SurgeonHands):
         return float(self.arms[hand].T_tool_tip[2, 3]) - self.manner.beyond
 
     def _over(self, hand: str, ring: Ring, height: float) -> Array:
-        """Return the tool's pose (4, 4) that puts the middle of the held ring over the end of its peg."""
+        """Return the tool's pose (4, 4) with the centre of the held ring at a height in m above the end of its peg."""
         T, T_ring = self._tool(hand), self._ring(ring)
         up = _unit(ring.end - ring.foot)
         ahead = _unit(T[:3, 2] - up * (up @ T[:3, 2]))

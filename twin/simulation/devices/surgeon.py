@@ -1,6 +1,6 @@
 """A simulated surgeon, with a random seed, who touches the targets of a task with both hands at once.
 
-The grippers open on the way and close at the target. How the hands move: `devices.surgeon_hands`.
+The grippers open on the way and close at the target. The motion of the hands is in `devices.surgeon_hands`.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ _STALLED = 12
 class ScriptedSurgeon(SurgeonHands):
     """Writes `<hand>.pose` (16,) with tremor, `<hand>.grip`, the pedals, and `surgeon.target`: index; -1 at the start.
 
-    The surgeon sees the tips (from `<robot>.q`) in the picture (`<camera>.view`) between two strokes. The device ends
-    after the last target.
+    The surgeon sees the tips (from `<robot>.q`) in the picture (`<camera>.view`) only between two strokes (single
+    hand motions). The device ends after the last target.
 
     Attributes:
         targets: name of each target and, by hand, its point (3,) in m in the World.

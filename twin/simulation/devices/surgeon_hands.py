@@ -1,9 +1,9 @@
 """The hands and feet of a simulated surgeon at a console: strokes, grippers, pedals.
 
-The hands move as that of `devices.hand`: with minimum jerk to reduce the remaining error in the picture, with tremor
-and errors of judgement. If what the surgeon wants to see is outside the middle of the picture, the surgeon moves the
-camera; if a hand has left its comfortable range, it is moved back while the clutch is pressed. All of this is ASSUMED:
-hand motions at such a console are not published.
+The hands move like the hand of `devices.hand`: with minimum jerk to reduce the remaining error in the picture, with
+tremor and errors of judgement. If the targets are outside the middle of the picture, the surgeon moves the camera; if a
+hand has left its comfortable range, it is moved back while the clutch is pressed. All of this is ASSUMED: hand motions
+at such a console are not published.
 """
 
 from __future__ import annotations
@@ -67,8 +67,8 @@ class Eye:
 class SurgeonHands(Block):
     """Writes `<hand>.pose` (16,) with tremor, `<hand>.grip`, and the pedals; a subclass decides what the hands do.
 
-    The surgeon sees the instruments (from `<robot>.q`) in the picture (`<camera>.view`) between two strokes. The device
-    ends when the work has ended.
+    The surgeon sees the instruments (from `<robot>.q`) in the picture (`<camera>.view`) only between two strokes
+    (single hand motions). The input of the device ends when the task is done.
     """
 
     def __init__(
@@ -186,9 +186,10 @@ class SurgeonHands(Block):
     def _stroke(
         self, ways: Mapping[str, Array], pause: float, turns: Mapping[str, Array] | None = None
     ) -> Iterator[None]:
-        """Move the hands by ways (3,) in m and turns (3,) in rad, as far as their range allows.
+        """Move the hands by displacements (3,) in m and rotations (3,) in rad.
 
-        If their range is used up, they are only moved back.
+        Both are shortened if a hand would leave its range. If less than 5 % of them is possible, the hands move back to
+        the middle of their ranges with the clutch pressed, and nothing else is done.
         """
         hand = self.habits.hand
         part = 1.0

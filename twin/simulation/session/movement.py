@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.signal import butter, sosfiltfilt
 
 from twin.core.spatial import Array
 
@@ -29,6 +28,8 @@ def speed(p: Array, dt: float) -> Array:
     if len(p) < 2:
         return np.zeros(len(p))
     if 0.5 / dt > CUT_OFF:
+        from scipy.signal import butter, sosfiltfilt  # takes 0.7 s; a server does not need it at start
+
         low = butter(2, CUT_OFF, fs=1 / dt, output="sos")
         p = sosfiltfilt(low, p, axis=0, padlen=min(len(p) - 1, round(0.1 / dt)))
     return np.linalg.norm(np.gradient(p, dt, axis=0), axis=1)

@@ -16,10 +16,10 @@ from twin.simulation.session.movement import runs
 from twin.simulation.world import Recording
 
 _FALL = 10 * MM
-"""Smallest distance in m by which a ring falls, without a hand, if it was dropped; ASSUMED."""
+"""Minimum fall in m of a ring that is not held, to count as a drop; ASSUMED."""
 
 _SHORT = 0.25
-"""Time in s: an interruption of a grasp, or of a collision, that is shorter does not end it; ASSUMED."""
+"""Minimum duration in s of an interruption that ends a grasp or a collision; ASSUMED."""
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,7 @@ class RingResult:
 
     Attributes:
         ring, peg: names of ring and peg.
-        t: time in s from which on the ring lies around its peg, without a hand, to the end; None: it does not.
+        t: time in s from which the ring is around its peg, not held, until the end; None: it is not.
         drops: number of times that it has been dropped.
     """
 
@@ -44,9 +44,9 @@ class BoardMeasures:
 
     Attributes:
         rings: result of each ring.
-        collisions: number of collisions: of an instrument with a fixed part, or of both instruments.
-        time: time in s from the first moment in which an arm follows its hand until the last ring is transferred, or
-            to the end if one is not; t_PB.
+        collisions: number of collisions of an instrument with a fixed part, or with the other instrument.
+        time: t_PB, time in s from the first moment in which an arm follows its hand until the last ring is transferred;
+            until the end of the session if a ring is not transferred.
     """
 
     rings: Sequence[RingResult]
@@ -93,9 +93,9 @@ def measure(
 
 
 def around(Ts: Array, radius: float, peg: Peg) -> np.ndarray:
-    """Return whether (k,) a ring at poses Ts (k, 4, 4) in the World has the peg in its hole.
+    """Return (k,) bool: whether the peg passes through the hole of a ring at poses Ts (k, 4, 4) in the World.
 
-    The peg's middle line then passes the plane of the ring within the radius in m of the wire's centre line.
+    It does if the peg's axis intersects the plane of the ring at less than `radius` in m from the ring's centre.
     """
     n, middle = Ts[:, :3, 2], Ts[:, :3, 3]
     way = peg.end - peg.foot
@@ -121,7 +121,7 @@ def _ring(kept: Recording, name: str, radius: float, peg: Peg) -> RingResult:
 
 
 def _merged(flags: np.ndarray, few: int) -> list[tuple[int, int]]:
-    """Return the runs of true values in flags (k,), of which those that are at most `few` apart are one."""
+    """Return the runs of true values in flags (k,); runs that are at most `few` apart are joined."""
     out: list[tuple[int, int]] = []
     for a, b in runs(flags):
         if out and a - out[-1][1] <= few:

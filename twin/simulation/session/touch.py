@@ -19,7 +19,7 @@ class Touched:
     Attributes:
         name: name of the target.
         t: time in s at which the touch was complete; None: it was not touched.
-        nearest: minimum, over the time after the previous touched target, of the larger distance in m of its tips.
+        nearest: smallest error in m after the previous touched target; the error is the largest distance of a tip.
     """
 
     name: str

@@ -34,7 +34,7 @@ class Placed:
 class _Run(NamedTuple):
     """A block, the ticks and the time in s between its steps, the memory of its signals, and their hazards.
 
-    The World unpacks this tuple in each tick, which is faster than to read attributes.
+    The World unpacks this tuple in each tick, which is faster than reading attributes.
     """
 
     block: Block

@@ -8,7 +8,7 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -18,16 +18,18 @@ from twin.core.errors import TwinError
 from twin.core.units import DEG, MM
 from twin.model.mechanism import Mechanism
 from twin.model.scene import Place, Scene
-from twin.simulation.session.condition import Condition
 from twin.ui.door.answers import File
 from twin.ui.headset import files
 from twin.ui.headset.description import describe, numbers, pose
 from twin.ui.headset.live import Live
-from twin.ui.headset.operation import Operation
 from twin.ui.headset.twin import Twin
 from twin.ui.session.desk import Desk
 from twin.ui.session.feed import Feed, Surface
 from twin.ui.session.timeline import Clock
+
+if TYPE_CHECKING:
+    from twin.simulation.session.condition import Condition
+    from twin.ui.headset.operation import Operation
 
 _ROBOTS = "robots/{}/"
 """Path of the files of a robot in a scene."""
@@ -127,6 +129,9 @@ def of_console(
         TwinError: the scene has no console, the console does not match its robots, or the port of packets is in use.
         OutputError: the session cannot be written.
     """
+    # It imports MuJoCo and the simulation, which a single robot does not need.
+    from twin.ui.headset.operation import Operation
+
     operation = Operation(scene, robots, session, props, condition)
     try:
         if packets is not None:
@@ -159,7 +164,7 @@ def _placed(
     described = _describe(scene.name, scene.title, placed, feed)
     described["cameras"] = _cameras(scene, robots)
     described["assumed"] = [f"{p.name}: {p.note}" for p in scene.parameters if p.provenance == "ASSUMED"]
-    if isinstance(live, Operation):
+    if not isinstance(live, Live):
         described["console"] = live.about
     preload = [f"{_ROBOTS.format(p.name)}robot.glb" for p in scene.places]
     if props is not None:

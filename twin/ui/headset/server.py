@@ -70,6 +70,7 @@ class StreamServer:
         self._dirty = False
         self._tick = 0
         self._begin = self._framed = time.monotonic()
+        self._response: asyncio.TimerHandle | None = None
         self._numbers = 0
         self.source = source
         source.send = self._tell
@@ -99,6 +100,8 @@ class StreamServer:
 
     async def close(self) -> None:
         """Close all connections (code 1001) and stop; clients that do not close in time are disconnected."""
+        if self._response is not None:
+            self._response.cancel()
         self._say_state()
         self._server.close(code=1001, reason="the server ends")
         try:
@@ -137,8 +140,10 @@ class StreamServer:
             client.behind = True
 
     def _respond(self, now: float) -> None:
-        """Send the effect of a message `hands` at once, instead of at the next tick."""
-        if now - self._framed < GAP:
+        """Send the effect of a message `hands` as soon as `GAP` allows, instead of at the next tick."""
+        self._response = None
+        if (wait := GAP - (now - self._framed)) > 0:
+            self._response = asyncio.get_running_loop().call_later(wait, lambda: self._respond(time.monotonic()))
             return
         self._advance(max((now - self._begin) * RATE, self._tick), now)
         for client in list(self.clients):
@@ -247,7 +252,7 @@ class StreamServer:
         except RefusedError as error:
             self._error(client, error.code, str(error), message.id)
             return
-        if isinstance(message, wire.Hands):
+        if isinstance(message, wire.Hands) and self._response is None:
             self._respond(now)
         # `hands` arrives 100 times per second: only the first one causes a `state` at once.
         self._dirty |= not (isinstance(message, wire.Drag) or (held and isinstance(message, wire.Hands)))

@@ -123,7 +123,7 @@ def _bands(ax: Axes, found: ConsoleSession, arms: list[tuple[str, str]]) -> None
 
 
 def _hits(found: ConsoleSession, robot: str) -> np.ndarray:
-    """Return whether (k,) an instrument touches the board or the other instrument."""
+    """Return (k,) bool: whether an instrument touches the board or the other instrument."""
     return np.any([found.ran.kept[f"{robot}.{what}"][:, 0] > 0.5 for what in ("touches", "meets")], axis=0)
 
 

@@ -117,7 +117,7 @@ class LiveConsole:
         self.reading = self._read()
 
     def transferred(self) -> int:
-        """Return the number of rings that now lie around their pegs without a hand."""
+        """Return the number of rings that are around their pegs now, and are not held."""
         sizes, count = {o.name: o.size for o in self.objects}, 0
         for transfer in self.transfers:
             T = self.world.signals[f"{transfer.ring}.pose"].reshape(1, 4, 4)

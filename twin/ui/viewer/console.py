@@ -390,7 +390,7 @@ def status(reading: Mapping[str, Any]) -> tuple[str, str]:
         return "good", "Clutch: only the arrows move; the instruments are at rest."
     if reading["mode"] == "camera":
         return "good", "Camera: both hands move the picture."
-    return "good", f"{reading['owner']} controls {' and '.join(led)}." if led else f"{reading['owner']} owns the hands."
+    return "good", f"{reading['owner']} controls {' and '.join(led) or 'no arm'}."
 
 
 def hand_text(reading: Mapping[str, Any], hand: str) -> tuple[str, str]:

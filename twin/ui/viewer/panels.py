@@ -232,7 +232,7 @@ class Panels:
     # -- reading --------------------------------------------------------------------------------------
 
     def equations_shown(self) -> bool:
-        """Return whether the user wants to see the points of the equations."""
+        """Return whether the checkbox that shows the named points computed by the equations is set."""
         return self._equations.value
 
     def ghost(self, visible: bool) -> None:

@@ -136,7 +136,8 @@ def _check_state(joint: RawJoint, line: Timeline, q: Array) -> Iterator[Finding]
         if not joint.excluded and float(_difference(joint, q[:1], np.zeros(1))[0]) > STATE_TOL:
             yield _STATE_MISSING(
                 joint.path,
-                f"joint {joint.path} has no joint state, so that simulators start at zero instead of at its pose",
+                f"joint {joint.path} has no joint state, so simulators start it at zero instead of at the coordinate "
+                "given by the poses of its bodies",
                 Quantity(q[0] * shown, unit),
                 STATE_TOL,
                 f"apply PhysicsJointStateAPI:{joint.instance} and author its position",
@@ -152,13 +153,13 @@ def _check_state(joint: RawJoint, line: Timeline, q: Array) -> Iterator[Finding]
     if off[worst] <= STATE_TOL:
         return
     if joint.is_angle and np.max(_difference(joint, states / DEG, actual)) < 10 * STATE_TOL:
-        text = f"joint state {states[worst]:.5g} equals its pose in radians ({actual[worst]:.5g} deg)"
+        text = f"joint state {states[worst]:.5g} equals its coordinate in radians ({actual[worst]:.5g} deg)"
         yield _radians(joint, text, float(states[worst]))
         return
     yield _STATE(
         joint.path,
-        f"joint {joint.path}: its state {Quantity(states[worst] * shown, unit)} differs from the coordinate "
-        f"{Quantity(actual[worst] * shown, unit)} of its pose",
+        f"joint {joint.path}: its state {Quantity(states[worst] * shown, unit)} differs from its coordinate "
+        f"{Quantity(actual[worst] * shown, unit)}, computed from the poses of its bodies",
         Quantity(off[worst], unit),
         STATE_TOL,
         when=line.labels[worst],
@@ -193,7 +194,7 @@ def _check_drive(joint: RawJoint, q: float) -> Iterator[Finding]:
     target = drive.GetTargetPositionAttr().Get() * joint.unit
     low, high = (v * joint.unit for v in joint.limits or (-np.inf, np.inf))
     if joint.is_angle and abs(target) > 1e-3 and abs(target / DEG - q) < 0.05 and abs(target - q) > 0.5:
-        yield _radians(joint, f"drive target {target:.5g} equals its pose in radians ({q:.5g} deg)", target)
+        yield _radians(joint, f"drive target {target:.5g} equals its coordinate in radians ({q:.5g} deg)", target)
     elif low <= high and max(low - target, target - high) * shown > LIMIT_TOL:
         yield _DRIVE_TARGET(
             joint.path,

@@ -16,7 +16,7 @@ _LOOP = Kind(
     "stage.loop", "disagreement", "author physics:excludeFromArticulation = true on the joint that closes the loop"
 )
 _LOOSE = Kind(
-    "stage.loose", "info", "correct for a separate object; connect the body by a joint if it is part of the robot"
+    "stage.loose", "info", "if the body is part of the robot, connect it by a joint; a separate object needs no change"
 )
 _SELF_COLLISION = Kind(
     "stage.self_collision", "warning", "author physxArticulation:enabledSelfCollisions = false, or filter the pairs"

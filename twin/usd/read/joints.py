@@ -188,7 +188,7 @@ def _groups(bodies: list[str], joints: list[RawJoint]) -> list[list[str]]:
 
 
 def _is_stated_base(scene: Scene, body: str) -> bool:
-    """Return whether the attribute `twin:base` names the body at a prim path as the base."""
+    """Return whether the attribute `twin:base` of the parent prim has the name of this body (a prim path)."""
     prim = scene.bodies.get(body)
     name = prim.GetParent().GetAttribute("twin:base") if prim else None
     return bool(prim and name and name.Get() == prim.GetName())

@@ -75,7 +75,7 @@ class Candidate:
 class Found:
     """Search result for one group of rows: the edits that fix them, and the best edit that does not.
 
-    A cure is an edited function with which the rows agree. Its readings are the different edits that produce it.
+    A cure is an edited function that makes the rows agree. Its readings are the different edits that produce it.
 
     Attributes:
         rows: the rows of the group.

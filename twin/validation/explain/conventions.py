@@ -80,7 +80,7 @@ ORDERS = tuple("".join(o) for o in product("xyz", repeat=3) if o[0] != o[1] and 
 
 
 def _euler(judge: Judge) -> Iterator[Convention]:
-    """Yield the Euler sequence and signs with which the rows agree."""
+    """Yield the Euler sequence and signs that make the rows agree with the mechanism."""
     truth = judge.truth
     angles = [n for n, unit in truth.coordinates if unit == "rad"]
     if len(angles) != 3:
@@ -196,7 +196,7 @@ def _scalars(judge: Judge) -> Iterator[Convention]:
 
 
 def _axes(judge: Judge) -> Iterator[Convention]:
-    """Yield permuted, mirrored or rescaled axes with which the named points agree."""
+    """Yield a permutation, mirroring or scaling of axes that makes the named points agree with the mechanism."""
     truth, values = judge.truth, said(judge)
     pairs = []
     for name, symbol in judge.formula.points.items():

@@ -47,8 +47,8 @@ def known(
 ) -> Truth:
     """Return the mechanism's values of the formula's symbols at sampled poses.
 
-    A redundant mechanism has many solutions for a pose. The solution nearest to the formula's own joint values is used
-    if no row is wrong with it, or fewer rows than with the sampled solution.
+    A redundant mechanism has many solutions for a pose. Two are compared: the sampled one, and the one nearest to the
+    formula's own joint values. The second is used if fewer rows are wrong with it, or none.
     """
     run = sample(model, progress=lambda f: progress("sample the mechanism", f))
     if not (model.redundant and formula.has("inverse")):
@@ -254,7 +254,7 @@ def _row(judge: Judge, place: Place, found: list[Found], root: Path | None) -> R
 
 
 def _margin(judge: Judge, m: Judged, root: Path | None) -> Row:
-    """Return the wrong row for a reach, singularity measure or aspect that contradicts the mechanism."""
+    """Return the report's `Row` for a reach, singularity measure or aspect that contradicts the mechanism."""
     kind = {"reach": f"margin of reach '{m.name}'", "aspect": "aspect"}.get(m.kind, f"singularity measure '{m.name}'")
     size = m.size if m.size is not None and m.unit else float("nan")
     step = next((s for s in judge.steps if s.equation.name == m.equation), None)
@@ -393,7 +393,7 @@ def _reading(search: Search, c: Candidate, root: Path | None) -> Reading:
     for e in c.edits:
         if e.kind == "left side":
             note = (
-                f"the row then determines {e.new}; in Python it must still be assigned to {e.old}: "
+                f"the row then determines {e.new}; in Python, keep {e.old} on the left side: "
                 f"{e.old} = {e.old} - {e.new} + ..."
             )
     diffs, lines = [], {}

@@ -282,7 +282,10 @@ class Judge:
                 scope[name] = old
 
     def _from_before(self, step: Step, edits: list[Edit]) -> Residuals:
-        """Return the residuals of a step that change because an earlier step calls the same edited helper."""
+        """Return the residuals of a step that change through an earlier step.
+
+        An earlier step that calls the same edited helper changes an output that this step uses.
+        """
         for earlier in self.steps[: self.steps.index(step)]:
             passes = set(earlier.equation.outputs) - set(self.truth.kinds)
             calls = any(h.source.name == edits[0].function for h in self.helpers(earlier))

@@ -30,7 +30,7 @@ _ALIKE = 1e-9
 
 
 def offsets(judge: Judge) -> Iterator[Convention]:
-    """Yield offsets of as few angles as possible with which the pose of a forward formula agrees."""
+    """Yield the smallest set of joint angle offsets that makes the pose of each wrong forward equation agree."""
     for place in judge.failing():
         step = judge.step(place.equation)
         if step.stage != "forward" or judge.truth.kinds[place.symbol] != "pose":

@@ -79,7 +79,7 @@ class Pairs:
         self.total = n * (n - 1) // 2
 
     def found(self, deadline: float) -> Iterator[tuple[Edit, Edit]]:
-        """Yield pairs with which the row agrees at a few poses but not at perturbed values; stop at the deadline.
+        """Yield pairs that make the row agree at a few poses but not at perturbed values; stop at the deadline.
 
         Call this method with NumPy's warnings disabled.
         """

@@ -118,7 +118,10 @@ class Source:
         self.plain = bool(body) and isinstance(body[-1].node, ast.Return) and not inner
 
     def names_at(self, statement: Statement) -> tuple[set[str], set[str]]:
-        """Return (names with a value at a statement, those of them that the statement's own definition can use)."""
+        """Return (names with a value before a statement, subset of these names that the statement can use).
+
+        They differ in a variant: it can only use its own arguments and the names assigned in it before the statement.
+        """
         before = [s for s in self.statements[: statement.index] if not s.new or s.home is statement.home]
         own = {a.arg for a in ast.walk(statement.home.args) if isinstance(a, ast.arg)}
         there = {w for s in before for w in s.writes} | own

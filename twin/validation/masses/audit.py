@@ -2,7 +2,7 @@
 
 With the inertia tensor J and the first moment h about one origin, Sigma = tr(J)/2 I - J is the matrix of second
 moments. A body is physically possible only if J and Sigma are positive definite; for Sigma this is the triangle
-inequality. Its mass m must also make [[Sigma, h], [h', m]] positive semidefinite, that is, m >= h' Sigma^-1 h. If no
+inequality. Its mass m must also make [[Sigma, h], [h^T, m]] positive semidefinite, that is, m >= h^T Sigma^-1 h. If no
 masses were published, no other check of the moments is possible. The check also shows the sign of the products of
 inertia. CAD programs print products as +integral(x y dm); these must be negated in the tensor, and only the correct
 sign gives plausible masses.

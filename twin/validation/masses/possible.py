@@ -1,6 +1,6 @@
 """Check whether mass, first moments and inertia of a body are physically possible and fit its shapes.
 
-The pseudo-inertia [[Sigma, h], [h', m]], with the second moments Sigma, first moment h and mass m, must be positive
+The pseudo-inertia [[Sigma, h], [h^T, m]], with the second moments Sigma, first moment h and mass m, must be positive
 definite; this includes the triangle inequality and the minimum mass. If the shapes are known, the mass centre must be
 inside their convex hull, and the density must be that of a real material. `guess` finds probable mistakes in a tensor
 that does not fit the shapes.

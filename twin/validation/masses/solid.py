@@ -21,7 +21,7 @@ class Moments:
     Attributes:
         volume: volume in m3; negative if the faces are oriented inwards.
         first: (3,) in m4, first moment.
-        second: (3, 3) in m5, second moments: the integral of x x'.
+        second: (3, 3) in m5, second moments: the integral of x x^T.
     """
 
     volume: float

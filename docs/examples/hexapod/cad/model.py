@@ -2,8 +2,8 @@
 
     python docs/examples/hexapod/cad/model.py [--dimensions FILE] [--out hexapod.step]
 
-The platform stands level.  Each rigid body is one sub-assembly (base, cross1..6, cylinder1..6, rod1..6, platform);
-its parts are named <body>_<part>.  All shapes are written in world coordinates: no instance carries a placement.
+The platform is horizontal.  Each rigid body is one sub-assembly (base, cross1..6, cylinder1..6, rod1..6, platform);
+its parts are named <body>_<part>.  All shapes are written in world coordinates: no instance has a placement.
 """
 
 import importlib.util
@@ -22,20 +22,21 @@ BODIES = ["base", *(f"{kind}{n}" for n in LEGS for kind in ("cross", "cylinder",
 
 
 def on_circle(radius, angle, z):
-    """Point of a horizontal circle; degrees."""
+    """Return the point of a horizontal circle at an angle in degrees."""
     return np.array([radius * np.cos(np.radians(angle)), radius * np.sin(np.radians(angle)), z])
 
 
 def ends(d, n):
-    """Centre of the universal joint on the base, and of the ball below the platform, both in the frames of these."""
+    """Return the centres of leg n: universal joint in the base frame, ball joint in the platform frame."""
     middle, side = 120.0 * ((n - 1) // 2), 1 if n % 2 == 0 else -1
     return on_circle(d.r_a, middle + side * d.alpha, d.h_a), on_circle(d.r_b, middle + side * d.beta, -d.h_b)
 
 
 def placements(d):
-    """World placement (4x4, mm) of every body, the platform level.
+    """Return the pose (4, 4) in mm of each body in the world, with a horizontal platform.
 
-    A leg's frame: z from the universal joint to the ball, x along the pin in the base (level), y along the other.
+    In a leg's frame, z points from the universal joint to the ball, x is along the horizontal pin in the base, and y
+    is along the other pin.
     """
     out = {"base": np.eye(4), "platform": np.eye(4)}
     out["platform"][2, 3] = d.height
@@ -50,7 +51,7 @@ def placements(d):
 
 
 def drawing():
-    """Load parts.py beside this file; late, because build123d takes seconds."""
+    """Load parts.py next to this file; called only when drawing, because importing build123d takes seconds."""
     if "hexapod_parts" not in sys.modules:
         spec = importlib.util.spec_from_file_location("hexapod_parts", HERE / "parts.py")
         sys.modules["hexapod_parts"] = importlib.util.module_from_spec(spec)
@@ -59,7 +60,7 @@ def drawing():
 
 
 def assembly(path):
-    """Return the drawn robot of a dimension file: ({body: [(name, shape, rgb)]}, mass in kg)."""
+    """Draw the robot with the values of a dimension file; return ({body: [(name, shape, rgb)]}, mass in kg)."""
     d, parts = cad.Dimensions(path, {}), drawing()
     where = placements(d)
     legs = [where[f"cross{n}"] for n in LEGS]

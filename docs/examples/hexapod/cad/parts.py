@@ -26,7 +26,7 @@ MATERIALS = {  # sRGB, density in kg/m3
 
 
 def ring(at, axis, inner, outer, h):
-    """Tube of length h."""
+    """Return a tube with inner and outer radius that starts at `at` and has length h along `axis`."""
     return cyl(at, axis, outer, h) - cyl(at, axis, inner, h)
 
 
@@ -38,7 +38,7 @@ def rims(solid, size):
 
 # ---- base -------------------------------------------------------------------
 def base(d, legs):
-    """Ring plate on the table, and six brackets for the universal joints."""
+    """Draw the base: ring plate on the table, and six brackets for the universal joints."""
     t = d.base_thickness
     plate = rims(cyl((0, 0, -t), Z, d.base_radius, t), d.base_chamfer) - cyl((0, 0, -t - 1), Z, d.base_bore, t + 2)
     plate -= box(d.base_flat, d.base_radius + 1, -d.base_radius, d.base_radius, -t - 1, 1)
@@ -54,7 +54,7 @@ def base(d, legs):
 
 
 def bracket(d, n, plane):
-    """Foot with two ears around the pin along x, and its screws."""
+    """Draw a bracket: foot with two ears around the pin along x, and its screws."""
     low, foot, far = -d.h_a, 8.0, d.hub + d.ear
     body = box(-far - 10, far + 10, -13, 13, low, low + foot, 4)
     ears = []
@@ -74,7 +74,7 @@ def bracket(d, n, plane):
 
 # ---- legs -------------------------------------------------------------------
 def cross(d):
-    """Block with a pin through it each way; the shoulders touch the ears."""
+    """Draw the cross: a block with a pin along x and a pin along y; its shoulders touch the ears."""
     far, h = d.hub + d.ear, d.hub
     block = box(-h, h, -h, h, -8, 8)
     block = block.chamfer(2, None, block.edges().filter_by(Axis.Z))
@@ -88,7 +88,7 @@ def cross(d):
 
 
 def cylinder(d):
-    """Fork, motor with gear, cylinder tube and head."""
+    """Draw the cylinder: fork, motor with gear, cylinder tube and head."""
     far, r = d.hub + d.ear, d.ear_radius
     fork = cyl((0, 0, d.motor_start - 6), Z, d.motor_radius, 6)
     for y in (d.hub, -far):
@@ -121,7 +121,7 @@ def cylinder(d):
 
 
 def rod(d):
-    """Rod with spanner flats, and the ball on its neck."""
+    """Draw the rod with spanner flats, and the ball on its neck."""
     foot = -d.rod_length
     shaft = cyl((0, 0, foot), Z, d.rod, d.rod_length - 26)
     shaft = shaft.chamfer(1.0, None, [shaft.edges().group_by(Axis.Z)[0][0]])
@@ -136,7 +136,7 @@ def rod(d):
 
 # ---- platform ---------------------------------------------------------------
 def platform(d, balls, legs):
-    """Plate with a hole pattern, six sockets, and a stylus."""
+    """Draw the platform: a plate with a hole pattern, six sockets, and a stylus."""
     t = d.plate_thickness
     plate = rims(cyl((0, 0, -t), Z, d.plate_radius, t), 1.5) - cyl((0, 0, -t - 1), Z, d.plate_bore, t + 2)
     plate -= box(d.plate_flat, d.plate_radius + 1, -d.plate_radius, d.plate_radius, -t - 1, 1)

@@ -1,4 +1,4 @@
-"""circle: full circles of the tip; the shaft stays on the RCM without spin, or without RCM keeps its orientation."""
+"""circle: full circles of the tip. The shaft passes through the RCM without spin; without RCM, it does not rotate."""
 
 from __future__ import annotations
 

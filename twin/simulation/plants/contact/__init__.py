@@ -1,6 +1,6 @@
 """Contact of movable objects with instruments and fixed parts, simulated by MuJoCo.
 
-`gripper` gives the poses of an instrument's links, `shapes` what MuJoCo collides, `plant` the block of the World.
+`gripper` computes the poses of an instrument's links, `shapes` the collision shapes; `plant` is the block of the World.
 """
 
 from twin.simulation.plants.contact.gripper import Gripper

@@ -133,7 +133,7 @@ def _jaws(mechanism: Mechanism, hand: str, index: int) -> tuple[Jaw, ...]:
 
 
 def _carrying(mechanism: Mechanism, body: str) -> list[Joint]:
-    """Return the joints of the path to a body, and those that couplings tie to them."""
+    """Return the joints of the path to a body, and the joints coupled to them."""
     path = {j.name for j in mechanism.path(body)}
     tied = {n for c in mechanism.couplings if path & set(c.joints) for n in c.joints}
     return [j for j in mechanism.joints if j.name in path | tied]

@@ -35,10 +35,10 @@ _DEEPEST = 0.1e-3
 
 
 class Contact(Block):
-    """Reads `<robot>.q` of instruments; writes the poses of objects, who holds them, and collisions of instruments.
+    """Reads `<robot>.q` of instruments; writes poses and holders of objects, and collisions of instruments.
 
-    Instruments follow their joint values exactly, whatever they touch, with one exception: a jaw presses with limited
-    torque, so that it stays behind its joint when something is between the jaws. Objects are held by friction only.
+    Instruments follow their joint values exactly, even in contact, with one exception: the torque of a jaw is limited,
+    so that an object between the jaws stops it before it reaches its joint value. Objects are held by friction only.
 
     Signals:
         `<object>.pose` (16,): T_world_object, row by row.
@@ -143,7 +143,7 @@ class Contact(Block):
                 add_part(spec, body, part, jaw.T_hand_jaw, gripper.robot, **skin)
             if first is None:
                 first = name, jaw.ratio
-            else:  # jaws turn together, as far as their ratios say
+            else:  # jaws rotate together, in proportion to their ratios
                 spec.add_equality(
                     type=mujoco.mjtEq.mjEQ_JOINT,
                     name1=name,
@@ -182,7 +182,7 @@ class Contact(Block):
                 one, other = (m.body(m.geom_bodyid[g]).name for g in contact.geom)
                 raise WorldError(
                     f"'{one}' and '{other if other != 'world' else 'a fixed part'}' overlap by "
-                    f"{-contact.dist * 1e3:.2f} mm at the start; at most {_DEEPEST * 1e3:g} mm is allowed: move one"
+                    f"{-contact.dist * 1e3:.2f} mm at the start (allowed: {_DEEPEST * 1e3:g} mm): move one of them"
                 )
 
     # -- the tick -----------------------------------------------------------------------------------------
@@ -219,7 +219,7 @@ class Contact(Block):
         return out
 
     def _contacts(self) -> tuple[list[int], set[int], set[int]]:
-        """Return the holder of each object (-1: none), the instruments at fixed parts, and those at each other."""
+        """Return each object's holder (-1: none), the instruments at fixed parts, and those that touch each other."""
         holders, touches, meets = [-1] * len(self._objects), set[int](), set[int]()
         if not self._grippers or not self._data.ncon:
             return holders, touches, meets
@@ -284,14 +284,14 @@ class _Links:
             at, jaw = at + size, jaw + count
 
     def lead(self, q: Sequence[Array]) -> None:
-        """Give the links the velocities that bring them to q (n,) within the step, and the jaws their torques."""
+        """Set the velocities that move the links to q (n,) within the step, and the torques of the jaws."""
         self._locate(q)
         d, dt = self._d, self._period
         self._all[:] = d.qpos
         self._all[self._qpos] = self._wanted
         mujoco.mj_differentiatePos(self._m, self._v, dt, d.qpos, self._all)
         d.qvel[self._dofs] = self._v[self._dofs]
-        # a jaw that nothing holds is at its angle after this step
+        # a jaw that touches nothing reaches its angle in this step
         off = self._angles - d.qpos[self._jaw_qpos] - d.qvel[self._jaw_dofs] * dt
         torque = np.minimum(_JAW_INERTIA / dt**2 * off, self._efforts)
         d.qfrc_applied[self._jaw_dofs] = np.maximum(torque, -self._efforts)
@@ -301,7 +301,7 @@ class _Links:
         qpos[self._qpos], qpos[self._jaw_qpos] = self._wanted, self._angles
 
     def settle(self) -> None:
-        """Put the links exactly where the joint values say."""
+        """Set the links exactly to the poses given by the joint values."""
         self._d.qpos[self._qpos] = self._wanted
 
 
@@ -329,5 +329,5 @@ def _surface(friction: float, kind: int, touches: int, period: float, shape: str
 
 
 def _whole(body: Body) -> Mesh:
-    """Return all parts of a body as one mesh, whose convex hull is what touches."""
+    """Return all parts of a body as one mesh; its convex hull is the collision shape."""
     return Mesh(body.name, np.concatenate([part.vertices for part in body.meshes]), np.zeros((0, 3), np.int32))

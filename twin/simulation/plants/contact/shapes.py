@@ -1,4 +1,4 @@
-"""Shapes that MuJoCo collides: capsules of a ring, primitives or convex hulls of the parts of bodies."""
+"""Collision shapes for MuJoCo: capsules of a ring, primitives or convex hulls of the parts of bodies."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ RING = 12
 """Number of capsules of a ring."""
 
 _ALIKE = 0.03
-"""Largest relative difference of volumes at which a primitive stands for a part."""
+"""Largest relative difference of volumes at which a primitive replaces a part."""
 
 
 @dataclass(frozen=True)

@@ -20,6 +20,8 @@ export class ConsoleMouse {
     const canvas = app.world.renderer.domElement;
     canvas.addEventListener('pointerdown', (e) => this.down(e), { capture: true });
     canvas.addEventListener('pointermove', (e) => this.move(e), { capture: true });
+    // Comes with each report of the mouse; pointermove waits for the next picture. Only Chromium has it.
+    canvas.addEventListener('pointerrawupdate', (e) => this.move(e as PointerEvent), { capture: true });
     canvas.addEventListener('pointerup', (e) => this.up(e), { capture: true });
     canvas.addEventListener('pointercancel', (e) => this.up(e), { capture: true });
     canvas.addEventListener('wheel', (e) => this.wheel(e), { capture: true, passive: false });
@@ -53,10 +55,12 @@ export class ConsoleMouse {
     if (e.pointerId !== this.pointer) return;
     e.stopImmediatePropagation();
     const [dx, dy] = [e.clientX - this.last.x, e.clientY - this.last.y];
+    if (!dx && !dy) return;
     this.last = { x: e.clientX, y: e.clientY };
     const { console, side } = this;
     if (e.shiftKey) console.turn(side, TURN * dy, TURN * dx, 0);
     else console.move(side, console.perPixel * dx, -console.perPixel * dy, 0);
+    console.pens.say(performance.now());
   }
 
   private wheel(e: WheelEvent): void {

@@ -6,12 +6,13 @@ import type { ConsoleState, Side } from './protocol';
 
 export const SIDES: readonly Side[] = ['right', 'left'];
 
-/** Maximum motion in m and rad per message; the server counts 30 mm or 0.5 rad in one tick as a jump. */
-const STEP = 0.02;
-const TURN = 0.3;
+/** Maximum speed in m/s and rad/s, and time in s that it counts; the server takes 30 mm or 0.5 rad in a tick for a jump. */
+const FASTEST = 2;
+const QUICKEST = 30;
+const LONGEST = 0.01;
 const OPEN = (40 * Math.PI) / 180; // rad: angle of an open gripper
 const SQUEEZE = 4; // rad/s: maximum rate of a gripper
-const EVERY = 10; // ms between two messages
+const EVERY = 4; // ms between two messages of hands that move
 const ALIVE = 50; // ms between two messages of hands at rest
 const IDLE = 5000; // ms without use after which the hands are released for other clients
 const ROLL = (5 * Math.PI) / 180;
@@ -62,6 +63,11 @@ export class Pen {
     this.q.multiply(new Quaternion().setFromAxisAngle(new Vector3(0, 0, 1), ROLL));
   }
 
+  /** Whether all motion was sent. */
+  get rests(): boolean {
+    return this.p.equals(this.at) && this.q.angleTo(this.turned) < 1e-6 && this.grip === this.gripped;
+  }
+
   /** Cancel the motion that was not yet sent. */
   rest(): void {
     this.p.copy(this.at);
@@ -71,8 +77,9 @@ export class Pen {
   /** Return the next state to send, after an elapsed time in s. */
   next(seconds: number): { pose: number[]; grip: number } {
     const way = this.p.clone().sub(this.at);
-    this.at.add(way.clampLength(0, STEP));
-    this.turned.rotateTowards(this.q, TURN).normalize();
+    const counted = Math.min(seconds, LONGEST);
+    this.at.add(way.clampLength(0, FASTEST * counted));
+    this.turned.rotateTowards(this.q, QUICKEST * counted).normalize();
     const off = this.grip - this.gripped;
     this.gripped += Math.sign(off) * Math.min(Math.abs(off), SQUEEZE * seconds);
     return { pose: [...this.at.toArray(), ...this.turned.toArray()], grip: this.gripped };
@@ -103,7 +110,7 @@ export class Pens {
     private readonly state: () => ConsoleState | null,
     private readonly client: () => string | number | null,
   ) {
-    setInterval(() => this.say(performance.now(), ALIVE), ALIVE);
+    setInterval(() => this.say(performance.now()), ALIVE / 2);
     const away = () => this.drop();
     window.addEventListener('blur', away);
     document.addEventListener('visibilitychange', () => document.hidden && away());
@@ -157,9 +164,11 @@ export class Pens {
     return performance.now() - this.refused < 1000;
   }
 
-  /** Send the state of the hands, at most once per `every` ms. */
-  say(now: number, every = EVERY): void {
-    if (!this.active || now - this.said < every) return;
+  /** Send the state of the hands: every `EVERY` ms while they move, otherwise every `ALIVE` ms. */
+  say(now: number): void {
+    if (!this.active) return;
+    const moves = this.used > this.said || SIDES.some((side) => !this[side].rests);
+    if (now - this.said < (moves ? EVERY : ALIVE)) return;
     const state = this.state();
     const other = state?.owner && state.owner !== this.client() && !state.silent;
     if (other) {
