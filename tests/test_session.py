@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 import twin
-from twin.api.act import robots_at
+from twin.api.act import props_of, robots_at
 from twin.api.session import FILE, operate_console, replay_session
 from twin.cli import main
 from twin.core import spatial
@@ -414,7 +414,7 @@ def person(davinci, robots, tmp_path_factory):
     path = tmp_path_factory.mktemp("person") / "hands.session"
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("twin.ui.session.console._BUDGET", np.inf)
-        operation = Operation(davinci, robots, path)
+        operation = Operation(davinci, robots, path, props=props_of(davinci))
         operation.frame(0, 0.0)
         lead(operation, 1.1)
         operation.close()

@@ -30,8 +30,10 @@ from twin.reference import ReferenceModel
 from twin.simulation import console_scene, contact_scene
 from twin.simulation.console_scene import HANDS, PEDALS, Member
 from twin.simulation.contact_scene import Peg
-from twin.simulation.session import camera_task, measures, movement, rings
+from twin.simulation.session import camera_task, forces, measures, movement, rings
 from twin.simulation.session.camera_task import AlignMeasures, Sight
+from twin.simulation.session.condition import Condition
+from twin.simulation.session.forces import ForceMeasures
 from twin.simulation.session.measures import ArmMeasures, ConsoleMeasures
 from twin.simulation.session.rings import BoardMeasures
 from twin.simulation.session.run import Ran
@@ -136,6 +138,11 @@ class ConsoleSession(Result):
         table = console_scene.console_of(self.scene)
         robots = [n for hand in HANDS for n in getattr(table, hand)]
         return rings.measure(self.ran.kept, self.task, self.scene.objects, self.pegs, robots)
+
+    @cached_property
+    def forces(self) -> ForceMeasures | None:
+        """Measures of the forces on the hands; None: the session has none."""
+        return forces.measure(self.ran.kept, HANDS)
 
     @property
     def camera(self) -> str:
@@ -269,6 +276,10 @@ class ConsoleSession(Result):
                 "lens_path_mm": a.path / MM,
                 "hand_paths_mm": {hand: p / MM for hand, p in a.hands.items()},
             },
+            "condition": None if (condition := self.ran.condition) is None else condition.model_dump(),
+            "forces": None
+            if (f := self.forces) is None
+            else {"on": f.on, "felt_s": dict(f.felt), "largest_n": dict(f.largest)},
             "board": None
             if (board := self.board) is None
             else {
@@ -311,6 +322,11 @@ class ConsoleSession(Result):
             ("device silent", f"{c.silent:.1f} s"),
             ("motion scale", scale),
         ]
+        if (f := self.forces) is not None:
+            hands = "; ".join(f"{hand} {f.felt[hand]:.1f} s, at most {f.largest[hand]:.2f} N" for hand in HANDS)
+            console.append(("forces on the hands", f"on {100 * f.on:.0f} % of the time; {hands}"))
+        if (condition := self.ran.condition) is not None and condition.participant is not None:
+            console.append(("study", f"participant {condition.participant}, run {condition.run}"))
         yield Table((), console)
         if self.task is not None:
             yield f"\n  {self.task.name}: {self.task.title}"
@@ -364,6 +380,8 @@ class ConsoleSession(Result):
             p = kept[f"{hand}.pose"].reshape(-1, 4, 4)[:, :3, 3]
             out |= {f"{hand}_{axis}_m": p[:, i] for i, axis in enumerate("xyz")}
             out[f"{hand}_grip_rad"] = kept[f"{hand}.grip"][:, 0]
+            if self.forces is not None:
+                out |= {f"{hand}_force_{axis}_n": kept[f"{hand}.force"][:, i] for i, axis in enumerate("xyz")}
         for name, arm in self.arms.items():
             if name != self.camera:
                 out[f"{name}_follows"] = kept[f"{name}.follows"][:, 0]
@@ -442,6 +460,7 @@ def operate_console(
     *,
     seed: int = 0,
     scale: float | None = None,
+    haptics: bool | None = None,
     progress: Progress = silent,
 ) -> ConsoleSession:
     """Simulate a surgeon who performs a task at the console of a scene; the surgeon's habits are ASSUMED.
@@ -451,6 +470,7 @@ def operate_console(
         task: a task of the scene; default: its first one.
         seed: random seed; the same seed gives the same session.
         scale: motion scale, 0.05 to 1; default: that of the console.
+        haptics: whether forces act on the hands, to which this surgeon does not react; default: none are computed.
         progress: see `Progress`.
 
     Raises:
@@ -465,10 +485,12 @@ def operate_console(
     chosen = run.task_of(scene, task)
     progress("read CAD", 0.0)
     robots, members = _members(scene)
-    props, pegs = _board(scene, chosen)
+    condition = None if haptics is None else Condition(haptics=haptics)
+    props, pegs = _board(scene, chosen, condition)
     with Scratch() as folder:
         file = Path(folder) / FILE
-        ran = run.perform(scene, members, chosen, file, seed=seed, scale=scale, props=props, progress=progress)
+        more = {"seed": seed, "scale": scale, "props": props, "condition": condition}
+        ran = run.perform(scene, members, chosen, file, **more, progress=progress)
         recorded = file.read_bytes()
     arms = _arms(scene, robots, ran)
     aligned = _aligned(scene, chosen, robots, ran, arms, props)
@@ -503,7 +525,7 @@ def replay_session(
     progress("read CAD", 0.0)
     robots, members = _members(placed)
     task = None if start.task is None else placed.tasks[start.task]
-    props, pegs = _board(placed, task)
+    props, pegs = _board(placed, task, start.condition)
     run.require_scene(session, path, placed, members, props)
     ran = run.replay(session, placed, members, progress, props)
     arms = _arms(placed, robots, ran)
@@ -511,10 +533,10 @@ def replay_session(
     return ConsoleSession(placed, str(path), start.seed, task, ran, arms, session.lost, pegs=pegs, aligned=aligned)
 
 
-def _board(scene: Scene, task: Task | None) -> tuple[Mechanism | None, Mapping[str, Peg]]:
-    """Return the props and the pegs of a task; a task with targets needs neither, an alignment no pegs."""
+def _board(scene: Scene, task: Task | None, condition: Condition | None) -> tuple[Mechanism | None, Mapping[str, Peg]]:
+    """Return the props and the pegs of a task; a task with targets needs props only for forces on the hands."""
     if task is None or not (task.transfers or task.alignment):
-        return None, {}
+        return None if condition is None else props_of(scene), {}
     props = props_of(scene)
     return props, contact_scene.pegs(scene, props, task) if task.transfers else {}
 

@@ -23,6 +23,8 @@ def operate(args: argparse.Namespace) -> int:
 
     if (file := assets.scene_file(args.robot)) is not None:
         return _at_console(file, args)
+    if args.haptics is not None:
+        raise TwinError(f"--haptics applies to the console of a scene; {args.robot} is a robot")
     if args.task is not None:
         raise TwinError(f"--task applies to the console of a scene; {args.robot} is a robot: give a protocol instead")
     robot = api.load(args.robot)
@@ -56,14 +58,15 @@ def _at_console(file: Path, args: argparse.Namespace) -> int:
     wrong = [n for n, v in (("trials", 1), ("clutch", "corrected"), ("solver", "damped")) if getattr(args, n) != v]
     if wrong:
         raise TwinError(
-            f"--{wrong[0]} applies to one robot; the options for the console of a scene are --task, --seed and --scale"
+            f"--{wrong[0]} applies to one robot; the options at a console are --task, --seed, --scale, --haptics"
         )
     scene = api.load_scene(file)
     task = task_of(scene, args.task)
     folder = Path(args.out) if args.out else Path("twin-out") / scene.name / f"{task.name}-operator"
     assets.require_writable(folder)
     with show.progress(args.quiet or args.json) as progress:
-        found = operate_console(scene, task.name, seed=args.seed, scale=args.scale, progress=progress)
+        haptics = None if args.haptics is None else args.haptics == "on"
+        found = operate_console(scene, task.name, seed=args.seed, scale=args.scale, haptics=haptics, progress=progress)
     with assets.atomic_folder(folder) as work:
         pictures = write_result(found, work)
     return show.finish(found, args, folder, [*pictures, FILE])

@@ -280,7 +280,8 @@ def parser() -> argparse.ArgumentParser:
         "  twin serve sils --host 0.0.0.0 --cert cert.pem --key key.pem    for every headset in the network\n"
         "  twin serve sils --record session.json        record requests and what clients see\n"
         "  twin serve sils --replay session.json\n"
-        "  twin serve davinci --session hands.session    record the hands at a console, for twin session",
+        "  twin serve davinci --session hands.session    record the hands at a console, for twin session\n"
+        "  twin serve davinci --session p7-1.session --participant 7 --run 1    a study: one of two runs has forces",
     )
     sub.add_argument("robot", help="a built-in robot or scene, the path of a robot folder, a scene or a USD stage")
     sub.add_argument("protocol", nargs="?", help="name or path of a protocol (default: the robot's default)")
@@ -315,6 +316,12 @@ def parser() -> argparse.ArgumentParser:
         "--key", metavar="FILE", help="private key (PEM) of the certificate, if it is not in the same file"
     )
 
+    sub.add_argument("--haptics", choices=("on", "off"), help="forces on the hands at the start (default: the scene's)")
+    sub.add_argument(
+        "--participant", type=int, metavar="N", help="number of a participant in a study; sets the order of --haptics"
+    )
+    sub.add_argument("--run", type=int, metavar="1|2", help="run of the participant: one has forces, the other not")
+
     sub = add(
         "operate",
         "simulate an operator (hands, pedals) who performs a protocol or a task, and measure the result",
@@ -327,6 +334,7 @@ def parser() -> argparse.ArgumentParser:
     sub.add_argument("robot", help="a built-in robot, the path of a robot folder, or a scene with a console")
     sub.add_argument("protocol", nargs="?", help="name or path of a protocol (default: the robot's default)")
     sub.add_argument("--task", metavar="NAME", help="task at the console of a scene (default: its first task)")
+    sub.add_argument("--haptics", choices=("on", "off"), help="compute forces on the hands (nobody reacts to them)")
     out(sub, "./twin-out/<robot>/<protocol>-operator/")
     sub.add_argument(
         "--seed", type=int, default=0, help="random seed of the simulated hand (default 0); each further trial adds 1"

@@ -39,6 +39,7 @@ def serve(args: argparse.Namespace) -> int:
         if args.replay is not None:
             raise TwinError("--session and --replay cannot be combined: a replay has no hands to record")
         assets.require_writable(Path(args.session).parent)
+    _require_whole_study(args)
     name, make = _what(args)
     asyncio.run(_run(args, name, make, port, context))
     return 0
@@ -62,6 +63,7 @@ def _what(args: argparse.Namespace) -> tuple[str, Callable[[], Served]]:
         _require_no_session(args)
         if args.task is not None:
             raise TwinError(f"--task applies to the console of a scene; {args.robot} is a robot")
+        _require_no_haptics(args)
         robot = api.load(args.robot)
         if args.protocol is not None:
             robot.protocol(args.protocol)
@@ -74,24 +76,46 @@ def _what(args: argparse.Namespace) -> tuple[str, Callable[[], Served]]:
     robots, props = scenes.content(scene)
     if scene.console is not None:
         from twin.cli.session import report
+        from twin.simulation.session.condition import Condition, randomised
         from twin.simulation.session.run import task_of
 
         task = None if args.task is None else task_of(scene, args.task)
         session = None if args.session is None else Path(args.session)
+        condition = None if args.haptics is None else Condition(haptics=args.haptics == "on")
+        if args.participant is not None:
+            condition = randomised(args.participant, args.run)
         return scene.name, lambda: served.of_console(
-            scene, robots, props, session, args.packets, args.mqtt, args.mqtt_topic, task, report
+            scene, robots, props, session, args.packets, args.mqtt, args.mqtt_topic, task, report, condition
         )
     if args.task is not None:
         raise TwinError(f"--task: scene '{scene.name}' has no console: add the table [console] to {file.name}")
     if linked is not None:
         raise TwinError(f"{option}: scene '{scene.name}' has no console: add the table [console] to {file.name}")
     _require_no_session(args)
+    _require_no_haptics(args)
     return scene.name, lambda: served.of_scene(scene, robots, props, plans)
 
 
 def _require_no_session(args: argparse.Namespace) -> None:
     if args.session is not None:
         raise TwinError(f"--session records the hands at a console, and {args.robot} has no console: use --record")
+
+
+def _require_no_haptics(args: argparse.Namespace) -> None:
+    given = next((n for n in ("haptics", "participant") if getattr(args, n) is not None), None)
+    if given is not None:
+        raise TwinError(f"--{given} requires a scene with a console, such as davinci; {args.robot} has none")
+
+
+def _require_whole_study(args: argparse.Namespace) -> None:
+    if (args.participant is None) != (args.run is None):
+        raise TwinError("--participant and --run belong together: give both, such as --participant 7 --run 1")
+    if args.participant is not None and args.haptics is not None:
+        raise TwinError("--haptics and --participant cannot be combined: the number of the participant sets the order")
+    if args.participant is not None and args.session is None:
+        raise TwinError("--participant requires --session FILE, which records the condition")
+    if args.replay is not None and (args.haptics is not None or args.participant is not None):
+        raise TwinError("--haptics and --replay cannot be combined: a recorded session cannot be controlled")
 
 
 async def _run(

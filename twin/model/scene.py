@@ -144,6 +144,22 @@ class ContactTable(Table):
     note: str = Field(min_length=1)
 
 
+class HapticsTable(Table):
+    """Forces on the hands: stiffness and damping of all surfaces; forces are clipped at `largest_n`.
+
+    `device_damping_ns_m` is the damping of the device with the fingers that hold it, which makes the sampled surface
+    passive. `on` is the switch at the start.
+    """
+
+    stiffness_n_m: float = Field(gt=0, le=10_000)
+    damping_ns_m: float = Field(ge=0, le=1000)
+    largest_n: float = Field(gt=0, le=50)
+    device_damping_ns_m: float = Field(gt=0, le=1000)
+    on: bool = True
+    provenance: Origin
+    note: str = Field(min_length=1)
+
+
 class TransferTable(Table):
     """A ring to bring to a peg: names of the object and of the part of a solid body that is the peg."""
 
@@ -245,6 +261,7 @@ class SceneTable(Table):
     console: ConsoleTable | None = None
     object: dict[Identifier, ObjectTable] = Field(default_factory=dict)
     contact: ContactTable | None = None
+    haptics: HapticsTable | None = None
     task: dict[Identifier, TaskTable] = Field(default_factory=dict)
 
 
@@ -323,6 +340,7 @@ class Scene:
         console: the surgeon's console, or None.
         objects: the movable objects.
         contact: contact of the objects, or None.
+        haptics: numbers of the forces on the hands; None: the defaults.
         tasks: tasks at the console, by name.
         parameters: every number with its provenance.
     """
@@ -339,6 +357,7 @@ class Scene:
     console: ConsoleTable | None
     objects: tuple[Movable, ...]
     contact: ContactTable | None
+    haptics: HapticsTable | None
     tasks: Mapping[str, Task]
     parameters: tuple[Parameter, ...]
 
@@ -405,6 +424,7 @@ def load_scene(path: Path) -> Scene:
         table.console,
         tuple(_object(name, o) for name, o in table.object.items()),
         table.contact,
+        table.haptics,
         {name: _task(name, task) for name, task in table.task.items()},
         tuple(_parameters(table)),
     )
@@ -524,6 +544,14 @@ def _parameters(table: SceneTable) -> list[Parameter]:
         out.append(Parameter("contact friction", c.friction, "1", c.friction, c.provenance, c.note))
         effort = c.jaw_effort_n_mm
         out.append(Parameter("contact jaw effort", effort * MM, "N mm", effort, c.provenance, c.note))
+    if (h := table.haptics) is not None:
+        for what, v, unit in (
+            ("stiffness", h.stiffness_n_m, "N/m"),
+            ("damping", h.damping_ns_m, "N s/m"),
+            ("largest force", h.largest_n, "N"),
+            ("device damping", h.device_damping_ns_m, "N s/m"),
+        ):
+            out.append(Parameter(f"haptics {what}", v, unit, v, h.provenance, h.note))
     for name, task in table.task.items():
         origin = (task.provenance, task.note)
         if task.tolerance_mm is not None and task.hold_s is not None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from typing import Any
 
 import numpy as np
@@ -20,10 +20,13 @@ from twin.model.scene import CameraTable, ConsoleTable, Place, Scene, Task
 from twin.simulation import contact_scene
 from twin.simulation.controllers.camera import Dragging, HandsToCamera, looking
 from twin.simulation.controllers.following import Arm, HandToPose
+from twin.simulation.controllers.hand_force import Surface
+from twin.simulation.controllers.haptics import FeltArm, HapticHand, HapticSwitch
 from twin.simulation.controllers.jaw import GripToJaw, Jaw
 from twin.simulation.controllers.pedals import Pedals
 from twin.simulation.controllers.reaching import PoseToJoints
 from twin.simulation.limits import Limits
+from twin.simulation.plants.contact.feel import NAME as PLANES
 from twin.simulation.plants.kinematic import Kinematic
 from twin.simulation.world import Block, Placed, World
 
@@ -73,6 +76,7 @@ def world(
     watch: Sequence[Block] = (),
     task: Task | None = None,
     props: Mechanism | None = None,
+    haptics: bool | None = None,
 ) -> World:
     """Return a World in which a console controls the robots of a scene.
 
@@ -87,7 +91,9 @@ def world(
         records: whether every tick is recorded; see `World`.
         watch: blocks without outputs that read all signals at the end of a tick.
         task: a task; if it has transfers, the instruments touch objects and the solid bodies of the props.
-        props: mechanism of the props; only needed for such a task.
+        props: mechanism of the props; only needed for such a task, and for the forces of contacts.
+        haptics: whether the forces on the hands are on at the start; None: the World has none. With forces, the
+            instruments touch the solid bodies and each other in every task.
 
     Raises:
         TwinError: the scene has no console, the camera is not on its robot's tool, a start value is wrong, or a solid
@@ -111,13 +117,17 @@ def world(
                 controllers.append(GripToJaw(hand, arm.robot, jaw))
     controllers += [PoseToJoints(n, members[n].kin, x, limits[n]) for n, x in q.items()]
     plants: list[Block] = [Kinematic(n, x, limits[n]) for n, x in q.items()]
-    touching = task is not None and bool(task.transfers)
-    if touching:
+    objects = scene.objects if task is not None and task.transfers else ()
+    felt = _felt(scene, props, haptics)
+    if objects or felt:
         arms = {n: (places[n], members[n].mechanism, members[n].kin) for hand in HANDS for n in getattr(table, hand)}
-        plants.append(contact_scene.contact(scene, props, arms, q))
+        plants.append(contact_scene.contact(scene, props, arms, q, objects, felt))
+    if haptics is not None:
+        controllers.append(HapticSwitch(PEDALS, haptics))
+        plants += _forces(scene, members, limits, felt, [o.name for o in objects], dt)
     return World(
         robots=[Placed(p.name, members[p.name].mechanism, p.T_world_base) for p in led],
-        objects=scene.objects if touching else (),
+        objects=objects,
         devices=[device],
         controllers=controllers,
         plants=[*plants, *watch],
@@ -144,7 +154,11 @@ def led_by(scene: Scene) -> list[Place]:
 
 
 def identity(
-    scene: Scene, members: Mapping[str, Member], task: Task | None = None, props: Mechanism | None = None
+    scene: Scene,
+    members: Mapping[str, Member],
+    task: Task | None = None,
+    props: Mechanism | None = None,
+    haptics: bool | None = None,
 ) -> str:
     """Return the hash "sha256:..." of the inputs of `world`: console, camera, places, start values, limits and frames.
 
@@ -165,8 +179,11 @@ def identity(
         about.append([plain(next(iter(place.p_world_ports.values()))), [j.name for j in mechanism.active]])
         about.append([plain(np.nan_to_num(mechanism.limits)), [plain(j.max_speed or 0.0) for j in mechanism.active]])
         about.append([[f.name, f.body, plain(f.T_body_frame)] for f in mechanism.frames])
-    if task is not None and task.transfers and scene.contact is not None:
+    if haptics is not None:
+        about.append([plain(x) for x in astuple(surface(scene))])
+    if (_felt(scene, props, haptics) or (task is not None and task.transfers)) and scene.contact is not None:
         about.append(scene.contact.model_dump(include={"solid", "friction", "jaw_effort_n_mm"}))
+    if task is not None and task.transfers and scene.contact is not None:
         about += [
             [o.name, o.shape, plain(o.size), plain(o.mass), plain(o.friction), plain(o.T_world_object)]
             for o in scene.objects
@@ -179,6 +196,41 @@ def identity(
         about.append([plain(a.T_world_plate), plain(a.size), plain(a.plate), plain(a.line), camera.view_deg])
         about.append([plain(a.tolerance), plain(a.off)])
     return "sha256:" + hashlib.sha256(json.dumps(about).encode()).hexdigest()
+
+
+def _felt(scene: Scene, props: Mechanism | None, haptics: bool | None) -> bool:
+    """Return whether the forces on the hands include those of contacts."""
+    return haptics is not None and scene.contact is not None and props is not None
+
+
+def _forces(
+    scene: Scene,
+    members: Mapping[str, Member],
+    limits: Mapping[str, Limits],
+    felt: bool,
+    objects: Sequence[str],
+    dt: float,
+) -> list[Block]:
+    """Return the blocks of the forces on both hands; `felt`: whether contact writes planes."""
+    table, places = console_of(scene), {p.name: p for p in scene.places}
+    names = [n for hand in HANDS for n in getattr(table, hand)]  # in the order of the grippers in contact
+    out: list[Block] = []
+    for hand in HANDS:
+        arms = [
+            FeltArm(n, members[n].kin, limits[n], places[n].T_world_base, names.index(n)) for n in getattr(table, hand)
+        ]
+        camera, sources = scene.cameras[table.camera].robot, (PLANES,) if felt else ()
+        out.append(
+            HapticHand(hand, PEDALS, camera, arms, sources=sources, objects=objects, surface=surface(scene), dt=dt)
+        )
+    return out
+
+
+def surface(scene: Scene) -> Surface:
+    """Return the numbers of the forces in a scene."""
+    if (h := scene.haptics) is None:
+        return Surface()
+    return Surface(h.stiffness_n_m, h.damping_ns_m, h.largest_n, h.device_damping_ns_m)
 
 
 def _camera(

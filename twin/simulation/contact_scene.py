@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,6 +12,7 @@ from twin.core.spatial import Array
 from twin.core.units import MM
 from twin.kinematics import Kinematics
 from twin.model.mechanism import Mechanism, Mesh
+from twin.model.movable import Movable
 from twin.model.scene import ContactTable, Place, Scene, Task
 from twin.reference import ReferenceModel
 from twin.simulation.plants.contact import Contact, Gripper, Solid
@@ -32,14 +33,18 @@ def contact(
     props: Mechanism | None,
     arms: Mapping[str, tuple[Place, Mechanism, Kinematics]],
     q: Mapping[str, Array],
+    objects: Sequence[Movable],
+    feels: bool = False,
 ) -> Contact:
-    """Return the contact of all objects of a scene with its solid bodies and the instruments.
+    """Return the contact of objects with the solid bodies of a scene and the instruments.
 
     Args:
         scene: a scene with the table [contact].
         props: mechanism of the props.
         arms: place, mechanism and equations of each instrument, by robot.
         q: joint values (n,) of the instruments at the start, by robot.
+        objects: the movable objects.
+        feels: whether the planes are written that the forces on the hands need.
 
     Raises:
         TwinError: the scene has no such table, or a solid body is not in the props.
@@ -50,7 +55,7 @@ def contact(
         Gripper(name, mechanism, kin, place.T_world_base, table.jaw_effort_n_mm * MM)
         for name, (place, mechanism, kin) in arms.items()
     ]
-    return Contact(scene.objects, _solids(scene, props), grippers, q, friction=table.friction)
+    return Contact(objects, _solids(scene, props), grippers, q, friction=table.friction, feels=feels)
 
 
 def pegs(scene: Scene, props: Mechanism | None, task: Task) -> dict[str, Peg]:

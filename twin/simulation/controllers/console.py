@@ -13,13 +13,13 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from numpy import arctan2, clip, cross
+from numpy import arctan2, cross
 
 from twin.core.errors import KinematicsError, unknown
 from twin.core.spatial import Array
 from twin.formula.contract import Equation
 from twin.formula.equations import Equations
-from twin.formula.functions import inverse, pose
+from twin.formula.functions import if_else, inverse, pose
 
 PAPER = "A novel affordable user interface for robotic surgery training"
 
@@ -135,9 +135,11 @@ def eq4_paper(p_R0, p_L0, d_R, d_L, n):
     variant="corrected",
     why="SI units, zero outside the surface, never pulling inwards, limited to the device's maximum",
 )
-def eq5(x, v):
+def eq5(x, v, stiffness=STIFFNESS, damping=DAMPING, largest=LARGEST):
     """Return the force in N along the inward normal of the surface; x in m and v in m/s, positive inwards."""
-    F = clip(-STIFFNESS * x - DAMPING * v, -LARGEST, 0.0) if x > 0 else 0.0
+    push = if_else(x > 0, stiffness * x + damping * v, 0.0)
+    push = if_else(push > 0, push, 0.0)
+    F = -if_else(push < largest, push, largest)
     return F
 
 

@@ -46,11 +46,17 @@ class GivenHands(Block):
     """Writes `<hand>.pose` (16,), `<hand>.grip`, `<hand>.lost`, and the pedals for both hands.
 
     `<device>.clutch` and `<device>.camera` are the pedals; `<device>.ignored` counts ignored states and scales.
+    `<device>.haptics` is 1 if the forces on the hands are switched on.
     `<device>.silent` is 1 if a hand has sent no state for `patience`; nothing moves until that hand sends a state.
     """
 
     def __init__(
-        self, device: str, hands: Sequence[str] = ("right", "left"), scale: float = 0.5, patience: float = 0.25
+        self,
+        device: str,
+        hands: Sequence[str] = ("right", "left"),
+        scale: float = 0.5,
+        patience: float = 0.25,
+        haptics: bool = True,
     ) -> None:
         """Prepare to receive states.
 
@@ -59,6 +65,7 @@ class GivenHands(Block):
             hands: names of the right and the left hand.
             scale: value of `<device>.scale` until `rescale` is called.
             patience: time in s without a state after which a hand counts as silent.
+            haptics: value of `<device>.haptics` until `feel` is called.
 
         Raises:
             WorldError: the number of hands is not two.
@@ -69,7 +76,7 @@ class GivenHands(Block):
         self._new: list[HandState] = []
         self._last: list[HandState | None] = [None, None]
         self._heard, self._lost, self._ignored, self._scale = [-math.inf] * 2, [0, 0], 0, scale
-        self._left = False
+        self._left, self._haptics = False, haptics
         self.outputs = self._signals(0.0)
 
     def give(self, state: HandState) -> None:
@@ -87,6 +94,10 @@ class GivenHands(Block):
             self._scale = scale
         else:
             self._ignored += 1
+
+    def feel(self, on: bool) -> None:
+        """Switch the forces on the hands on or off from the next tick on."""
+        self._haptics = on
 
     @property
     def heard(self) -> int:
@@ -130,4 +141,5 @@ class GivenHands(Block):
         out[f"{device}.clutch"] = float(any(last.clutch for last in known))
         out[f"{device}.camera"] = float(any(last.camera for last in known))
         out[f"{device}.silent"] = float(any(self.silent(hand, t) for hand in (0, 1)))
+        out[f"{device}.haptics"] = float(self._haptics)
         return out | {f"{device}.scale": self._scale, f"{device}.ignored": float(self._ignored)}

@@ -26,6 +26,7 @@ from twin.core.errors import OutputError, WorldError
 from twin.core.spatial import Array
 from twin.core.version import __version__
 from twin.schema import Identifier, Table
+from twin.simulation.session.condition import Condition
 from twin.simulation.world.recording import SignalTable
 from twin.simulation.world.signals import columns
 
@@ -54,6 +55,7 @@ class Head(Table):
     world: Annotated[list[SignalTable], Field(min_length=1, description="all signals, in the order of rows")]
     task: Annotated[Identifier | None, Field(description="task of the scene; null: none")] = None
     seed: Annotated[int | None, Field(description="random seed of a simulated surgeon; null: a person")] = None
+    condition: Annotated[Condition | None, Field(description="condition; null: without forces on the hands")] = None
 
 
 @dataclass(frozen=True)
@@ -109,6 +111,7 @@ def head(
     world: Mapping[str, int],
     task: str | None = None,
     seed: int | None = None,
+    condition: Condition | None = None,
 ) -> Head:
     """Return the first line of a file; `device` and `world` are numbers of values by signal, as `Signals.sizes`."""
     return Head.model_validate(
@@ -123,6 +126,7 @@ def head(
             "world": [{"name": n, "size": s} for n, s in world.items()],
             "task": task,
             "seed": seed,
+            "condition": condition,
         }
     )
 

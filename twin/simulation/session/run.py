@@ -21,6 +21,7 @@ from twin.simulation.devices.ring_surgeon import Ring, RingSurgeon
 from twin.simulation.devices.surgeon import ScriptedSurgeon
 from twin.simulation.devices.surgeon_hands import Eye
 from twin.simulation.session import file
+from twin.simulation.session.condition import Condition
 from twin.simulation.session.file import Session, SessionWriter
 from twin.simulation.session.tape import Tape
 from twin.simulation.world import Block, Recording, World
@@ -28,8 +29,8 @@ from twin.simulation.world import Block, Recording, World
 SAMPLE = 5e-3
 """Time in s between two kept rows of signals."""
 
-_KEPT = (".q", ".follows", ".jaw", ".grip", ".pose", ".at", ".holder", ".touches", ".meets")
-_KEPT_OF = ("console.", f"{PEDALS}.", "surgeon.")
+_KEPT = (".q", ".follows", ".jaw", ".grip", ".pose", ".at", ".holder", ".touches", ".meets", ".force")
+_KEPT_OF = ("console.", f"{PEDALS}.", "surgeon.", "haptics.")
 """Beginnings of names of signals to be kept; signals whose names end with an item of `_KEPT` are kept as well."""
 
 Progress = Callable[[str, float], None]
@@ -61,6 +62,7 @@ class Ran:
         dt: duration of a tick in s.
         difference: see `Difference`; None if the replay gave the same bytes, or the session was not replayed.
         missed: names of the targets that a simulated surgeon gave up.
+        condition: condition of the session; None: its World has no forces on the hands.
     """
 
     kept: Recording
@@ -68,6 +70,7 @@ class Ran:
     dt: float
     difference: Difference | None = None
     missed: tuple[str, ...] = ()
+    condition: Condition | None = None
 
     @property
     def duration(self) -> float:
@@ -161,6 +164,7 @@ def perform(
     seed: int = 0,
     scale: float | None = None,
     props: Mechanism | None = None,
+    condition: Condition | None = None,
     progress: Progress,
 ) -> Ran:
     """Simulate a surgeon who performs a task, and write the session.
@@ -172,7 +176,8 @@ def perform(
         path: the session file.
         seed: random seed of the surgeon.
         scale: motion scale; None: that of the console.
-        props: mechanism of the props; only needed for a task with transfers.
+        props: mechanism of the props; only needed for a task with transfers, and for forces on the hands.
+        condition: condition of the session; None: the World has no forces. The surgeon does not react to forces.
         progress: called with the name of the target or ring, and the fraction of them done.
 
     Raises:
@@ -180,8 +185,10 @@ def perform(
         TwinError: the scene has no console.
     """
     device, tape = surgeon(scene, members, task, seed, scale, props=props), Tape()
-    world = console_scene.world(scene, members, device, records=False, watch=[tape], task=task, props=props)
-    writer = SessionWriter(path, head_of(scene, members, world, device, task, seed, props))
+    world = console_scene.world(
+        scene, members, device, records=False, watch=[tape], task=task, props=props, haptics=_switch(condition)
+    )
+    writer = SessionWriter(path, head_of(scene, members, world, device, task, seed, props, condition))
     keep = _Keep(world)
     names = [*(t.name for t in task.targets), *(t.ring for t in task.transfers)] or [task.name]
     try:
@@ -195,7 +202,7 @@ def perform(
         writer.close()
     finally:
         writer.abandon()
-    return Ran(keep.recording(), keep.ticks, world.dt, missed=tuple(device.missed))
+    return Ran(keep.recording(), keep.ticks, world.dt, missed=tuple(device.missed), condition=condition)
 
 
 def head_of(
@@ -206,11 +213,17 @@ def head_of(
     task: Task | None = None,
     seed: int | None = None,
     props: Mechanism | None = None,
+    condition: Condition | None = None,
 ) -> file.Head:
     """Return the first line of the session file of a World with a device."""
     own = {n: s for n, s in world.signals.sizes.items() if n in device.outputs}
-    identity, name = console_scene.identity(scene, members, task, props), None if task is None else task.name
-    return file.head(scene.name, identity, world.dt, own, world.signals.sizes, name, seed)
+    identity = console_scene.identity(scene, members, task, props, _switch(condition))
+    name = None if task is None else task.name
+    return file.head(scene.name, identity, world.dt, own, world.signals.sizes, name, seed, condition)
+
+
+def _switch(condition: Condition | None) -> bool | None:
+    return None if condition is None else condition.haptics
 
 
 def require_scene(
@@ -224,7 +237,7 @@ def require_scene(
     if session.head.scene != scene.name:
         raise WorldError(f"{path}: the session was recorded in scene '{session.head.scene}', not in '{scene.name}'")
     task = None if session.head.task is None else scene.tasks[session.head.task]
-    if session.head.identity != console_scene.identity(scene, members, task, props):
+    if session.head.identity != console_scene.identity(scene, members, task, props, _switch(session.head.condition)):
         raise WorldError(
             f"{path}: scene '{scene.name}' has changed since this session (places, limits, frames or the console): "
             "restore the earlier scene to replay the session"
@@ -245,7 +258,7 @@ def replay(
         scene: its scene.
         members: robots by the names of their places.
         progress: called with "replay" and the fraction done.
-        props: mechanism of the props; only needed for a task with transfers.
+        props: mechanism of the props; only needed for a task with transfers, and for forces on the hands.
 
     Raises:
         WorldError: the signals of the World are not those of the session.
@@ -256,7 +269,15 @@ def replay(
     tape = Tape()
     task = None if start.task is None else scene.tasks[start.task]
     world = console_scene.world(
-        scene, members, recorded, dt=start.dt, records=False, watch=[tape], task=task, props=props
+        scene,
+        members,
+        recorded,
+        dt=start.dt,
+        records=False,
+        watch=[tape],
+        task=task,
+        props=props,
+        haptics=_switch(start.condition),
     )
     if world.signals.sizes != file.sizes(start.world):
         raise WorldError(
@@ -272,7 +293,7 @@ def replay(
             difference = _difference(t, t1, rows[-1], chunk.last, world)
         t = t1
         progress("replay", keep.ticks / len(device))
-    return Ran(keep.recording(), keep.ticks, start.dt, difference)
+    return Ran(keep.recording(), keep.ticks, start.dt, difference, condition=start.condition)
 
 
 def _difference(t0: float, t1: float, row: Array, last: Array, world: World) -> Difference:

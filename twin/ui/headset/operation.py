@@ -24,6 +24,7 @@ from twin.simulation.console_scene import HANDS, PEDALS
 from twin.simulation.controllers.following import SCALE
 from twin.simulation.devices.given import HandState
 from twin.simulation.devices.packets import Packets
+from twin.simulation.session.condition import Condition
 from twin.ui.door.answers import File
 from twin.ui.door.mqtt import ScaleTopic
 from twin.ui.headset import protocol as wire
@@ -67,6 +68,7 @@ class Operation(LiveConsole):
         task: Task | None = None,
         props: Mechanism | None = None,
         report: MakeReport | None = None,
+        condition: Condition | None = None,
     ) -> None:
         """Create the World with the robots at the places of the scene; for the arguments see `LiveConsole`.
 
@@ -79,11 +81,12 @@ class Operation(LiveConsole):
         self._connection: asyncio.Future[None] | None = None
         self.files: dict[str, File] = {}
         scale = 1.0 if scene.console is None else scene.console.scale
-        super().__init__(scene, robots, Packets(PEDALS, HANDS, scale), session, task, props, report)
+        super().__init__(scene, robots, Packets(PEDALS, HANDS, scale), session, task, props, report, condition)
         self.send: Callable[[dict[str, Any]], object] = lambda document: None
         self._bodies = {n: [b.name for b in m.mechanism.bodies] for n, m in self.members.items()}
         self._tick, self._sent, self._seq = -1.0, float(-HEARTBEAT), 0
         self._shown: Array | None = None
+        self._forces = {hand: [0.0, 0.0, 0.0] for hand in HANDS}
         self._sevens: dict[str, Array] = {}
 
     @property
@@ -150,6 +153,7 @@ class Operation(LiveConsole):
         if self.tablet is not None and self.reading["scale"] != scale:
             self.tablet.show(self.reading["scale"])
         self._publish()
+        self._send_forces()
         poses = [self.world.signals[f"{item.name}.pose"] for item in self.objects]
         row = np.concatenate([*(self.world.signals[f"{n}.q"] for n in self.members), *poses])
         moved = self._shown is None or not np.array_equal(row, self._shown)
@@ -163,17 +167,28 @@ class Operation(LiveConsole):
         robots = [self._pack(name, server_time) for name in (*self.members, *([wire.OBJECTS] if self.objects else []))]
         return pack_scene(self._seq - 1, server_time, self.world.t, 0, robots, ())
 
-    def _before_steps(self, parts: int, dt: float) -> None:
+    def _send_forces(self) -> None:
+        """Send the forces to all clients while they are not zero, and once when they end."""
+        forces = {hand: [round(float(x), 3) + 0.0 for x in force] for hand, force in self.forces().items()}
+        if forces != self._forces:
+            self._forces = forces
+            self.send({"type": "forces", **forces})
+
+    @property
+    def _chunk(self) -> int:
+        return 1 if self.owner == UDP else super()._chunk  # a force acts for one step
+
+    def _before_steps(self, parts: int) -> None:
         if self.packets is not None:
-            self._exchange(self.packets, parts, dt)
+            self._exchange(self.packets, parts)
 
     def _after_steps(self, behind: bool) -> None:
         if behind and self.packets is not None:  # use all packets at once, so that the delay does not grow
-            self._exchange(self.packets, 1, self.world.dt)
+            self._exchange(self.packets, 1)
         super()._after_steps(behind)
 
-    def _exchange(self, packets: PacketHands, parts: int, dt: float) -> None:
-        """Receive packets for the next steps of the World, which take dt in s, and send the forces."""
+    def _exchange(self, packets: PacketHands, parts: int) -> None:
+        """Receive packets for the next steps of the World, and send the forces."""
         t, udp = self.world.t, self.owner == UDP
         packets.door.holder = None if udp or self.silent else self.owner
         if packets.door.pump(t, parts):
@@ -181,19 +196,7 @@ class Operation(LiveConsole):
         elif udp and packets.gone(t):
             self.release(UDP)
         if self.owner == UDP:
-            packets.answer([self._beyond(hand) for hand in HANDS], t, dt)
-
-    def _beyond(self, hand: str) -> Array:
-        """Return the vector (3,) in m in {H} from the tool of a hand to its goal; zeros if no limit stops the arm."""
-        state = self.reading["hands"][hand]
-        if state["wall"] is None:
-            return np.zeros(3)
-        name = state["robot"]
-        goal = self.world.signals[f"{name}.goal"].reshape(4, 4)
-        T = self.members[name].kin.forward(self.world.signals[f"{name}.q"], goal)
-        camera = self.scene.cameras[self.table.camera].robot
-        R_world_view = self.world.signals[f"{camera}.view"].reshape(4, 4)[:3, :3]
-        return R_world_view.T @ self._places[name].T_world_base[:3, :3] @ (goal - T)[:3, 3]
+            packets.answer([self.world.signals[f"{hand}.force"] for hand in HANDS], t)
 
     def _look(self) -> None:
         frame = self.world.frame()
@@ -235,6 +238,8 @@ class Operation(LiveConsole):
                 return self.rescale(client, message.value)
             if isinstance(message, wire.Task):
                 return self._task_message(client, message)
+            if isinstance(message, wire.Haptics):
+                return self.feel(client, message.on)
         except HeldError as error:
             raise RefusedError("held", str(error)) from None
         raise RefusedError("refused", "only the hands of the console control these robots: send `hands`")

@@ -6,7 +6,6 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from twin.core.spatial import Array
-from twin.simulation.controllers.soft_wall import SoftWall
 from twin.simulation.devices.packets import Packets
 from twin.simulation.world import Signals
 from twin.ui.door.packets import PacketDoor
@@ -19,7 +18,7 @@ _GONE = 5.0
 
 
 class PacketHands:
-    """The socket of the packets, and the force on each hand.
+    """The socket of the packets.
 
     Attributes:
         door: the socket.
@@ -33,16 +32,15 @@ class PacketHands:
         """
         self.door = PacketDoor(device, port, host)
         self.door.reports.tell = tell
-        self._walls = [SoftWall() for _ in device.hands]
 
     def gone(self, t: float) -> bool:
         """Return whether no packet was accepted for `_GONE` before time t in s."""
         return t - self.door.heard > _GONE
 
-    def answer(self, ways: Sequence[Array], t: float, dt: float) -> None:
-        """Send the force to each hand; `ways` (3,) in m in {H} are from tools to goals, zero if not at a limit."""
-        for hand, (wall, way) in enumerate(zip(self._walls, ways, strict=True)):
-            self.door.answer(hand, wall.force(way, dt), t)
+    def answer(self, forces: Sequence[Array], t: float) -> None:
+        """Send the force (3,) in N in {H} to each hand."""
+        for hand, force in enumerate(forces):
+            self.door.answer(hand, force, t)
 
     def state(self, t: float, signals: Signals) -> dict[str, Any]:
         """Return the part of the document `state`: port, senders, and numbers of lost and ignored packets."""

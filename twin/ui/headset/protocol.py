@@ -313,6 +313,13 @@ class Task(_Message):
     do: Literal["end", "restart"]
 
 
+class Haptics(_Message):
+    """Switch the forces on the hands of a console on or off."""
+
+    type: Literal["haptics"]
+    on: bool
+
+
 class Ping(_Message):
     """Request a `pong` with the same t and the server's time; a grab is not released while a client sends pings."""
 
@@ -335,6 +342,7 @@ Message = (
     | Hands
     | Scale
     | Task
+    | Haptics
     | Record
     | Ping
 )

@@ -31,6 +31,7 @@ from twin.ui.session.feed import Feed, Surface
 from twin.ui.session.timeline import Clock
 
 if TYPE_CHECKING:
+    from twin.simulation.session.condition import Condition
     from twin.ui.headset.operation import Operation
     from twin.ui.session.console import MakeReport
 
@@ -118,6 +119,7 @@ def of_console(
     topic: str | None = None,
     task: Task | None = None,
     report: MakeReport | None = None,
+    condition: Condition | None = None,
 ) -> Served:
     """Return the content for a scene whose robots are controlled by its console; call this function in an event loop.
 
@@ -131,6 +133,7 @@ def of_console(
         topic: topic of the motion scale; None: twin/<scene>/scale.
         task: the task at the console; None: no task.
         report: makes the report of an attempt at the task, see `LiveConsole`.
+        condition: condition of the session; None: that of the scene.
 
     Raises:
         TwinError: the scene has no console, the console does not match its robots, or the port of packets is in use.
@@ -139,7 +142,7 @@ def of_console(
     # It imports MuJoCo and the simulation, which a single robot does not need.
     from twin.ui.headset.operation import Operation
 
-    operation = Operation(scene, robots, session, task, props, report)
+    operation = Operation(scene, robots, session, task, props, report, condition)
     try:
         if packets is not None:
             operation.listen(*packets)

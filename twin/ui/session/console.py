@@ -31,13 +31,15 @@ from twin.simulation.controllers.pedals import CAMERA, FREE, TOOLS
 from twin.simulation.devices.given import GivenHands, HandState
 from twin.simulation.session import rings
 from twin.simulation.session.camera_referee import CameraReferee
+from twin.simulation.session.condition import Condition
 from twin.simulation.session.run import SAMPLE, head_of
 from twin.simulation.session.tape import Tape
 from twin.simulation.world import World
+from twin.ui.session.force_peaks import ForcePeaks
 from twin.ui.session.recorder import Recorder
 
 _BUDGET, _CHUNK = 0.012, 4
-"""Maximum real time in s for steps of the World per call; number of steps between two checks of this time."""
+"""Maximum real time in s for steps of the World per call; usual number of steps between two checks of this time."""
 
 _OWED = 0.1
 """Maximum delay in s of the World; a larger delay is dropped, so that the World runs slower than real time."""
@@ -73,6 +75,7 @@ class LiveConsole:
         objects: the movable objects of the World.
         referee: judge of a task with rings or of the camera task; None for other tasks.
         attempt: number of times that the World has been started, from 1.
+        condition: condition of the session, for its file.
         reading: the last state: controlled arms, arms at a limit, and the reason if nothing moves.
     """
 
@@ -85,6 +88,7 @@ class LiveConsole:
         task: Task | None = None,
         props: Mechanism | None = None,
         report: MakeReport | None = None,
+        condition: Condition | None = None,
     ) -> None:
         """Create the World with the robots at the places of the scene.
 
@@ -95,8 +99,9 @@ class LiveConsole:
             session: session file; the files of later attempts have its name with a number. None: no file, or a
                 temporary one if a report is made.
             task: a task; if it has transfers, the World has movable objects and contact.
-            props: mechanism of the props; only needed for such a task.
+            props: mechanism of the props; only needed for such a task, and for the forces of contacts.
             report: makes the report of an attempt, in another process; None: no reports.
+            condition: condition of the session, with the switch of the forces; None: that of the scene.
 
         Raises:
             TwinError: the scene has no console, the console does not match its robots, or the task its props.
@@ -108,6 +113,9 @@ class LiveConsole:
         self.device = device or GivenHands(console_scene.PEDALS, HANDS, self.table.scale)
         self.members = {n: Member(r.mechanism, r.kinematics()) for n, r in robots.items()}
         self.task, self._props, self._make_report = task, props, report
+        on = scene.haptics is None or scene.haptics.on
+        self.condition = condition or Condition(haptics=on)
+        self.device.feel(self.condition.haptics)
         with_rings = task is not None and bool(task.transfers)
         self.objects = scene.objects if with_rings else ()
         self._pegs = contact_scene.pegs(scene, props, task) if task is not None and with_rings else {}
@@ -139,15 +147,24 @@ class LiveConsole:
             referee = rings.Referee(self.task, self.objects, self._pegs, robots, SAMPLE)
         elif self.task is not None and self.task.alignment is not None:
             referee = CameraReferee(self._camera, SAMPLE)
-        watch = [block for block in (referee, tape) if block is not None]
+        peaks = ForcePeaks(HANDS)
         world = console_scene.world(
-            self.scene, self.members, self.device, records=False, watch=watch, task=self.task, props=self._props
+            self.scene,
+            self.members,
+            self.device,
+            records=False,
+            watch=[block for block in (peaks, referee, tape) if block is not None],
+            task=self.task,
+            props=self._props,
+            haptics=self.condition.haptics,
         )
         recorder = None
         if path is not None and tape is not None:
-            head = head_of(self.scene, self.members, world, self.device, self.task, props=self._props)
+            told = {"props": self._props, "condition": self.condition}
+            head = head_of(self.scene, self.members, world, self.device, self.task, **told)
             recorder = Recorder(path, head, tape)
         self.world: World = world
+        self._peaks = peaks
         self.referee, self.recorder, self.attempt = referee, recorder, attempt
         self._owed, self._rate, self._stopped, self._pressed, self._over = 0.0, 1.0, "", 0.0, ""
 
@@ -248,8 +265,8 @@ class LiveConsole:
         wanted = done = int(self._owed / dt + 1e-6)
         try:
             while done > 0:
-                n = min(done, _CHUNK)
-                self._before_steps(math.ceil(done / _CHUNK), n * dt)
+                n = min(done, self._chunk)
+                self._before_steps(math.ceil(done / self._chunk))
                 self.world.step(n)
                 done -= n
                 if time.monotonic() > end:
@@ -262,8 +279,13 @@ class LiveConsole:
         share = min(1.0, passed) * 0.5
         self._rate += share * ((wanted - done) * dt / passed - self._rate)
 
-    def _before_steps(self, parts: int, dt: float) -> None:
-        """Prepare a group of steps of the World that takes dt in s; `parts` is the number of groups still to come."""
+    @property
+    def _chunk(self) -> int:
+        """Number of steps of the World in a group."""
+        return _CHUNK
+
+    def _before_steps(self, parts: int) -> None:
+        """Prepare a group of steps of the World; `parts` is the number of groups still to come."""
 
     def _after_steps(self, behind: bool) -> None:
         """Finish a call of `advance`; `behind`: whether the machine was too slow for all steps."""
@@ -309,6 +331,15 @@ class LiveConsole:
         self.require_free(client)
         self.device.rescale(scale)
 
+    def feel(self, client: str, on: bool) -> None:
+        """Switch the forces on the hands on or off.
+
+        Raises:
+            HeldError: another client controls the hands.
+        """
+        self.require_free(client)
+        self.device.feel(on)
+
     def release(self, client: str) -> None:
         """End the control by this client's hands, if this client has control."""
         if self.owner == client:
@@ -347,6 +378,10 @@ class LiveConsole:
         """Pose (4, 4) of the endoscope's picture in the World: x right, y up, z out of the picture."""
         return self.world.signals[f"{self._camera}.view"].reshape(4, 4)
 
+    def forces(self) -> dict[str, Array]:
+        """Return, by hand, the largest force (3,) in N since the last call, in the axes of the picture."""
+        return self._peaks.take()
+
     @property
     def camera_at(self) -> Array:
         """Present pan, tilt, depth and roll (4,) of the camera, in rad and m."""
@@ -371,6 +406,7 @@ class LiveConsole:
             "silent": silent,
             "mode": "nothing" if mode == FREE else "camera" if mode == CAMERA else "instruments",
             "scale": float(signals[f"{console_scene.PEDALS}.scale"][0]),
+            "haptics": bool(signals["haptics.on"][0]),
             "hands": hands,
             "camera": self._camera_wall() if mode == CAMERA else None,
             "pedal": None if mode == TOOLS or silent or t - self._pressed < _STUCK else _stuck(mode),

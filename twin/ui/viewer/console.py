@@ -49,6 +49,9 @@ FAR, CAVITY = 100.0, 0.4
 BEFORE_LENS, THICK = 0.01, 0.006
 """Distance in m of the line of a camera task from the lens; its thickness divided by the height of the picture."""
 
+_FELT = 0.05
+"""Smallest force in N on a hand that is shown."""
+
 STILL = 1e-9
 """Joint motion in rad or m that counts as rest; an arm at a limit may move by rounding errors."""
 
@@ -300,6 +303,8 @@ class ConsoleFront(Loop):
             }
             for hand, slider in self._jaws.items():
                 self._on(slider, f"jaw {hand}", lambda client, v, hand=hand: pens.squeeze(client, hand, v / 100))
+        self._haptics = gui.add_checkbox("forces", self.console.reading["haptics"], hint="Forces on the hands")
+        self._on(self._haptics, "haptics", self.console.feel)
         with gui.add_folder("Camera"):
             drag, at = Drag(), self.console.camera_at
             self._camera = [
@@ -347,11 +352,18 @@ class ConsoleFront(Loop):
         self._dragged.clear()
         self._left_to_settle.clear()
 
+    def _felt(self) -> list[tuple[str, str]]:
+        """Return (tone, text) on the forces on the hands; empty without a force."""
+        sizes = {hand: float(np.linalg.norm(force)) for hand, force in self.console.forces().items()}
+        text = ", ".join(f"{hand} {size:.1f} N" for hand, size in sizes.items() if size >= _FELT)
+        return [("warn", f"Force: {text}")] if text else []
+
     def _show(self) -> None:
         """Set the controls to the values in the World, and show the status."""
         pens = self.pens
         self._set(self._clutch, "clutch", pens.clutch)
         self._set(self._pedal, "camera pedal", pens.camera)
+        self._set(self._haptics, "haptics", self.console.reading["haptics"])
         self._set(self._scale, "scale", self.console.reading["scale"], 0.005)
         for hand, slider in self._jaws.items():
             self._set(slider, f"jaw {hand}", round(100 * pens.pens[hand].grip / Grip().travel), 0.5)
@@ -362,10 +374,10 @@ class ConsoleFront(Loop):
                 self._written.pop(f"aim {k}", None)
             else:
                 self._set(slider, f"aim {k}", _rounded(x, unit, step), step / 2)
-        tone, text = status(self.console.reading)
+        hands = [hand_text(self.console.reading, hand) for hand in HANDS]
         said = "".join(
             f"<div style='padding:0 1em .4em;color:{_TONES[tone]}'>{escape(text)}</div>"
-            for tone, text in ((tone, text), *(hand_text(self.console.reading, hand) for hand in HANDS))
+            for tone, text in (status(self.console.reading), *hands, *self._felt())
         )
         if said != self._said:
             self._said = self._status.content = said

@@ -46,6 +46,7 @@ class Gripper:
         hand: body of the tool; it carries the jaws.
         links: links from the hand inwards, up to the one that the last prismatic joint of the path inserts.
         jaws: the jaws; empty if the robot has no auxiliary joint.
+        T_hand_tool: (4, 4) pose of the tool frame in its body.
         effort: largest torque in N m with which one jaw presses.
         jaw: index of the jaw's joint in q; -1 without jaws.
     """
@@ -74,6 +75,7 @@ class Gripper:
             raise WorldError(f"'{robot}': the torque of a jaw is {effort:g} N m; it must be above 0")
         self.robot, self.effort = robot, effort
         tool = mechanism.frame(mechanism.tool)
+        self._T_tool_hand, self.T_hand_tool = spatial.inverse(tool.T_body_frame), tool.T_body_frame
         self.hand = mechanism.body(tool.body)
         names = [j.name for j in mechanism.active]
         inward = _inward(robot, mechanism, tool.body)

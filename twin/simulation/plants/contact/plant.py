@@ -13,6 +13,7 @@ from twin.core.errors import WorldError
 from twin.core.spatial import Array
 from twin.model.mechanism import Body, Mesh
 from twin.model.movable import Movable
+from twin.simulation.plants.contact.feel import Feel
 from twin.simulation.plants.contact.gripper import Gripper
 from twin.simulation.plants.contact.shapes import Solid, add_object, add_part
 from twin.simulation.world import Block, Signals
@@ -44,6 +45,7 @@ class Contact(Block):
         `<object>.holder`: index of the gripper whose jaws all touch the object; -1: none.
         `<robot>.touches`: 1 while the instrument touches a fixed part.
         `<robot>.meets`: 1 while the instrument touches another instrument.
+        `<robot>.planes`: local planes of what the instrument, or an object that it holds, touches; only with `feels`.
     """
 
     def __init__(
@@ -55,6 +57,7 @@ class Contact(Block):
         period: float = 2e-3,
         gravity: tuple[float, float, float] = (0.0, 0.0, -9.81),
         friction: float = 0.5,
+        feels: bool = False,
     ) -> None:
         """Build the MuJoCo model.
 
@@ -66,6 +69,7 @@ class Contact(Block):
             period: time in s between two steps, a multiple of the World's tick.
             gravity: acceleration in the World in m/s2.
             friction: coefficient of sliding friction of the instruments.
+            feels: whether the planes are written that the forces on the hands need.
 
         Raises:
             WorldError: a number is out of range, or an object overlaps something by more than 0.1 mm at the start.
@@ -87,6 +91,9 @@ class Contact(Block):
         self._require_apart()
         self._said: tuple[list[int], set[int], set[int]] | None = None
         self.outputs = self._signals()
+        self._feel = Feel(m, self._grippers, [o.name for o in self._objects], self._whose) if feels else None
+        if self._feel is not None:
+            self.outputs |= self._feel.outputs
 
     # -- the model ----------------------------------------------------------------------------------------
 
@@ -183,10 +190,14 @@ class Contact(Block):
     def step(self, signals: Signals, t: float, dt: float) -> Mapping[str, ArrayLike]:
         """Move the instruments to their joint values, and the objects by the contact forces."""
         now = signals.now
-        self._links.lead([now[name] for name in self._q])
+        q = [now[name] for name in self._q]
+        self._links.lead(q)
         mujoco.mj_step(self._model, self._data)
         self._links.settle()
-        return self._signals()
+        out = self._signals()
+        if self._feel is not None and self._said is not None:
+            out |= self._feel.planes(self._data, self._links.place, q, self._said[0])
+        return out
 
     def _signals(self) -> dict[str, ArrayLike]:
         """Return the signals that have changed."""
@@ -284,6 +295,10 @@ class _Links:
         off = self._angles - d.qpos[self._jaw_qpos] - d.qvel[self._jaw_dofs] * dt
         torque = np.minimum(_JAW_INERTIA / dt**2 * off, self._efforts)
         d.qfrc_applied[self._jaw_dofs] = np.maximum(torque, -self._efforts)
+
+    def place(self, qpos: Array) -> None:
+        """Write the positions of all links and jaws into qpos, where the joint values of the last step put them."""
+        qpos[self._qpos], qpos[self._jaw_qpos] = self._wanted, self._angles
 
     def settle(self) -> None:
         """Set the links exactly to the poses given by the joint values."""

@@ -309,6 +309,7 @@ export class App {
         overlays.addCloud(message.points, message.values, message.done);
       }
     }
+    if (message.type === 'forces') this.console?.forces.hear(message);
     if (message.type === 'error' && message.code === 'released') this.grab.drop(message.message);
     this.model.hear(message);
     if (message.type === 'state') {

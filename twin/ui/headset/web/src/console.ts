@@ -5,6 +5,7 @@ import type { App } from './app';
 import { ConsoleHands } from './console_hands';
 import { ConsoleMouse } from './console_mouse';
 import { ConsoleTouch } from './console_touch';
+import { Forces } from './forces';
 import { Keys } from './keys';
 import type { Status } from './model';
 import { Pad } from './pad';
@@ -26,6 +27,7 @@ export class Console {
   readonly pad: Pad;
   readonly screen: Screen;
   readonly hands: ConsoleHands;
+  readonly forces: Forces;
   /** Hand that the mouse moves or last moved. */
   chosen: Side = 'right';
   readonly help =
@@ -44,6 +46,7 @@ export class Console {
     );
     const camera = scene.cameras.find((c) => c.name === info.camera) as CameraInfo;
     this.views = new Views(app, camera, document.getElementById('page') as HTMLElement);
+    this.forces = new Forces(app, this);
     this.keys = new Keys(this);
     this.pad = new Pad(this);
     this.screen = new Screen(app, this.views);
@@ -108,6 +111,14 @@ export class Console {
     this.squeeze(side, this.pens[side].grip > 0 ? 0 : 1);
   }
 
+  toggleHaptics(): void {
+    this.app.ask('haptics', { on: !this.haptics });
+  }
+
+  get haptics(): boolean {
+    return this.app.model.console?.haptics ?? false;
+  }
+
   setScale(value: number): void {
     const [low, high] = this.info.scale as [number, number];
     this.app.ask('scale', { value: Math.min(high, Math.max(low, value)) });
@@ -122,6 +133,7 @@ export class Console {
     this.keys.update(now);
     this.pad.update(now);
     this.pens.say(now);
+    this.forces.update();
   }
 
   /** Return the tip of a hand's instrument in the scene; null before it is loaded. */

@@ -11,7 +11,8 @@ const TAKE = 0.2; // opening of the gripper (0 to 1) below which a hand starts t
 const FASTEST = 3; // m/s: maximum plausible speed of a hand
 const QUICKEST = 20; // rad/s: maximum plausible angular speed of a hand
 const LEAP = [0.03, 0.5] as const; // m and rad: motion between two pictures that is always accepted
-const PULSE = [0.7, 120] as const; // strength (0 to 1) and duration in ms of a vibration
+const PULSE = [0.7, 120] as const; // strength (0 to 1) and duration in ms of the vibration at a limit
+const AGAIN = 60; // ms between two pulses while a force lasts
 
 /** Help text in the headset. */
 export const TRACKED: readonly (readonly [what: string, how: string])[] = [
@@ -28,6 +29,7 @@ export class ConsoleHands {
   readonly leading = new Set<Side>();
   private readonly last: Record<Side, Tracked | null> = { right: null, left: null };
   private readonly felt: Record<Side, boolean> = { right: false, left: false };
+  private readonly pulsed: Record<Side, number> = { right: -Infinity, left: -Infinity };
   private then = 0;
 
   constructor(
@@ -56,7 +58,7 @@ export class ConsoleHands {
     }
     for (const side of SIDES) {
       this.last[side] = seen[side];
-      this.feel(side, source(side)?.gamepad);
+      this.feel(side, source(side)?.gamepad, now);
     }
   }
 
@@ -106,12 +108,18 @@ export class ConsoleHands {
     }
   }
 
-  /** Vibrate the controller once for each new limit of its arm or of the camera. */
-  private feel(side: Side, pad: Gamepad | undefined): void {
+  /** Vibrate the controller once for each new limit of its arm or of the camera, and as strongly as the force lasts. */
+  private feel(side: Side, pad: Gamepad | undefined, now: number): void {
     const state = this.app.model.console;
-    const limit = this.leading.has(side) && Boolean(state?.hands[side].wall || state?.camera);
+    const limit = this.console.haptics && this.leading.has(side) && Boolean(state?.hands[side].wall || state?.camera);
     const pulsing = pad as { hapticActuators?: readonly { pulse?: (value: number, ms: number) => unknown }[] } | undefined;
-    if (limit && !this.felt[side]) void pulsing?.hapticActuators?.[0]?.pulse?.(...PULSE);
+    const actuator = pulsing?.hapticActuators?.[0];
+    const size = this.leading.has(side) ? this.console.forces.strength(side) : 0;
+    if (limit && !this.felt[side]) void actuator?.pulse?.(...PULSE);
+    else if (size > 0 && now - this.pulsed[side] > AGAIN) {
+      this.pulsed[side] = now;
+      void actuator?.pulse?.(size, AGAIN);
+    }
     this.felt[side] = limit;
   }
 }

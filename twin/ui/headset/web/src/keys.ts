@@ -37,6 +37,7 @@ export const KEYS: readonly (readonly [what: string, keys: string])[] = [
   ['Camera', 'hold C with the keys of an instrument'],
   ['Clutch (instruments at rest)', 'hold Space'],
   ['Motion scale', '– and +'],
+  ['Forces on or off', 'T'],
   ['Swap the pictures', 'V'],
 ];
 
@@ -73,6 +74,7 @@ export class Keys {
     if (PEDALS[e.code]) console.pens.press(PEDALS[e.code] as Pedal, 'keys', true);
     else if (e.key === '+' || e.key === '=') console.setScale(console.scale + 0.05);
     else if (e.key === '-') console.setScale(console.scale - 0.05);
+    else if (e.code === 'KeyT' && !e.repeat) console.toggleHaptics();
     else if (e.code === 'KeyV' && !e.repeat) console.views.swap();
     else if (JAWS[e.code] && !e.repeat) console.toggleJaw(JAWS[e.code] as Side);
     else if (WAYS[e.code]) this.down.add(e.code);

@@ -5,6 +5,7 @@ import { SIDES } from './pens';
 
 const DEAD = 0.15; // dead zone of a stick, as a fraction of its range
 const SPEED = 0.08; // m/s: speed of the hand at the end of the stick's range
+const AGAIN = 80; // ms between two commands while a force lasts; each vibrates for longer than that
 const TURN = 1.5; // rad/s: angular speed at the end of the stick's range
 
 /** Indices of buttons and axes in the browsers' standard layout. */
@@ -31,6 +32,7 @@ export class Pad {
   private last = 0;
   private pulled = { right: 0, left: 0 };
   private walls = 0;
+  private felt = -Infinity;
 
   constructor(private readonly console: Console) {}
 
@@ -59,7 +61,7 @@ export class Pad {
         console.squeeze(side, pull);
       }
     }
-    this.rumble(pad);
+    this.rumble(pad, now);
   }
 
   /** The gamepad is gone: its pedals are released; instruments and jaws keep their places. */
@@ -70,11 +72,17 @@ export class Pad {
     this.console.say('The gamepad was disconnected: the instruments stop, and the jaws stay as they are.');
   }
 
-  /** Vibrate once for each new limit. */
-  private rumble(pad: Gamepad): void {
-    const walls = this.console.walls();
-    if (walls > this.walls)
+  /** Vibrate once for each new limit, and as strongly as the larger force on a hand while it lasts. */
+  private rumble(pad: Gamepad, now: number): void {
+    const { console } = this;
+    const walls = console.walls();
+    const size = Math.max(...SIDES.map((side) => console.forces.strength(side)));
+    if (walls > this.walls && console.haptics)
       void pad.vibrationActuator?.playEffect('dual-rumble', { duration: 150, strongMagnitude: 0.8, weakMagnitude: 0.4 });
+    else if (size > 0 && now - this.felt > AGAIN) {
+      this.felt = now;
+      void pad.vibrationActuator?.playEffect('dual-rumble', { duration: 1.5 * AGAIN, strongMagnitude: size, weakMagnitude: size / 2 });
+    }
     this.walls = walls;
   }
 }

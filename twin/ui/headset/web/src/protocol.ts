@@ -119,6 +119,8 @@ export interface ConsoleState {
   silent: boolean;
   mode: 'instruments' | 'nothing' | 'camera';
   scale: number;
+  /** Whether the forces on the hands are switched on. */
+  haptics: boolean;
   hands: Record<Side, { robot: string; follows: boolean; wall: string | null; jumps: number }>;
   /** Text on the camera's limit; null if it is at no limit. */
   camera: string | null;
@@ -204,6 +206,7 @@ export interface State {
 export type Message =
   | { type: 'hello'; protocol: number; client: string | number; model_hash: string; resume?: string }
   | ({ type: 'state'; robots?: ({ name: string } & Partial<State>)[]; console?: ConsoleState } & Partial<State>)
+  | { type: 'forces'; right: Numbers; left: Numbers }
   | { type: 'path'; robot?: string; protocol: string | null; points: Numbers }
   | { type: 'cloud'; robot?: string; first?: boolean; points: string; values?: string; done: boolean }
   | { type: 'error'; id?: number; code: string; message: string }

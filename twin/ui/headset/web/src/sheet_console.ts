@@ -91,9 +91,18 @@ export function atConsole(app: App, console: Console): Tab {
       set: (v) => console.setScale(v),
       show: (v) => v.toFixed(2),
     },
+    { kind: 'text', id: 'forces', text: () => console.forces.text() },
     {
       kind: 'row',
       items: [
+        {
+          kind: 'button',
+          id: 'haptics',
+          label: () => 'Forces',
+          on: () => console.haptics,
+          press: () => console.toggleHaptics(),
+          hint: 'Arrows, vibrations and forces of pens where instruments touch something',
+        },
         { kind: 'button', id: 'swap', label: () => 'Swap the pictures', press: () => views.swap() },
         { kind: 'button', id: 'let-go', label: () => 'Release the hands', off: () => !console.pens.active, press: () => console.pens.drop() },
       ],

@@ -1,0 +1,308 @@
+"""Forces of real contacts in a World: depths against drawn geometry, levers, grasps, held objects, switch."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import twin
+from made.consoles import Hands
+from twin.api.act import props_of, robots_at
+from twin.api.session import replay_session
+from twin.cli import main
+from twin.core import spatial
+from twin.core.errors import DescriptionError, WorldError
+from twin.core.units import DEG, MM
+from twin.model.movable import Movable
+from twin.model.scene import load_scene
+from twin.simulation import console_scene
+from twin.simulation.console_scene import Member
+from twin.simulation.devices.given import HandState
+from twin.simulation.local_plane import COUNT, LocalPlane
+from twin.simulation.plants.contact import Contact, Gripper, Solid
+from twin.simulation.plants.contact.levers import Levers
+from twin.simulation.session import run
+from twin.simulation.session.condition import randomised
+from twin.simulation.world import Block, World
+from twin.ui.headset import protocol as wire
+from twin.ui.headset.operation import Operation
+from twin.ui.session.timeline import RATE
+
+pytestmark = pytest.mark.usefixtures("cad_once")
+FLOOR = 895 * MM  # of the board, as drawn
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return twin.load_scene("davinci")
+
+
+@pytest.fixture(scope="module")
+def props(scene):
+    return props_of(scene)
+
+
+@pytest.fixture(scope="module")
+def robots(scene):
+    return robots_at(scene.places)
+
+
+@pytest.fixture(scope="module")
+def members(robots):
+    return {n: Member(r.mechanism, r.kinematics()) for n, r in robots.items()}
+
+
+def moved(scene, members, props, ticks, right, left=None, haptics=True):
+    """Return a World whose instruments have moved along `right` and `left`, functions of time in m in the World."""
+    still = np.zeros(3)
+
+    def script(t):
+        ways = (2 * R.T @ right(t), still if left is None else 2 * R.T @ left(t))  # the motion scale is 0.5
+        return *ways, 0, 0, 0, 0.5
+
+    R = console_scene.world(scene, members, Hands(lambda t: (still, still, 0, 0, 0, 0.5))).signals["ecm.view"]
+    R = R.reshape(4, 4)[:3, :3]
+    world = console_scene.world(scene, members, Hands(script), props=props, haptics=haptics)
+    world.step(ticks)
+    return world, {n: world.recording()[f"{n}.force"] @ R.T for n in ("right", "left")}
+
+
+def lowest(world, members, robot="psm1"):
+    """Return the height in m of the lowest drawn point of hand and jaws."""
+    poses = world.frame().link_poses[robot]
+    return min(
+        float((part.vertices @ poses[b.name][:3, :3].T + poses[b.name][:3, 3])[:, 2].min())
+        for b in members[robot].mechanism.bodies
+        if b.name in ("hand", "jaw_left", "jaw_right")
+        for part in b.meshes
+    )
+
+
+def ramp(t, way, begin=0.2, speed=0.05):
+    """Return a displacement (3,) in m that grows at a speed in m/s up to `way` (3,)."""
+    length = np.linalg.norm(way)
+    return np.asarray(way) / length * np.clip((t - begin) * speed, 0, length)
+
+
+def test_the_floor_pushes_by_the_depth_that_is_drawn(scene, members, props):
+    world, force = moved(scene, members, props, 900, lambda t: ramp(t, [0, 0, -24 * MM]))
+    depth = FLOOR - lowest(world, members)
+    assert 2 * MM < depth < 5 * MM
+    np.testing.assert_allclose(force["right"][-1], [0, 0, 600 * depth], atol=0.01)
+    felt = np.flatnonzero(force["right"].any(axis=1))
+    before, _ = moved(scene, members, props, int(felt[0]) - 3, lambda t: ramp(t, [0, 0, -24 * MM]))
+    assert 0 <= lowest(before, members) - FLOOR < 0.3 * MM, "at 50 mm/s, found at most 3 ms late"
+    assert not force["left"].any()
+    assert world.recording()["right.energy"].min() >= 0
+
+
+def test_an_instrument_under_the_floor_is_pushed_back_up(scene, members, props):
+    """The floor is 8 mm thick: its lower side is nearer, but the instrument came from above."""
+    world, force = moved(scene, members, props, 800, lambda t: ramp(t, [0, 0, -31 * MM], speed=0.07))
+    assert FLOOR - lowest(world, members) > 6 * MM
+    np.testing.assert_allclose(force["right"][-1], [0, 0, 3.3], atol=0.05)
+
+
+def test_instruments_push_each_other_apart(scene, members, props):
+    """Both hands feel the same force, each to its own side, and it is steady while they rest."""
+
+    def right(t):
+        return ramp(t, [-13 * MM, 0, 0])
+
+    world, force = moved(scene, members, props, 560, right, lambda t: ramp(t, [10 * MM, 0, 0]))
+    assert world.signals["psm1.meets"] == 1
+    assert 0.3 < np.linalg.norm(force["right"][-1]) < 3.3 + 1e-9
+    np.testing.assert_allclose(force["right"][-1], -force["left"][-1], atol=0.05)
+    assert force["right"][-1][0] > 0, "to its own side"
+    assert np.ptp(force["right"][-20:], axis=0).max() < 0.02
+
+
+def test_without_haptics_the_world_has_no_forces_and_off_is_zero(scene, members, props):
+    def way(t):
+        return ramp(t, [0, 0, -24 * MM])
+
+    off, force = moved(scene, members, props, 650, way, haptics=False)
+    assert not force["right"].any()
+    on, force = moved(scene, members, props, 650, way)
+    assert force["right"].any()
+    assert on.signals["psm1.q"].tobytes() == off.signals["psm1.q"].tobytes(), "the hands of the device are the same"
+
+
+# -- contacts as planes -----------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def psm():
+    robot = twin.load("davinci_psm")
+    return robot.mechanism, robot.kinematics()
+
+
+def test_a_point_of_the_shaft_moves_as_the_lever_says(psm):
+    """Against the inverse kinematics: the tool moves by 10 um at constant attitude."""
+    mechanism, kin = psm
+    gripper = Gripper("psm", mechanism, kin.forward, spatial.pose(spatial.rotation_z(1.0), (0.1, 0, 0)), 0.02)
+    q, R_base = mechanism.posture("aside"), spatial.rotation_z(1.0)
+    T, start = kin.forward(q), gripper.poses(q)
+    levers = Levers(gripper)
+    twists = levers.twists(q, 0)
+    assert len(twists) == len(gripper.links) == 3
+    for way in np.eye(3) * 1e-5:
+        moved = kin.inverse(spatial.pose(T[:3, :3], T[:3, 3] + R_base.T @ way), seed=q)
+        moved[gripper.jaw] = q[gripper.jaw]
+        for twist, a, b in zip(twists, start, gripper.poses(moved), strict=True):
+            turn = spatial.log_so3(b[:3, :3] @ a[:3, :3].T)
+            np.testing.assert_allclose(twist @ way, [*(b[:3, 3] - a[:3, 3]), *turn], atol=2e-8)
+    np.testing.assert_allclose(twists[0][3:], 0, atol=1e-6)  # the hand keeps its attitude
+    other = q + 0.1
+    new = Levers(gripper).twists(other, 0)
+    late = [levers.twists(other, k) for k in range(1, 25)]  # one of six joints in every fourth step
+    assert np.abs(late[0][2] - new[2]).max() > 0.01
+    np.testing.assert_allclose(late[-1], new, atol=1e-12)
+
+
+class Led(Block):
+    """Joint values as a function of time."""
+
+    def __init__(self, q):
+        self.q, self.outputs = q, {"psm.q": q(0.0)}
+
+    def step(self, signals, t, dt):
+        return {"psm.q": self.q(t + dt)}
+
+
+def planes(world):
+    """Return the planes of the instrument, those in use."""
+    rows = world.signals["psm.planes"].reshape(COUNT, -1)
+    return [LocalPlane(r[3:6], r[:3], r[6:9], float(r[9])) for r in rows if r.any()]
+
+
+def test_a_held_ring_is_felt_where_it_would_be(psm):
+    """The ring stays outside of the plate and slips between the jaws; what is felt is how far the jaws have gone on."""
+    mechanism, kin = psm
+    q0 = mechanism.posture("home")
+    q0[6] = 30 * DEG
+    T = kin.forward(q0)
+    turn = spatial.pose(np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]]), [0, 0, 15.25 * MM])
+    ring = Movable("ring", "ring", (6.75 * MM, 0.7 * MM), 0.5e-3, 0.5, T @ turn)
+    top = float((T @ turn)[2, 3]) - 7.45 * MM - 2 * MM  # 2 mm under the ring
+    mesh = Movable("plate", "box", (0.03, 0.03, 0.0025), 1.0, 0.0).mesh()
+    plate = replace(mesh, vertices=mesh.vertices + np.array([*(T @ turn)[:2, 3], top - 0.0025]))
+
+    def q(t):
+        out = q0.copy()
+        out[6] = max(0.0, q0[6] * (1 - t / 0.2))
+        out[2] += 4 * MM * np.clip((t - 0.3) / 0.2, 0, 1)
+        return out
+
+    gripper = Gripper("psm", mechanism, kin.forward, np.eye(4), 0.02)
+    plate = Solid("plate", [plate], 0.5)
+    contact = Contact([ring], [plate], [gripper], {"psm": q0}, gravity=(0, 0, 0), feels=True)
+    world = World(objects=[ring], plants=[Led(q), contact], records=False)
+    world.step(300)
+    assert world.signals["ring.holder"] == 0
+    assert not planes(world), "the jaws feel no plane of what they hold"
+    world.step(300)
+    assert world.signals["ring.holder"] == 0
+    (found,) = planes(world)[:1]
+    gone = (kin.forward(q(0.6)) - T)[2, 3]
+    assert found.depth(kin.forward(q(0.6))) == pytest.approx(-gone - 2 * MM, abs=0.25 * MM)
+    assert found.normal[2] > 0.99
+
+
+def test_a_grasp_gives_one_pulse_along_x(scene, members, props):
+    task = scene.tasks["pegboard"]
+    device = run.surgeon(scene, members, task, 0, props=props)
+    world = console_scene.world(scene, members, device, task=task, props=props, haptics=True)
+    while not any(world.signals[f"ring{k}.holder"] >= 0 for k in (1, 2, 3, 4)) and world.t < 10:
+        world.step(10)
+    world.step(30)
+    recording, rings = world.recording(), [f"ring{k}.holder" for k in (1, 2, 3, 4)]
+    for k, hand in enumerate(("right", "left")):
+        held = np.flatnonzero(np.any([recording[n][:, 0] == k for n in rings], axis=0))
+        if not len(held):
+            continue
+        force = recording[f"{hand}.force"]
+        np.testing.assert_allclose(force[held[0] : held[0] + 3, 0], 1.0, atol=0.05)
+        assert not force[: held[0]].any(), "nothing was felt before"
+        assert (force[held[0] + 3 :, 0] < 0.9).all()
+        return
+    raise AssertionError("no ring was grasped")
+
+
+# -- switch, session, settings ----------------------------------------------------------------------------------------
+
+
+def test_the_switch_works_while_it_runs_and_the_session_knows(scene, robots, props, tmp_path, monkeypatch):
+    monkeypatch.setattr("twin.ui.session.console._BUDGET", np.inf)
+    condition = randomised(7, 1)
+    path = tmp_path / "hands.session"
+    operation, sent = Operation(scene, robots, path, props=props, condition=condition), []
+    operation.send = sent.append
+    down = operation.view[:3, :3].T @ [0, 0, -1]
+    operation.frame(0, 0.0)
+    for k in range(75):
+        if k == 60:
+            operation.ask("c1", wire.Haptics(type="haptics", on=not operation.reading["haptics"]))
+        s = k / RATE
+        for hand, x in ((0, 0.08), (1, -0.08)):
+            way = 2 * ramp(s, 24 * MM * down)
+            pose = spatial.pose(spatial.rotation_z(min(s / 0.1, 1) * 5 * DEG), [way[0] + x, *way[1:]])
+            operation.device.give(HandState(hand, False, False, k + 1, pose, 0.0))
+        operation.frame(k, 0.0)
+    operation.close()
+    forces = [d for d in sent if d["type"] == "forces"]
+    assert condition.haptics == (not operation.reading["haptics"])
+    assert forces
+    found = replay_session(path)
+    told = found.as_dict()
+    assert told["replay"] == "same"
+    assert told["condition"] == {"haptics": condition.haptics, "participant": 7, "run": 1}
+    assert told["forces"]["on"] == pytest.approx(0.8 if condition.haptics else 0.2, abs=0.05)
+    assert told["forces"]["largest_n"]["right"] > 0.3
+    assert any("participant 7, run 1" in str(part) for part in map(_said, found.text()))
+
+
+def _said(part):
+    return part if isinstance(part, str) else part.rows
+
+
+def test_bad_settings_are_named_with_their_line(tmp_path, scene, members, props):
+    text = scene.file.read_text()
+    for old, new, said in (
+        (
+            "stiffness_n_m = 600",
+            "stiffness_n_m = -600",
+            r"haptics.stiffness_n_m = -600: out of range; allowed: a number > 0",
+        ),
+        (
+            "largest_n = 3.3",
+            "largest_n = 0",
+            r"haptics.largest_n = 0: out of range; allowed: a number > 0",
+        ),
+    ):
+        (tmp_path / "scene.toml").write_text(text.replace(old, new))
+        (tmp_path / scene.props.name).touch()
+        with pytest.raises(DescriptionError, match=said):
+            load_scene(tmp_path / "scene.toml")
+    table = scene.haptics.model_copy(update={"damping_ns_m": 40.0})
+    with pytest.raises(WorldError, match=r"lower the damping to at most 18\.09 N s/m"):
+        console_scene.world(replace(scene, haptics=table), members, Hands(lambda t: None), props=props, haptics=True)
+
+
+@pytest.mark.parametrize(
+    ("command", "said"),
+    [
+        (["serve", "davinci", "--participant", "7"], "--participant and --run belong together"),
+        (["serve", "davinci", "--participant", "7", "--run", "1"], "--participant requires --session"),
+        (["serve", "davinci", "--participant", "7", "--run", "1", "--haptics", "on"], "cannot be combined"),
+        (["serve", "sils", "--haptics", "on"], "--haptics requires a scene with a console"),
+        (["serve", "davinci", "--participant", "0", "--run", "1", "--session", "x.session"], "participant 0"),
+        (["operate", "sher", "--haptics", "on"], "--haptics applies to the console of a scene"),
+    ],
+)
+def test_wrong_options_are_named(command, said, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert main(command) == 2
+    assert said in capsys.readouterr().err

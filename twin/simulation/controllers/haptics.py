@@ -1,0 +1,158 @@
+"""Forces on the hands of a console: surfaces that the instruments touch, limits of the arms, and grasps of objects.
+
+The law is eq. (5) of `console`: F = -k x - c dx/dt along the normal, clipped, never pulling inwards. The paper renders
+the pulse of a grasp, walls, and a held ring against pegs. Contact of two instruments and of shafts is added here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from twin.core.spatial import Array
+from twin.formula.flow import attach
+from twin.kinematics import Kinematics
+from twin.simulation.controllers.console import Console, console
+from twin.simulation.controllers.hand_force import ENERGY, FORCE, LAST, STATE, Surface, hand_force
+from twin.simulation.controllers.passive import require_passive
+from twin.simulation.limits import Limits
+from twin.simulation.world import Block, Signals
+
+PULSE, PULSE_TIME = 1.0, 3e-3
+"""Force in N along +x of {H} and duration in s of the pulse when the jaws grasp an object, as printed in the paper."""
+
+_AGAIN = 0.25
+"""Shortest time in s between the end of a grasp and the pulse of the next one; ASSUMED, so that a grip that slips does
+not pulse several times."""
+
+
+@dataclass(frozen=True)
+class FeltArm:
+    """An arm whose contacts a hand feels.
+
+    Attributes:
+        robot: name of the robot in the World.
+        kin: the robot's equations.
+        limits: its joint limits.
+        T_world_base: (4, 4) pose of its base.
+        index: index of its gripper in `<object>.holder`; -1: it has none.
+    """
+
+    robot: str
+    kin: Kinematics
+    limits: Limits
+    T_world_base: Array
+    index: int = -1
+
+
+class HapticSwitch(Block):
+    """Writes `haptics.on`: `<device>.haptics` if the device has this signal, else the value given at the start."""
+
+    def __init__(self, device: str, on: bool = True) -> None:
+        """Connect to a device."""
+        self._name, self._on = f"{device}.haptics", float(on)
+        self.outputs = {"haptics.on": self._on}
+
+    def step(self, signals: Signals, t: float, dt: float) -> dict[str, float]:
+        """Read the switch."""
+        return {"haptics.on": signals.now[self._name].item() if self._name in signals else self._on}
+
+
+class HapticHand(Block):
+    """Computes the force on one hand; a plant behind those that move the robots and find the contacts.
+
+    Reads `haptics.on`, `console.taps`, `<device>.scale`, `<hand>.pose`, `<camera>.view`; of the arm that the hand
+    controls `<robot>.follows`, `<robot>.goal`, `<robot>.encoder` and the planes in `<robot>.<source>`; and
+    `<object>.holder`. Writes `<hand>.force` (3,) in N in {H}, whose axes are those of the picture; and `<hand>.energy`
+    in J, a lower bound of what the hand and the device have put in, which is never negative (`passive`).
+    """
+
+    def __init__(
+        self,
+        hand: str,
+        device: str,
+        camera: str,
+        arms: Sequence[FeltArm],
+        *,
+        sources: Sequence[str] = (),
+        objects: Sequence[str] = (),
+        surface: Surface | None = None,
+        dt: float = 1e-3,
+        laws: Console | None = None,
+        bounds: bool = True,
+    ) -> None:
+        """Compile the law.
+
+        Args:
+            hand: name of the hand.
+            device: name of the device of pedals and scale.
+            camera: name of the camera's arm.
+            arms: the arms of this hand, in the order in which taps select them.
+            sources: last parts of the names of signals with planes, such as "planes"; see `local_plane`.
+            objects: names of objects whose grasp is felt.
+            surface: numbers of the forces; None: the defaults.
+            dt: duration of a tick in s.
+            laws: equations of the console; None: the correct reading.
+            bounds: whether the observed energy bounds the force; without the bound, the surface may be active.
+
+        Raises:
+            WorldError: a number of the surface is out of range, or the surface is not passive on the device.
+        """
+        self.surface = surface or Surface()
+        s = self.surface
+        if bounds:
+            require_passive(s.stiffness, s.damping, s.largest, s.device_damping, dt)
+        self._arms, self._objects, self._sources = tuple(arms), tuple(objects), tuple(sources)
+        self._hand, self._device, self._camera = hand, device, camera
+        law = laws or console()
+        self._laws = [hand_force(law, s, a.limits, ~a.kin.auxiliary, len(sources), dt, bounds) for a in arms]
+        self._state, self._pulse = np.zeros(STATE), np.zeros(3)
+        self._tools = [np.zeros(16) for _ in arms]
+        self._seen = [b""] * len(arms)
+        self._signals: Signals | None = None
+        self._held, self._ended, self._until = False, -np.inf, -np.inf
+        self._force, self._energy = f"{hand}.force", f"{hand}.energy"
+        self.outputs = {self._force: np.zeros(3), self._energy: 0.0}
+
+    def step(self, signals: Signals, t: float, dt: float) -> dict[str, Array | float]:
+        """Compute the force of this tick, which the device holds until the next one."""
+        if signals is not self._signals:
+            self._attach(signals)
+        i = int(self._taps.item()) % len(self._arms)
+        arm, q = self._arms[i], self._encoders[i]
+        if (seen := q.tobytes()) != self._seen[i]:
+            self._seen[i] = seen
+            tool = self._tools[i]
+            T = arm.kin.forward(q, tool.reshape(4, 4).copy() if tool.any() else None)
+            tool[...] = (arm.T_world_base @ T).ravel()
+        self._pulse[0] = PULSE * self._pulses(arm, t)
+        out, compute = self._calls[i]
+        compute()
+        self._state[...] = out
+        return {self._force: out[FORCE], self._energy: float(out[ENERGY])}
+
+    def _pulses(self, arm: FeltArm, t: float) -> bool:
+        """Return whether the pulse of a grasp acts in this tick."""
+        if arm.index >= 0 and self._holders:
+            held = any(h.item() == arm.index for h in self._holders)
+            if held and not self._held and t - self._ended > _AGAIN:
+                self._until = t + PULSE_TIME - 1e-9
+            if self._held and not held:
+                self._ended = t
+            self._held = held
+        return t < self._until
+
+    def _attach(self, signals: Signals) -> None:
+        self._signals, now = signals, signals.now
+        self._taps, self._encoders = now["console.taps"], [now[f"{a.robot}.encoder"] for a in self._arms]
+        self._holders = [now[f"{name}.holder"] for name in self._objects]
+        self._state[LAST] = now[f"{self._hand}.pose"].reshape(4, 4)[:3, 3]
+        self._calls = []
+        for arm, law, tool in zip(self._arms, self._laws, self._tools, strict=True):
+            names = ("haptics.on", f"{arm.robot}.follows", f"{self._device}.scale", f"{self._hand}.pose")
+            base = np.ascontiguousarray(arm.T_world_base, float).ravel()
+            given = [now[n] for n in (*names, f"{self._camera}.view")]
+            more = [now[f"{arm.robot}.{n}"] for n in ("goal", "encoder", *self._sources)]
+            self._calls.append(attach(law, self._state, self._pulse, *given, base, tool, *more))

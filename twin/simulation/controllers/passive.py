@@ -1,0 +1,106 @@
+"""Passivity of a sampled surface: which damping the device needs, and a force that can never feed energy to the hand.
+
+A force that is held for a tick while the hand moves is a source of energy. The energy observer of a hand adds up what
+the hand has put in: E += b |dh|^2 / T - F . dh in every tick, where dh in m is the motion of the hand, F in N the force
+that was held, T in s the tick, and b in N s/m the damping of the device with the fingers that hold it (a lower bound of
+what the damping takes: equality is at constant speed). In one tick a force F can lose at most |F|^2 T / (4 b) for any
+dh. A force of at most sqrt(4 b E / T) therefore never makes the observer negative, whatever the hand does and however
+old the surface is.
+"""
+
+from __future__ import annotations
+
+import math
+
+import casadi as ca
+import numpy as np
+
+from twin.core.errors import WorldError
+
+FILTER_HZ = 30.0
+"""Cut-off frequency in Hz of the rate at which a tool enters a surface; ASSUMED, above the motions of a hand."""
+
+_MARGIN = 0.99
+"""Fraction of the observed energy that a force may lose in one tick, so that rounding is covered."""
+
+
+def smoothing(dt: float) -> float:
+    """Return the weight (0 to 1) of a new rate in the low-pass filter with `FILTER_HZ`, for ticks of dt in s."""
+    return 1.0 - math.exp(-2 * math.pi * FILTER_HZ * dt)
+
+
+def needed_damping(stiffness: float, damping: float, dt: float) -> float:
+    """Return the smallest damping in N s/m of a device on which a surface is passive.
+
+    The condition of Colgate and Schenkel (J. Robotic Systems 14(1), 1997), for a surface H(z) sampled and held every T:
+    b > T / (2 (1 - cos w T)) Re[(1 - exp(-j w T)) H(exp(j w T))] at all frequencies w up to pi / T. It is K T / 2 + |B|
+    without a filter.
+
+    Args:
+        stiffness: of the surface in N/m.
+        damping: of the surface in N s/m.
+        dt: duration of a tick in s.
+    """
+    z = np.exp(1j * np.linspace(1e-3, np.pi, 4000))
+    a = smoothing(dt)
+    surface = stiffness + damping * (z - 1) / (dt * z) * a / (1 - (1 - a) / z)
+    return float((dt / 2 / (1 - z.real) * ((1 - 1 / z) * surface).real).max())
+
+
+def require_passive(stiffness: float, damping: float, largest: float, device_damping: float, dt: float) -> None:
+    """Check the numbers of a surface.
+
+    Args:
+        stiffness: of the surface in N/m.
+        damping: of the surface in N s/m.
+        largest: force in N at which it is clipped.
+        device_damping: damping in N s/m of the device with the fingers that hold it.
+        dt: duration of a tick in s.
+
+    Raises:
+        WorldError: a number is out of range, or the surface is not passive on this device.
+    """
+    for what, value, unit, above in (
+        ("stiffness", stiffness, "N/m", True),
+        ("damping", damping, "N s/m", False),
+        ("largest force", largest, "N", True),
+        ("damping of the device", device_damping, "N s/m", True),
+    ):
+        if not (math.isfinite(value) and (value > 0 if above else value >= 0)):
+            limit = "above 0" if above else "at least 0"
+            raise WorldError(f"haptics: the {what} is {value:g} {unit}; it must be finite and {limit}")
+    if (needed := needed_damping(stiffness, damping, dt)) > device_damping:
+        alone = needed_damping(stiffness, 0.0, dt)
+        most = damping * (device_damping - alone) / (needed - alone) if damping and device_damping > alone else 0.0
+        lower = f"damping to at most {math.floor(100 * most) / 100:g} N s/m" if most > 0 else "stiffness"
+        raise WorldError(
+            f"haptics: a surface with {stiffness:g} N/m and {damping:g} N s/m at ticks of {dt * 1e3:g} ms needs a "
+            f"device with a damping of at least {needed:.3g} N s/m; {device_damping:g} N s/m is given: lower the "
+            f"{lower}, or use shorter ticks"
+        )
+
+
+def observed(energy: ca.SX, force: ca.SX, dh: ca.SX, device_damping: float, dt: float) -> ca.SX:
+    """Return the energy in J after a tick in which the hand moved by dh (3,) in m against a held force (3,) in N."""
+    return energy + ca.sumsqr(dh) * (device_damping / dt) - ca.dot(force, dh)
+
+
+def stored(depth: ca.SX, stiffness: float, largest: float) -> ca.SX:
+    """Return the energy in J that a surface holds at a depth in m."""
+    full = largest / stiffness
+    return ca.if_else(depth < full, 0.5 * stiffness * depth**2, largest * (depth - full / 2))
+
+
+def bounded(force: ca.SX, energy: ca.SX, device_damping: float, dt: float) -> ca.SX:
+    """Return the force (3,) in N, shortened so that the next tick cannot use more than the energy in J."""
+    most = ca.sqrt(4 * _MARGIN * device_damping / dt * ca.fmax(energy, 0))
+    return force * ca.fmin(1, most / ca.fmax(_length(force), 1e-12))
+
+
+def clipped(force: ca.SX, largest: float) -> ca.SX:
+    """Return the force (3,) in N, shortened to `largest` in N."""
+    return force * ca.fmin(1, largest / ca.fmax(_length(force), 1e-12))
+
+
+def _length(v: ca.SX) -> ca.SX:
+    return ca.sqrt(ca.sumsqr(v))

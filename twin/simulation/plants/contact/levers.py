@@ -1,0 +1,71 @@
+"""How the links of an instrument move when a hand displaces its tool, for the forces of contacts of the shaft."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from twin.core.spatial import Array
+from twin.simulation.plants.contact.gripper import Gripper
+
+_SMALL = 1e-5
+"""Change in rad or m of a joint by which displacements of the links are found."""
+
+_OFTEN, _OLD = 4, 20
+"""Numbers of steps: between two joints that are computed; without a call after which all joints are computed again."""
+
+
+class Levers:
+    """Twists of the links of an instrument per displacement of its tool at constant attitude.
+
+    All joints are computed at the first call; later, one joint in every `_OFTEN` steps, because the twists change
+    slowly and a tick must be short.
+    """
+
+    def __init__(self, gripper: Gripper, phase: int = 0) -> None:
+        """Compute nothing yet; instruments with different `phase`, a number of steps, compute in different steps."""
+        self._gripper, self._phase, self._step, self._next = gripper, phase, -_OLD, 0
+        self._twists: list[Array] = []
+        self._joints: list[int] = []
+        self._columns = np.zeros((0, 0))
+
+    def twists(self, q: Array, step: int) -> list[Array]:
+        """Return the twist of each link of `Gripper.links` per displacement of the tool, (6, 3) in the World.
+
+        The first three rows are the velocity of the link's origin, the others its angular velocity.
+
+        Args:
+            q: (n,) joint values.
+            step: number of the step.
+        """
+        if step - self._step >= _OLD:
+            self._joints = [i for i in range(len(q)) if i != self._gripper.jaw]
+            self._columns = np.zeros((6 + 6 * len(self._gripper.links), len(self._joints)))
+            now = range(len(self._joints))
+        elif (step + self._phase) % _OFTEN == 0 and step > self._step:
+            now, self._next = (self._next,), (self._next + 1) % len(self._joints)
+        else:
+            self._step = step
+            return self._twists
+        self._step = step
+        start = self._poses(q)
+        for k in now:
+            shifted = q.copy()
+            shifted[self._joints[k]] += _SMALL
+            pairs = zip(start, self._poses(shifted), strict=True)
+            self._columns[:, k] = np.concatenate([_twist(a, b) for a, b in pairs]) / _SMALL
+        # Small singular values: joints that hardly move the tool do not carry the links either.
+        per_tool = self._columns[6:] @ np.linalg.pinv(self._columns[:6], rcond=1e-6)[:, :3]
+        self._twists = np.split(per_tool, len(self._gripper.links))
+        return self._twists
+
+    def _poses(self, q: Array) -> list[Array]:
+        """Return the poses (4, 4) of the tool and of the links in the World."""
+        poses = self._gripper.poses(q)
+        return [poses[0] @ self._gripper.T_hand_tool, *poses]
+
+
+def _twist(T: Array, T_new: Array) -> Array:
+    """Return (6,) displacement and rotation vector of a small motion."""
+    D = T_new[:3, :3] @ T[:3, :3].T
+    turn = 0.5 * np.array([D[2, 1] - D[1, 2], D[0, 2] - D[2, 0], D[1, 0] - D[0, 1]])
+    return np.concatenate([T_new[:3, 3] - T[:3, 3], turn])

@@ -1,0 +1,48 @@
+"""The condition of a session: with or without forces on the hands, and whose session in a study it is.
+
+The paper lets every user do the peg board with and without haptics, in random order. Here the number of a participant
+gives the order, so that it needs no list: of four successive participants, two begin with forces.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import numpy as np
+from pydantic import Field
+
+from twin.core.errors import TwinError
+from twin.schema import Table
+
+RUNS = 2
+"""Number of runs of a participant, one with and one without forces."""
+
+_BLOCK = 4
+"""Number of successive participants of whom half begin with forces."""
+
+
+class Condition(Table):
+    """Condition of a session. A later study groups sessions by it."""
+
+    haptics: Annotated[bool, Field(description="whether the forces on the hands are on at the start")]
+    participant: Annotated[int | None, Field(ge=1, description="number in a study; null: no study")] = None
+    run: Annotated[int | None, Field(ge=1, le=RUNS, description="first or second run of the participant")] = None
+
+
+def randomised(participant: int, run: int) -> Condition:
+    """Return the condition of a run of a participant, in the randomised order.
+
+    Args:
+        participant: number of the participant, from 1 on.
+        run: 1 or 2; one of both has forces.
+
+    Raises:
+        TwinError: a number is out of range.
+    """
+    if participant < 1:
+        raise TwinError(f"participant {participant}: give a number of at least 1")
+    if not 1 <= run <= RUNS:
+        raise TwinError(f"run {run}: give 1 to {RUNS}; one run is with forces on the hands, the other without")
+    block, place = divmod(participant - 1, _BLOCK)
+    first = np.random.default_rng(block).permutation(_BLOCK)[place] < _BLOCK // 2
+    return Condition(haptics=bool(first) == (run == 1), participant=participant, run=run)

@@ -1,0 +1,37 @@
+"""Measures of the forces on the hands in a session."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from twin.simulation.world import Recording
+
+
+@dataclass(frozen=True)
+class ForceMeasures:
+    """Forces in a session, from samples: a pulse of a grasp may lie between two samples.
+
+    Attributes:
+        on: fraction of the session in which the forces were switched on.
+        felt: time in s with a force, by hand.
+        largest: largest force in N, by hand.
+    """
+
+    on: float
+    felt: Mapping[str, float]
+    largest: Mapping[str, float]
+
+
+def measure(kept: Recording, hands: Sequence[str]) -> ForceMeasures | None:
+    """Return the measures of the forces on some hands; None: the World of the session has no forces."""
+    if "haptics.on" not in kept.sizes:
+        return None
+    sizes = {hand: np.linalg.norm(kept[f"{hand}.force"], axis=1) for hand in hands}
+    return ForceMeasures(
+        on=float(np.mean(kept["haptics.on"] > 0.5)),
+        felt={hand: float(np.sum(f > 0) * kept.dt) for hand, f in sizes.items()},
+        largest={hand: float(f.max()) for hand, f in sizes.items()},
+    )

@@ -1,0 +1,33 @@
+"""Largest forces on the hands between two pictures of a display: a pulse of 3 ms is shorter than a picture."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from twin.core.spatial import Array
+from twin.simulation.world import Block, Signals
+
+
+class ForcePeaks(Block):
+    """Reads `<hand>.force` (3,) in N in every tick, and keeps the largest one until `take`; it writes no signal."""
+
+    def __init__(self, hands: Sequence[str]) -> None:
+        """Watch some hands."""
+        self.outputs = {}
+        self._names = {hand: f"{hand}.force" for hand in hands}
+        self._peaks = {hand: np.zeros(3) for hand in hands}
+
+    def step(self, signals: Signals, t: float, dt: float) -> dict[str, Array]:
+        """Compare the forces of this tick with the largest ones."""
+        for hand, name in self._names.items():
+            force, peak = signals.now[name], self._peaks[hand]
+            if force @ force > peak @ peak:
+                self._peaks[hand] = force.copy()
+        return {}
+
+    def take(self) -> dict[str, Array]:
+        """Return the largest force (3,) in N of each hand since the last call, in {H}."""
+        taken, self._peaks = self._peaks, {hand: np.zeros(3) for hand in self._peaks}
+        return taken
