@@ -82,6 +82,14 @@ def test_a_picture_that_is_rolled_shows_the_rectangle_turned_the_other_way(goal,
     assert seen == pytest.approx(-roll, abs=0.01), why
 
 
+def test_a_picture_without_smoothing_is_measured_too(goal, plate):
+    """As a page draws it where a program looks at it: every pixel is green or not."""
+    T = looking(goal, [0, 6 * MM, 80 * MM], [0, 6 * MM, 0], 12 * DEG)
+    rgb = picture.draw(plate, RECTANGLE, T @ PICTURE, VIEW).rgb
+    green = rgb[..., 1] > 0.5 * rgb[..., 1].max()
+    assert upper_side.angle(green[..., None] * np.array([0.02, 0.5, 0.05])) == pytest.approx(-12 * DEG, abs=0.05 * DEG)
+
+
 def random_views(goal, seen, count, seed):
     """Return the differences in deg of both measures in `count` views, and the reasons of refused ones."""
     rng, off, reasons = np.random.default_rng(seed), [], []

@@ -18,8 +18,8 @@ _GREEN = 0.02
 _SHORTEST = 60
 """Smallest number of columns of an upper side: of a shorter one, the angle is not known to 0.05 degrees."""
 
-_OFF = 0.35
-"""Largest distance in pixels of a point of the upper side from its line."""
+_OFF = 0.75
+"""Largest distance in pixels of a point of the upper side from its line; of a picture without smoothing, up to 0.5."""
 
 _FULL, _ABOVE = 0.97, 4
 """Part of a pixel from which on it counts as fully green; rows above the first such pixel that an edge may cross."""
