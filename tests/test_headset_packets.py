@@ -335,7 +335,7 @@ def session(running, ticks=700, delay=100, lost=0.05):
 
 def test_a_bad_network_makes_no_tool_jump_and_its_loss_is_shown(scene, robots, monkeypatch):
     monkeypatch.setattr(
-        console.console_scene, "world", lambda *a, **k: WORLD(*a, **{**k, "records": True, "watch": None})
+        console.console_scene, "world", lambda *a, **k: WORLD(*a, **{**k, "records": True, "watch": ()})
     )
     monkeypatch.setattr(console, "_BUDGET", np.inf)
     running = Running(Operation(scene, robots))
