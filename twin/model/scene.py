@@ -14,6 +14,8 @@ from twin.core.errors import TwinError, unknown
 from twin.core.provenance import Parameter
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM, linear
+from twin.model import anatomy
+from twin.model.anatomy import AnatomyTable, TissueTable
 from twin.model.movable import Movable, ShapeName
 from twin.schema import Identifier, Origin, Table, Vector, at, error_at, load_toml
 
@@ -202,6 +204,8 @@ class SceneTable(Table):
     console: ConsoleTable | None = None
     object: dict[Identifier, ObjectTable] = Field(default_factory=dict)
     contact: ContactTable | None = None
+    anatomy: AnatomyTable | None = None
+    tissue: dict[Identifier, TissueTable] = Field(default_factory=dict)
     task: dict[Identifier, TaskTable] = Field(default_factory=dict)
 
 
@@ -278,6 +282,8 @@ class Scene:
         console: the surgeon's console, or None.
         objects: the movable objects.
         contact: what they touch, or None.
+        anatomy: where the organs are drawn and what touches them, or None.
+        tissues: material of the organs by name.
         tasks: tasks at the console, by name.
         parameters: every number with its provenance.
     """
@@ -294,6 +300,8 @@ class Scene:
     console: ConsoleTable | None
     objects: tuple[Movable, ...]
     contact: ContactTable | None
+    anatomy: AnatomyTable | None
+    tissues: Mapping[str, TissueTable]
     tasks: Mapping[str, Task]
     parameters: tuple[Parameter, ...]
 
@@ -344,6 +352,7 @@ def load_scene(path: Path) -> Scene:
         raise error_at(path, ("task", name), "a task needs a console: add the table [console]")
     for name, task in table.task.items():
         _transfers(path, name, task, table)
+    _organs(path, table, names)
     props = None if table.props is None else path.parent / table.props
     if props is not None and not props.is_file():
         raise error_at(path, ("props",), f"there is no file {props.name} in the folder of the scene")
@@ -360,6 +369,8 @@ def load_scene(path: Path) -> Scene:
         table.console,
         tuple(_object(name, o) for name, o in table.object.items()),
         table.contact,
+        table.anatomy,
+        dict(table.tissue),
         {name: _task(name, task) for name, task in table.task.items()},
         tuple(_parameters(table)),
     )
@@ -392,6 +403,20 @@ def _transfers(path: Path, name: str, task: TaskTable, table: SceneTable) -> Non
             raise error_at(path, keys, f"'{transfer.ring}' is a {shape}; only a ring goes around a peg")
         if transfer.ring in [t.ring for t in task.transfer[:k]]:
             raise error_at(path, keys, f"'{transfer.ring}' is listed twice")
+
+
+def _organs(path: Path, table: SceneTable, names: list[str]) -> None:
+    """Raise if organs and anatomy do not belong together, or a link is of an unknown robot."""
+    if (table.anatomy is None) != (not table.tissue):
+        key = "tissue" if table.anatomy is None else "anatomy"
+        raise error_at(path, (key,), "organs need both the table [anatomy] and one table [tissue.NAME] for each organ")
+    if table.anatomy is None:
+        return
+    if not (path.parent / table.anatomy.file).is_file():
+        raise error_at(path, ("anatomy", "file"), f"there is no file {table.anatomy.file}")
+    for name in table.anatomy.touching:
+        if name.split("/")[0] not in names:
+            raise error_at(path, ("anatomy", "touching"), unknown("robot", name.split("/")[0], names))
 
 
 def _object(name: str, o: ObjectTable) -> Movable:
@@ -454,6 +479,7 @@ def _parameters(table: SceneTable) -> list[Parameter]:
         out.append(Parameter("contact friction", c.friction, "1", c.friction, c.provenance, c.note))
         effort = c.jaw_effort_n_mm
         out.append(Parameter("contact jaw effort", effort * MM, "N mm", effort, c.provenance, c.note))
+    out += anatomy.parameters(table.tissue)
     for name, task in table.task.items():
         origin = (task.provenance, task.note)
         if task.tolerance_mm is not None and task.hold_s is not None:
