@@ -128,3 +128,10 @@ def props_of(scene: Scene) -> Mechanism | None:
     from twin.cad.build import read_props
 
     return None if scene.props is None else read_props(scene.props)
+
+
+def anatomy_of(scene: Scene) -> Mechanism | None:
+    """Return the mechanism whose bodies are the soft organs of a scene; None: it has none."""
+    from twin.cad.build import read_props
+
+    return None if scene.anatomy is None else read_props(scene.file.parent / scene.anatomy.file)

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
@@ -41,6 +41,21 @@ class Feed(Protocol):
     @property
     def duration(self) -> float: ...  # noqa: D102
     def at(self, t: float) -> Frame: ...  # noqa: D102
+
+
+@runtime_checkable
+class Follower(Feed, Protocol):
+    """A feed that depends on the displayed robots instead of the time.
+
+    Attributes:
+        touching: names of the links whose poses it needs, by robot.
+    """
+
+    @property
+    def touching(self) -> Mapping[str, Sequence[str]]: ...  # noqa: D102
+    def follow(self, links: Mapping[str, Mapping[str, Array]], passed: float) -> bool:
+        """Move the vertices; return whether they moved. T_world_link (4, 4) by robot and link; time passed in s."""
+        ...
 
 
 def vertices_of(frame: Frame, name: str, surface: Surface) -> Array:

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
+
 import numpy as np
 import viser
 
 from twin.core.errors import TwinError
-from twin.ui.session.feed import Feed, vertices_of
+from twin.core.spatial import Array
+from twin.ui.session.feed import Feed, Follower, vertices_of
 
 
 class FieldNodes:
@@ -16,6 +19,21 @@ class FieldNodes:
         self._server, self._feed = server, feed
         self._meshes: dict[str, viser.MeshHandle] = {}
         self.broken = ""
+
+    def follow(self, links: Callable[[str], Mapping[str, Array]], passed: float) -> bool:
+        """Let deformables that follow the links give way to them; return whether they moved.
+
+        Args:
+            links: function from the name of a robot to its T_world_link (4, 4) by link.
+            passed: time in s since the last call.
+        """
+        if not isinstance(self._feed, Follower) or self.broken:
+            return False
+        try:
+            return self._feed.follow({robot: links(robot) for robot in self._feed.touching}, passed)
+        except Exception as error:  # an error in deformables must not stop the page
+            self.broken = f"{type(error).__name__}: {error}"
+            return True
 
     def show(self, t: float) -> str:
         """Show all fields at a time in s; return the first error or "". Fields without vertices are not drawn."""

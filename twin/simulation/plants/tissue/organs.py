@@ -42,6 +42,10 @@ _STILL = 1e-6
 """An organ is at rest if no node is further than this from its place in m, and none is faster than this per step."""
 
 
+_PREFIX = "link:"
+"""Prefix of the names of links in MuJoCo."""
+
+
 @dataclass(frozen=True)
 class Tool:
     """A link that touches organs: the robot's name and its body."""
@@ -101,7 +105,10 @@ class Organs:
         """
         self.tissues, self.tools, self.period = tuple(tissues), tuple(tools), period
         samples = [_samples(tool) for tool in tools]
-        self._organs = {t.name: _Organ(t, tools, samples, poses, period) for t in tissues}
+        links = mujoco.MjSpec()
+        for tool in tools:
+            _add(links, tool, period)
+        self._organs = {t.name: _Organ(t, tools, links, samples, poses, period) for t in tissues}
 
     @property
     def nodes(self) -> dict[str, Array]:
@@ -122,10 +129,9 @@ class Organs:
         """Return the contact of each organ in the last step."""
         return {name: organ.touch for name, organ in self._organs.items()}
 
-    def step(self, poses: Sequence[Array]) -> None:
-        """Move the links to T_world_link (4, 4), and the organs by contact and elasticity."""
-        for organ in self._organs.values():
-            organ.step(poses)
+    def step(self, poses: Sequence[Array]) -> bool:
+        """Move the links to T_world_link (4, 4), and the organs by contact and elasticity; return whether one moved."""
+        return any([organ.step(poses) for organ in self._organs.values()])
 
     def reset(self) -> None:
         """Put all organs to rest where they were drawn."""
@@ -140,7 +146,13 @@ class _Organ:
     """
 
     def __init__(
-        self, tissue: Tissue, tools: Sequence[Tool], samples: Sequence[Array], poses: Sequence[Array], period: float
+        self,
+        tissue: Tissue,
+        tools: Sequence[Tool],
+        links: mujoco.MjSpec,
+        samples: Sequence[Array],
+        poses: Sequence[Array],
+        period: float,
     ) -> None:
         _require_valid(tissue)
         self.tissue, self._tools, self._samples, self._period = tissue, tools, samples, period
@@ -151,19 +163,18 @@ class _Organ:
         self._content, by_node = self._volume.at(self._nodes_at_rest)
         self._area = self._content ** (2 / 3)
         spec = mujoco.MjSpec.from_string(_xml(tissue, period))
-        for tool in tools:
-            _add(spec, tool, period)
+        spec.attach(links.copy(), frame=spec.worldbody.add_frame(), prefix=_PREFIX)
         joints = _keep_volume(spec, tissue, by_node / self._area)
         m = self._model = spec.compile()
         d = self._data = mujoco.MjData(m)
         self._bodies = m.flex_nodebodyid.copy()
         self._free = np.flatnonzero(self._bodies)
         self._at = np.array([m.joint(name).qposadr[0] for name in joints], int)
-        links = [m.joint(tool.name) for tool in tools]
-        self._qpos = np.array([j.qposadr[0] + i for j in links for i in range(7)], int)
-        self._dofs = np.array([j.dofadr[0] + i for j in links for i in range(6)], int)
+        free = [m.joint(_PREFIX + tool.name) for tool in tools]
+        self._qpos = np.array([j.qposadr[0] + i for j in free for i in range(7)], int)
+        self._dofs = np.array([j.dofadr[0] + i for j in free for i in range(6)], int)
         self._soft = np.array([m.joint(name).dofadr[0] for name in joints], int)
-        self._geoms = [np.flatnonzero(m.geom_bodyid == m.body(tool.name).id) for tool in tools]
+        self._geoms = [np.flatnonzero(m.geom_bodyid == m.body(_PREFIX + tool.name).id) for tool in tools]
         self._wanted, self._v, self._all = np.zeros(len(self._qpos)), np.zeros(m.nv), d.qpos.copy()
         self._within: set[int] = set()
         self._steps, self._poses = 0, self._locate(poses)
@@ -184,7 +195,7 @@ class _Organ:
         self._read()
         self.touch, self._rests = _NOTHING, True
 
-    def step(self, poses: Sequence[Array]) -> None:
+    def step(self, poses: Sequence[Array]) -> bool:
         m, d = self._model, self._data
         before, self._poses = self._poses, self._locate(poses)
         jumped = [k for k, T in enumerate(self._poses) if _moved(self._corners[k], before[k], T) > _JUMP]
@@ -194,7 +205,7 @@ class _Organ:
         self._steps += 1
         if self._rests and not any(len(self._near(k)) for k in range(len(self._tools))):
             d.qpos[self._qpos] = self._wanted
-            return
+            return False
         self._rests = False
         self._all[:] = d.qpos
         self._all[self._qpos] = self._wanted
@@ -207,9 +218,10 @@ class _Organ:
         off, speed = np.abs(d.qpos[self._at]).max(), np.abs(d.qvel[self._soft]).max()
         if d.ncon == 0 and max(float(off), float(speed) * self._period) < _STILL:
             self.reset()
-            return
-        self._read()
-        self._correct_volume()
+        else:
+            self._read()
+            self._correct_volume()
+        return True
 
     def _read(self) -> None:
         """Compute the nodes in the grid and in the World; the joints of a node move it along the axes of the grid."""
