@@ -206,7 +206,7 @@ class _Organ:
         if self._rests and not any(len(self._near(k)) for k in range(len(self._tools))):
             d.qpos[self._qpos] = self._wanted
             return False
-        self._rests = False
+        last, self._rests = self.nodes, False
         self._all[:] = d.qpos
         self._all[self._qpos] = self._wanted
         mujoco.mj_differentiatePos(m, self._v, self._period, d.qpos, self._all)
@@ -221,7 +221,7 @@ class _Organ:
         else:
             self._read()
             self._correct_volume()
-        return True
+        return not np.array_equal(self.nodes, last)
 
     def _read(self) -> None:
         """Compute the nodes in the grid and in the World; the joints of a node move it along the axes of the grid."""
