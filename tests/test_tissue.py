@@ -1,4 +1,4 @@
-"""Soft organs: they give way to instruments, keep their volume, return to rest, and refuse what they cannot simulate."""
+"""Soft organs: they give way to instruments, keep their volume and return to rest; bad input is refused."""
 
 from __future__ import annotations
 
@@ -39,7 +39,8 @@ def test_surface_is_refined_without_gaps():
     box = trimesh.creation.box((0.1, 0.05, 0.02))
     fine = Surface("box", box.vertices, box.faces, 0.008)
     again = trimesh.Trimesh(fine.vertices, fine.triangles, process=False)
-    assert again.is_watertight and again.is_winding_consistent
+    assert again.is_watertight
+    assert again.is_winding_consistent
     assert again.volume == pytest.approx(box.volume, rel=1e-12)
     assert again.edges_unique_length.max() <= 0.008
 
@@ -82,7 +83,8 @@ def test_rings_count_outwards_by_shared_corners():
         for t in np.flatnonzero(level == k):
             beside = (np.isin(triangles, triangles[t])).any(axis=1)
             assert level[beside].min() == k - 1
-    assert level[21] == 0 and (level >= 0).all()
+    assert level[21] == 0
+    assert (level >= 0).all()
 
 
 # -- the material --------------------------------------------------------------------------------------
@@ -97,7 +99,7 @@ def test_small_pushes_are_linear_and_the_stiffness_is_that_of_the_material():
         F.append(-organs.touches()["block"].force[2])
     k = np.array(F) / x
     assert np.ptp(k) < 0.05 * k.mean()
-    # between free faces (uniaxial stress) and faces that cannot widen: E A / L, and that of a bonded incompressible pad,
+    # between free faces (uniaxial stress), E A / L, and faces that cannot widen, a bonded incompressible pad,
     # (1 + S^2) E A / L, S = loaded area / free area; A. N. Gent, P. B. Lindley, doi:10.1243/PIME_PROC_1959_173_022_02
     free = 5e3 * 0.12 * 0.1 / 0.08
     shape = 0.12 * 0.1 / (2 * (0.12 + 0.1) * 0.08)
@@ -133,7 +135,8 @@ def test_symmetric_push_gives_a_symmetric_dent_that_decays_with_the_rings():
     assert np.linalg.norm(touch.force[:2]) < 0.02 * -touch.force[2]
     level = rings(organ.surface.triangles, touch.triangle)
     by_level = [np.linalg.norm(moved[organ.surface.triangles[level == k]], axis=-1).mean() for k in range(7)]
-    assert (np.diff(by_level) < 0).all() and by_level[0] > 9 * MM  # further out, the sides bulge
+    assert (np.diff(by_level) < 0).all()
+    assert by_level[0] > 9 * MM
 
 
 def test_organs_keep_their_volume_and_return_to_rest():
@@ -173,7 +176,8 @@ def wandered(seed, seconds):
 
 def test_random_instruments_leave_organs_finite_and_the_same_seed_gives_the_same_bytes():
     worst, touched, nodes = wandered(0, 2.0)
-    assert touched > 20 and worst < 0.02
+    assert touched > 20
+    assert worst < 0.02
     assert wandered(0, 2.0)[2].tobytes() == nodes.tobytes()
 
 
@@ -181,7 +185,8 @@ def test_random_instruments_leave_organs_finite_and_the_same_seed_gives_the_same
 @pytest.mark.parametrize("seed", range(10))
 def test_random_instruments_for_long(seed):
     worst, touched, _ = wandered(seed, LONG)
-    assert touched > 50 and worst < 0.02
+    assert touched > 50
+    assert worst < 0.02
 
 
 # -- links ---------------------------------------------------------------------------------------------

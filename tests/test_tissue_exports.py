@@ -51,7 +51,8 @@ def test_shapes_add_up_to_the_motion(bends):
     for k in range(0, 120, 7):
         v = bend.mesh.vertices + np.einsum("s,snd->nd", factors[k], shapes)
         assert np.abs(v - bend.vertices(k)).max() < 1 * UM
-    assert len(bends[1].shapes()[0]) == 0 and list(bends[1].changes()) == [0, 119]
+    assert len(bends[1].shapes()[0]) == 0
+    assert list(bends[1].changes()) == [0, 119]
 
 
 def accessor(document, binary, k):
@@ -115,7 +116,8 @@ def test_openusd_plays_the_points(bends, tmp_path):
             v = np.array(mesh.GetPointsAttr().Get(t * 60), float)
             assert np.abs(v - truth(bend, t)).max() < LIMIT
             low, high = np.array(mesh.GetExtentAttr().Get(t * 60))
-            assert (v.min(axis=0) > low - 0.2 * MM).all() and (v.max(axis=0) < high + 0.2 * MM).all()
+            assert (v.min(axis=0) > low - 0.2 * MM).all()
+            assert (v.max(axis=0) < high + 0.2 * MM).all()
         assert np.array_equal(np.array(mesh.GetFaceVertexIndicesAttr().Get()).reshape(-1, 3), bend.mesh.triangles)
     assert len(UsdGeom.Mesh(stage.GetPrimAtPath(f"/organs/{bends[1].name}")).GetPointsAttr().GetTimeSamples()) == 2
 
@@ -125,5 +127,7 @@ def test_poses_between_keys_are_those_of_a_player():
     Ts = np.stack([made.at(0, 0, 0), made.at(1, 2, 3)])
     Ts[1, :2, :2] = [[0, -1], [1, 0]]
     got = between_keys(keys, Ts, np.array([-1.0, 0.5, 9.0]))
-    assert np.allclose(got[0], Ts[0]) and np.allclose(got[2], Ts[1])
-    assert np.allclose(got[1, :3, 3], [0.5, 1, 1.5]) and np.allclose(got[1, 0, 0], np.sqrt(0.5))
+    assert np.allclose(got[0], Ts[0])
+    assert np.allclose(got[2], Ts[1])
+    assert np.allclose(got[1, :3, 3], [0.5, 1, 1.5])
+    assert np.allclose(got[1, 0, 0], np.sqrt(0.5))

@@ -28,7 +28,9 @@ def tissue(name, mesh, below, cells=(2, 2, 2), edge=np.inf, **more):
     """A body held by its nodes at z below a height in m."""
     numbers = {"young": 5e3, "poisson": 0.4, "damping": 0.05, "density": 1000.0, "friction": 0.1, **more}
     low, high = np.array([-1.0, -1, -1]), np.array([1.0, 1, below])
-    return Tissue(name, Surface(name, mesh.vertices, mesh.faces, edge), cells, pins=(Pin("floor", low, high),), **numbers)
+    return Tissue(
+        name, Surface(name, mesh.vertices, mesh.faces, edge), cells, pins=(Pin("floor", low, high),), **numbers
+    )
 
 
 def block(size=(0.12, 0.1, 0.08), **more):

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from twin.core.spatial import Array
+from twin.core.spatial import Array, Index
 from twin.core.units import UM
 from twin.model.mechanism import Mesh
 
@@ -39,7 +39,7 @@ class Bend:
         """Return the vertices (n, 3) in m at the time k."""
         return self.weights @ self.nodes[k]
 
-    def changes(self) -> Array:
+    def changes(self) -> Index:
         """Return the indices of the times at which the nodes differ from those before or behind; first and last too."""
         moved = np.abs(np.diff(self.nodes, axis=0)).max(axis=(1, 2)) > 0
         keep = np.ones(len(self.times), bool)
@@ -53,9 +53,7 @@ class Bend:
         """
         off = self.nodes - self.nodes[0]
         U, S, Vt = np.linalg.svd(off.reshape(len(off), -1), full_matrices=False)
-        needed = next(
-            s for s in range(len(S) + 1) if np.abs((U[:, s:] * S[s:]) @ Vt[s:]).max(initial=0.0) <= _EXACT
-        )
+        needed = next(s for s in range(len(S) + 1) if np.abs((U[:, s:] * S[s:]) @ Vt[s:]).max(initial=0.0) <= _EXACT)
         by_node = Vt[:needed].reshape(needed, off.shape[1], 3)
         size = np.abs(by_node).max(axis=(1, 2), initial=0.0)[:, None, None]
         # shapes of 10 mm, so that the factors are neither tiny nor huge

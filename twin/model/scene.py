@@ -352,10 +352,10 @@ def load_scene(path: Path) -> Scene:
         raise error_at(path, ("task", name), "a task needs a console: add the table [console]")
     for name, task in table.task.items():
         _transfers(path, name, task, table)
-    _organs(path, table, names)
     props = None if table.props is None else path.parent / table.props
     if props is not None and not props.is_file():
         raise error_at(path, ("props",), f"there is no file {props.name} in the folder of the scene")
+    _organs(path, table, names)
     return Scene(
         table.name,
         table.title,

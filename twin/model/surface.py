@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from twin.core.errors import TwinError
-from twin.core.spatial import Array
+from twin.core.spatial import Array, Index
 from twin.core.units import MM
 
 VERTICES = 6000
@@ -25,7 +25,7 @@ class Surface:
         triangles: (m, 3) indices of vertices.
     """
 
-    def __init__(self, name: str, vertices: Array, triangles: Array, edge: float = np.inf) -> None:
+    def __init__(self, name: str, vertices: Array, triangles: Index, edge: float = np.inf) -> None:
         """Weld equal vertices and halve edges until none is longer than `edge` in m.
 
         Raises:
@@ -58,13 +58,13 @@ class Surface:
         return volume(self.vertices, self.triangles)
 
 
-def volume(vertices: Array, triangles: Array) -> float:
+def volume(vertices: Array, triangles: Index) -> float:
     """Return the volume in m3 that the triangles (m, 3) of a closed surface enclose."""
     a, b, c = (vertices[triangles[:, k]] for k in range(3))
     return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6)
 
 
-def inside(points: Array, vertices: Array, triangles: Array) -> Array:
+def inside(points: Array, vertices: Array, triangles: Index) -> np.ndarray:
     """Return for each point (k, 3) whether it is inside a closed surface, by its winding number.
 
     The solid angle of a triangle is that of A. van Oosterom and J. Strackee, doi:10.1109/TBME.1983.325207.
@@ -86,7 +86,7 @@ def inside(points: Array, vertices: Array, triangles: Array) -> Array:
     return out
 
 
-def rings(triangles: Array, start: int) -> Array:
+def rings(triangles: Index, start: int) -> Index:
     """Return the level (m,) of each triangle around a touched one, -1: not connected with it.
 
     Level 0 is the touched triangle, level 1 the triangles that share a corner with it, level 2 those that share a
@@ -99,7 +99,7 @@ def rings(triangles: Array, start: int) -> Array:
     return level
 
 
-def _outwards(triangles: Array, start: int) -> Iterator[Array]:
+def _outwards(triangles: Index, start: int) -> Iterator[Index]:
     reached = np.zeros(int(triangles.max()) + 1, bool)
     left = np.ones(len(triangles), bool)
     left[start] = False
@@ -113,12 +113,12 @@ def _outwards(triangles: Array, start: int) -> Iterator[Array]:
         reached[triangles[ring]] = True
 
 
-def _sides(triangles: Array) -> Array:
+def _sides(triangles: Index) -> Index:
     """Return the three sides of each triangle (m, 3, 2), from corner 0 to 1, 1 to 2, and 2 to 0."""
     return triangles[:, [[0, 1], [1, 2], [2, 0]]]
 
 
-def _require_closed(name: str, vertices: Array, triangles: Array) -> None:
+def _require_closed(name: str, vertices: Array, triangles: Index) -> None:
     """Raise unless each side belongs to two triangles, which pass it in opposite directions."""
     sides = _sides(triangles).reshape(-1, 2)
     _, index = np.unique(np.sort(sides, axis=1), axis=0, return_inverse=True)
@@ -137,7 +137,7 @@ def _require_closed(name: str, vertices: Array, triangles: Array) -> None:
     )
 
 
-def _halved(v: Array, f: Array, edge: float) -> tuple[Array, Array] | None:
+def _halved(v: Array, f: Index, edge: float) -> tuple[Array, Index] | None:
     """Return the surface with a new vertex in the middle of each side longer than `edge`; None: there is none."""
     if not np.isfinite(edge):
         return None

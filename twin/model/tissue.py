@@ -9,14 +9,11 @@ import numpy as np
 
 from twin.core import spatial
 from twin.core.errors import TwinError
-from twin.core.spatial import Array
+from twin.core.spatial import Array, Index
 from twin.core.units import MM
 from twin.model.deformable import Deformable
 from twin.model.mechanism import Mesh
 from twin.model.surface import Surface
-
-
-
 
 
 @dataclass(frozen=True)
@@ -57,7 +54,7 @@ class Tissue:
     color_rgba: tuple[float, float, float, float] = (0.7, 0.3, 0.3, 1.0)
 
     @cached_property
-    def T_world_grid(self) -> Array:
+    def T_world_grid(self) -> Array:  # noqa: N802
         """Pose (4, 4) of the grid: its axes are the principal axes of the surface, its origin is the lowest corner."""
         v = self.surface.vertices
         axes = np.linalg.svd(v - v.mean(axis=0), full_matrices=False)[2]
@@ -102,7 +99,7 @@ class Tissue:
         return out
 
     @cached_property
-    def held(self) -> Array:
+    def held(self) -> Index:
         """Indices of the nodes that a pin holds.
 
         Raises:
@@ -128,7 +125,5 @@ class Tissue:
     @property
     def deformable(self) -> Deformable:
         """The deformable of the World, with the signal `<name>.nodes`."""
-        mesh = Mesh(
-            self.name, self.surface.vertices, self.surface.triangles.astype(np.int32), self.color_rgba
-        )
+        mesh = Mesh(self.name, self.surface.vertices, self.surface.triangles.astype(np.int32), self.color_rgba)
         return Deformable(self.name, mesh, weights=self.weights)

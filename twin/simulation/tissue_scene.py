@@ -72,5 +72,5 @@ def followed(tissues: Sequence[Tissue], tools: Sequence[Tool], poses: Sequence[A
         organs.step([Ts[k] for Ts in poses])
         for name, row in rows.items():
             row.append(organs.nodes[name])
-    times = np.arange(count) * period
+    times = period * np.arange(count, dtype=float)
     return [Bend(t.deformable.mesh, t.weights, times, np.stack(rows[t.name])) for t in tissues]

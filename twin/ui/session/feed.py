@@ -23,7 +23,7 @@ class Surface:
         opacity: 0 (invisible) to 1.
     """
 
-    triangles: Array
+    triangles: np.ndarray
     color: tuple[float, float, float] = (0.85, 0.45, 0.4)
     opacity: float = 1.0
 

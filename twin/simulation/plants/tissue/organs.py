@@ -10,7 +10,7 @@ import numpy as np
 
 from twin.core import spatial
 from twin.core.errors import WorldError
-from twin.core.spatial import Array
+from twin.core.spatial import Array, Index
 from twin.core.units import MM
 from twin.model.mechanism import Body
 from twin.model.surface import inside
@@ -19,6 +19,9 @@ from twin.simulation.plants.contact.shapes import add_part
 
 PERIOD = 8e-3
 """Time in s between two steps."""
+
+SLOWEST = 20e-3
+"""Longest time in s between two steps for which the organs were tested."""
 
 CELLS = 4
 """Largest number of cells along an axis of a grid; the time of a step grows with the square of their number."""
@@ -131,7 +134,8 @@ class Organs:
 
     def step(self, poses: Sequence[Array]) -> bool:
         """Move the links to T_world_link (4, 4), and the organs by contact and elasticity; return whether one moved."""
-        return any([organ.step(poses) for organ in self._organs.values()])
+        moved = [organ.step(poses) for organ in self._organs.values()]
+        return any(moved)
 
     def reset(self) -> None:
         """Put all organs to rest where they were drawn."""
@@ -306,7 +310,7 @@ class _Volume:
     The volume is the sum of det(a, b, c) / 6 over the triangles, and each corner is a weighted sum of nodes.
     """
 
-    def __init__(self, weights: Array, triangles: Array) -> None:
+    def __init__(self, weights: Array, triangles: Index) -> None:
         n = weights.shape[1]
         sums = np.zeros((n, n * n))
         for part in np.array_split(triangles, max(1, len(triangles) // 256)):
@@ -375,7 +379,7 @@ def _keep_volume(spec: mujoco.MjSpec, t: Tissue, by_node: Array) -> list[str]:
     return names
 
 
-def _numbers(values: Array | Sequence[float]) -> str:
+def _numbers(values: np.ndarray | Sequence[float]) -> str:
     return " ".join(f"{x!r}" for x in np.asarray(values).ravel().tolist())
 
 

@@ -12,7 +12,7 @@ from twin.core.spatial import Array
 from twin.model.mechanism import Mechanism
 from twin.model.tissue import Tissue
 from twin.reference import ReferenceModel
-from twin.simulation.plants.tissue.organs import PERIOD, Organs, Tool
+from twin.simulation.plants.tissue.organs import PERIOD, SLOWEST, Organs, Tool
 from twin.simulation.world import Block, Signals
 
 
@@ -57,10 +57,13 @@ class Tissues(Block):
         """Build the organs; `period`: time in s between two steps, a multiple of the World's tick.
 
         Raises:
-            WorldError: a number is out of range, or a link is inside an organ at the start.
+            WorldError: a number is out of range, the period is longer than 20 ms, or a link is inside an organ.
         """
         self.period, self._robots = period, tuple(robots)
-        self.organs = Organs(tissues, [t for r in robots for t in r.tools], [T for r in robots for T in r.poses()], period)
+        if not period <= SLOWEST:
+            raise WorldError(f"organs step every {period * 1e3:g} ms; at most {SLOWEST * 1e3:g} ms is allowed")
+        poses = [T for r in robots for T in r.poses()]
+        self.organs = Organs(tissues, [t for r in robots for t in r.tools], poses, period)
         self.outputs = self._signals()
 
     def step(self, signals: Signals, t: float, dt: float) -> Mapping[str, ArrayLike]:
