@@ -23,22 +23,10 @@ LIMIT = 10 * UM
 
 @pytest.fixture(scope="module")
 def bends():
-    """A ball that a rod pushes aside, and one that nothing touches."""
-    ball, far = made.ball(), made.block(size=(0.05, 0.04, 0.03))
-    s = np.linspace(0, 1, 60)
-    path = np.column_stack([0.02 + 0.02 * s, 0 * s, 0.078 - 0.02 * np.sin(np.pi * s) + 0.01 * (s == 0)])
-    poses = np.stack([made.at(*p) for p in path] + [made.at(0.2, 0.2, 0.3)] * 60)
-    found = tissue_scene.followed([ball], [Tool("tool", made.rod())], [poses], 1 / 60)
-    still = Bend(far.deformable.mesh, far.weights, found[0].times, np.repeat(far.nodes[None], 120, axis=0))
-    assert np.abs(found[0].nodes - found[0].nodes[0]).max() > 5 * MM
-    return [*found, still]
+    return made.bends()
 
 
-def truth(bend, t):
-    """Return the vertices at a time, between two simulated ones by straight lines."""
-    at = np.clip(t * 60, 0, len(bend.times) - 1)
-    k = min(int(at), len(bend.times) - 2)
-    return bend.weights @ (bend.nodes[k] * (k + 1 - at) + bend.nodes[k + 1] * (at - k))
+truth = made.at_time
 
 
 TIMES = (0.0, 0.25, 0.5083, 0.7, 0.991, 1.5, 1.9833)

@@ -11,6 +11,7 @@ import trimesh
 from twin.cad.build import read_props
 from twin.core import spatial
 from twin.core.units import MM
+from twin.model.bend import Bend
 from twin.model.mechanism import Body, Mesh
 from twin.model.scene import load_scene
 from twin.model.surface import Surface
@@ -122,3 +123,23 @@ def wander(seed, seconds, period=8e-3):
         if rng.random() < 0.002:
             p[rng.integers(3)] = rng.uniform(low, high)
         yield [at(*x) for x in p]
+
+
+@functools.cache
+def bends():
+    """A ball that a rod pushes aside, and a block that nothing touches, for 2 s at 60 Hz."""
+    soft, far = ball(), block(size=(0.05, 0.04, 0.03))
+    s = np.linspace(0, 1, 60)
+    path = np.column_stack([0.02 + 0.02 * s, 0 * s, 0.078 - 0.02 * np.sin(np.pi * s) + 0.01 * (s == 0)])
+    poses = np.stack([at(*p) for p in path] + [at(0.2, 0.2, 0.3)] * 60)
+    found = tissue_scene.followed([soft], [Tool("tool", rod())], [poses], 1 / 60)
+    still = Bend(far.deformable.mesh, far.weights, found[0].times, np.repeat(far.nodes[None], 120, axis=0))
+    assert np.abs(found[0].nodes - found[0].nodes[0]).max() > 5 * MM
+    return [*found, still]
+
+
+def at_time(bend, t):
+    """Return the vertices at a time in s, between two simulated ones by straight lines."""
+    s = np.clip(t * 60, 0, len(bend.times) - 1)
+    k = min(int(s), len(bend.times) - 2)
+    return bend.weights @ (bend.nodes[k] * (k + 1 - s) + bend.nodes[k + 1] * (s - k))

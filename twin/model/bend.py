@@ -49,13 +49,16 @@ class Bend:
     def shapes(self) -> tuple[Array, Array]:
         """Return shapes (s, n, 3) in m and factors (k, s): vertices = vertices at rest + sum of factors times shapes.
 
-        The shapes are the principal ones of the motion; those that move no node by more than 0.1 µm are left out.
+        The shapes are the principal ones of the motion and their opposites, so that all factors are 0 to 1, because
+        some players clip others. Shapes that move no node by more than 0.1 µm are left out.
         """
         off = self.nodes - self.nodes[0]
         U, S, Vt = np.linalg.svd(off.reshape(len(off), -1), full_matrices=False)
         needed = next(s for s in range(len(S) + 1) if np.abs((U[:, s:] * S[s:]) @ Vt[s:]).max(initial=0.0) <= _EXACT)
         by_node = Vt[:needed].reshape(needed, off.shape[1], 3)
-        size = np.abs(by_node).max(axis=(1, 2), initial=0.0)[:, None, None]
-        # shapes of 10 mm, so that the factors are neither tiny nor huge
-        shapes = np.einsum("nm,smd->snd", self.weights, by_node / np.where(size > 0, size, 1.0) * 0.01)
-        return shapes, U[:, :needed] * S[:needed] * size[:, 0, 0] / 0.01
+        factors = U[:, :needed] * S[:needed]
+        both = np.concatenate([by_node, -by_node]), np.concatenate([factors, -factors], axis=1).clip(0.0)
+        largest = both[1].max(axis=0, initial=0.0)
+        used = largest > 0
+        shapes = np.einsum("nm,smd->snd", self.weights, both[0][used] * largest[used][:, None, None])
+        return shapes, both[1][:, used] / largest[used]
