@@ -13,9 +13,6 @@ from made import organs as made
 from twin.core.units import MM, UM
 from twin.exchange.write.clip import between_keys
 from twin.exchange.write.glb import bends_glb
-from twin.model.bend import Bend
-from twin.simulation import tissue_scene
-from twin.simulation.plants.tissue import Tool
 from twin.usd.write.bends import write_bends
 
 LIMIT = 10 * UM
