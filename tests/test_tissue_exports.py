@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import struct
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,8 +12,10 @@ from pxr import Usd, UsdGeom
 
 from made import organs as made
 from twin.core.units import MM, UM
+from twin.exchange.audit.bends import audit_bends
 from twin.exchange.write.clip import between_keys
 from twin.exchange.write.glb import bends_glb
+from twin.model.bend import Bend
 from twin.usd.write.bends import write_bends
 
 LIMIT = 10 * UM
@@ -116,3 +119,48 @@ def test_poses_between_keys_are_those_of_a_player():
     assert np.allclose(got[2], Ts[1])
     assert np.allclose(got[1, :3, 3], [0.5, 1, 1.5])
     assert np.allclose(got[1, 0, 0], np.sqrt(0.5))
+
+
+def exported(folder, bends):
+    (folder / "usd").mkdir(exist_ok=True)
+    (folder / "organs.glb").write_bytes(bends_glb("organs", bends))
+    write_bends("organs", bends, folder / "usd/organs.usdc")
+
+
+def test_audit_finds_nothing_in_what_was_written(bends, tmp_path):
+    exported(tmp_path, bends)
+    (ledger,) = audit_bends(tmp_path)
+    assert not ledger.findings
+    assert len(ledger.checks) == 4
+    assert audit_bends(tmp_path / "usd") == []
+
+
+def shifted(bend):
+    nodes = bend.nodes.copy()
+    nodes[:, :, 2] += 15 * UM
+    return Bend(bend.mesh, bend.weights, bend.times, nodes)
+
+
+@pytest.mark.parametrize(
+    ("fault", "code"),
+    [
+        (lambda b: [shifted(b[0]), b[1]], "bend.vertices"),
+        (lambda b: b[:1], "bend.missing"),
+        (lambda b: [replace(b[0], mesh=replace(b[0].mesh, triangles=b[0].mesh.triangles[1:])), b[1]], "bend.vertices"),
+    ],
+)
+def test_audit_finds_seeded_faults(bends, tmp_path, fault, code):
+    exported(tmp_path, bends)
+    write_bends("organs", fault(bends), tmp_path / "usd/organs.usdc")
+    (ledger,) = audit_bends(tmp_path)
+    assert {f.code for f in ledger.findings} == {code}
+
+
+def test_audit_finds_an_open_surface_and_a_broken_file(bends, tmp_path):
+    torn = replace(bends[1], mesh=replace(bends[1].mesh, triangles=bends[1].mesh.triangles[1:]))
+    exported(tmp_path, [bends[0], torn])
+    assert {f.code for f in audit_bends(tmp_path)[0].findings} == {"bend.open"}
+    data = bends_glb("organs", bends)
+    for k in range(0, len(data), len(data) // 40):
+        (tmp_path / "organs.glb").write_bytes(data[:k])
+        assert {f.severity for f in audit_bends(tmp_path)[0].findings} >= {"error"}
