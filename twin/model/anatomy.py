@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -16,6 +17,9 @@ from twin.model.mechanism import Mechanism
 from twin.model.surface import Surface
 from twin.model.tissue import Pin, Tissue
 from twin.schema import Identifier, Origin, Table, Vector, at
+
+Direction = Literal["x", "-x", "y", "-y", "z", "-z"]
+"""A direction of the world frame."""
 
 
 class PinTable(Table):
@@ -60,10 +64,15 @@ class TissueTable(Table):
 class AnatomyTable(Table):
     """The organs of a scene. `file` is a description like that of props, with one body for each organ.
 
-    `touching` names the links of instruments that touch organs, each as "robot/body".
+    `touching` names the links of instruments that touch organs, each as "robot/body". If the organs are drawn in a
+    frame of their own, `axes` are the directions of its x, y and z in the world frame, such as ["-y", "x", "z"];
+    `origin_mm` is its origin in the world frame, and a length in it, times `scale`, is the length in the world.
     """
 
     file: str
+    axes: tuple[Direction, Direction, Direction] = ("x", "y", "z")
+    origin_mm: Vector = (0.0, 0.0, 0.0)
+    scale: float = Field(1.0, ge=1e-3, le=1e3)
     touching: list[str] = Field(min_length=1)
     provenance: Origin
     note: str = Field(min_length=1)
@@ -73,19 +82,42 @@ class AnatomyTable(Table):
         for name in self.touching:
             if name.count("/") != 1:
                 raise at("touching", f"'{name}' is no link; write \"robot/body\"")
+        if not np.isclose(np.linalg.det(self._R_world_drawing), 1.0):
+            raise at("axes", f"{list(self.axes)} are not the axes of a right-handed frame; surfaces would be inverted")
         return self
+
+    @property
+    def _R_world_drawing(self) -> Array:  # noqa: N802
+        return np.column_stack([np.eye(3)["xyz".index(a[-1])] * (-1.0 if a[0] == "-" else 1.0) for a in self.axes])
+
+    def to_world(self, p_drawing: Array) -> Array:
+        """Return points (n, 3) in m in the World for points of the drawing.
+
+        The paper on the PA-10 virtual surgery robot maps points between its simulator and Blender in this way: axes are
+        swapped, one of them is reversed, then offset and scale (figures 13 to 15).
+        """
+        return p_drawing @ self._R_world_drawing.T * self.scale + np.array(self.origin_mm) * MM
+
+    def to_drawing(self, p_world: Array) -> Array:
+        """Return points (n, 3) in m of the drawing for points in the World: the inverse of `to_world`."""
+        return (p_world - np.array(self.origin_mm) * MM) @ self._R_world_drawing / self.scale
 
 
 def tissues(
-    file: Path, tables: Mapping[str, TissueTable], anatomy: Mechanism, poses: Mapping[str, Array]
+    file: Path,
+    whole: AnatomyTable,
+    tables: Mapping[str, TissueTable],
+    anatomy: Mechanism,
+    poses: Mapping[str, Array],
 ) -> tuple[Tissue, ...]:
     """Return the organs of a scene, in the World.
 
     Args:
         file: the scene file, for messages.
+        whole: the frame of the drawing.
         tables: material of each organ, by body of the anatomy.
         anatomy: the mechanism that contains the organs as bodies.
-        poses: T_world_body (4, 4) of each body.
+        poses: T_drawing_body (4, 4) of each body.
 
     Raises:
         TwinError: a body is missing, or its surface is open, inverted or too fine.
@@ -99,7 +131,7 @@ def tissues(
         if len(parts) != 1:
             raise TwinError(f"{file}: tissue '{name}' has {len(parts)} parts; draw it as one solid")
         T = poses[name]
-        vertices = parts[0].vertices @ T[:3, :3].T + T[:3, 3]
+        vertices = whole.to_world(parts[0].vertices @ T[:3, :3].T + T[:3, 3])
         try:
             surface = Surface(name, vertices, parts[0].triangles, table.edge_mm * MM)
         except TwinError as error:

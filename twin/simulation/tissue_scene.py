@@ -23,9 +23,9 @@ def tissues(scene: Scene, drawn: Mechanism | None) -> tuple[Tissue, ...]:
     Raises:
         TwinError: an organ is not drawn, or its surface is open, inverted or too fine.
     """
-    if drawn is None:
+    if drawn is None or scene.anatomy is None:
         return ()
-    return anatomy.tissues(scene.file, scene.tissues, drawn, ReferenceModel(drawn).home().link_poses)
+    return anatomy.tissues(scene.file, scene.anatomy, scene.tissues, drawn, ReferenceModel(drawn).home().link_poses)
 
 
 def touching(scene: Scene) -> dict[str, list[str]]:
