@@ -130,18 +130,19 @@ def test_organ_drawn_in_another_frame_is_the_same_in_the_world(tmp_path):
         'axes = ["-y", "x", "z"]\norigin_mm = [320, 480, 0]\nscale = 0.5\ntouching = ["pa10/instrument", "lapbot/shaft"'
     )
     scene = load_scene(changed(tmp_path, ("touching = [" + LINK, frame)))
-    assert scene.anatomy is not None
+    table = scene.anatomy
+    assert table is not None
     poses = ReferenceModel(drawn).home().link_poses
 
     def moved(body):
         T = poses[body.name]
         (mesh,) = body.meshes
         world = mesh.vertices @ T[:3, :3].T + T[:3, 3]
-        return replace(body, meshes=(replace(mesh, vertices=scene.anatomy.to_drawing(world)),))
+        return replace(body, meshes=(replace(mesh, vertices=table.to_drawing(world)),))
 
     other = replace(drawn, bodies=tuple(moved(b) for b in drawn.bodies))
     still = dict.fromkeys(poses, np.eye(4))
-    found = anatomy.tissues(scene.file, scene.anatomy, scene.tissues, other, still)
+    found = anatomy.tissues(scene.file, table, scene.tissues, other, still)
     for a, b in zip(found, made.abdomen(), strict=True):
         assert abs(a.surface.volume / b.surface.volume - 1) < 1e-6
         assert np.abs(np.sort(a.surface.vertices, axis=0) - np.sort(b.surface.vertices, axis=0)).max() < 1e-6
