@@ -13,7 +13,7 @@ from made import organs as made
 from made.streaming import http, joined, serving
 from twin import api
 from twin.cli import scene as scenes
-from twin.core.units import MM
+from twin.core.units import MM, srgb
 from twin.simulation.frame import Frame
 from twin.ui.headset import served
 from twin.ui.headset.scene_frame import LEVELS, SceneFrame
@@ -85,6 +85,7 @@ def test_organs_in_the_viewer_follow_the_displayed_links():
             T = front.actors[0].desk.assembly.link_poses[name]
             mesh = front._fields._meshes["leaf"]
             np.testing.assert_allclose(mesh.vertices, np.eye(3) + T[:3, 3], atol=1e-6)
+            assert mesh.color == tuple(round(255 * srgb(c)) for c in leaf.surfaces["leaf"].color)
     finally:
         front.close()
 

@@ -19,7 +19,7 @@ class Surface:
 
     Attributes:
         triangles: (m, 3) indices of vertices, counter-clockwise as seen from outside; both sides are drawn.
-        color: red, green, blue, each 0..1.
+        color: red, green, blue, linear, each 0..1.
         opacity: 0 (invisible) to 1.
     """
 

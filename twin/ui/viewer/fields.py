@@ -9,6 +9,7 @@ import viser
 
 from twin.core.errors import TwinError
 from twin.core.spatial import Array
+from twin.core.units import srgb
 from twin.ui.session.feed import Feed, Follower, vertices_of
 
 
@@ -58,7 +59,7 @@ class FieldNodes:
                     self._meshes[name].vertices = vertices
                     self._meshes[name].visible = True
                 else:
-                    red, green, blue = (round(255 * c) for c in surface.color)
+                    red, green, blue = (round(255 * srgb(c)) for c in surface.color)
                     self._meshes[name] = self._server.scene.add_mesh_simple(
                         f"/fields/{name}", vertices, np.asarray(surface.triangles, np.uint32), color=(red, green, blue),
                         opacity=surface.opacity if surface.opacity < 1 else None, side="double",
