@@ -83,6 +83,7 @@ def test_organs_in_the_viewer_follow_the_displayed_links():
             front.step()
             front.step()
             T = front.actors[0].desk.assembly.link_poses[name]
+            assert front._fields is not None
             mesh = front._fields._meshes["leaf"]
             np.testing.assert_allclose(mesh.vertices, np.eye(3) + T[:3, 3], atol=1e-6)
             assert mesh.color == tuple(round(255 * srgb(c)) for c in leaf.surfaces["leaf"].color)
@@ -140,7 +141,8 @@ def test_two_pages_get_all_organs_at_60_hz_whole_and_in_time():
             about = json.loads((await http(s.port, "GET /scene.json HTTP/1.1"))[2])
             assert [f["name"] for f in about["fields"]] == [t.name for t in feed.rods.tissues]
             for peer in (one, two):
-                peer.frames.clear(), peer.raw.clear(), peer.times.clear()
+                for kept in (peer.frames, peer.raw, peer.times):
+                    kept.clear()
             await asyncio.sleep(5.0)
             return [(list(p.frames), list(p.raw), list(p.times)) for p in (one, two)]
 
