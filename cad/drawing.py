@@ -36,7 +36,7 @@ class Dimensions:
                 raise ValueError(f"{path}: [{name}] unit must be mm or deg, not {entry['unit']!r}")
             if entry["provenance"] not in PROVENANCES:
                 raise ValueError(f"{path}: [{name}] provenance {entry['provenance']!r} unknown")
-            if not all(isfinite(v) for v in np.atleast_1d(entry["value"])):
+            if not all(isfinite(v) for v in np.ravel(entry["value"])):
                 raise ValueError(f"{path}: [{name}] is not finite")
             setattr(self, name, entry["value"])
         for body, given in self.parts.items():

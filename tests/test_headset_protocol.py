@@ -145,7 +145,8 @@ BAD = [
     '{"type": "variant", "name": 3}',
     '{"type": "workspace", "on": 0}', '{"type": "record"}', '{"type": "ping"}', '{"type": "ping", "t": true}',
     '{"type": "hands"}', '{"type": "hands", "number": 1, "right": null, "left": null, "clutch": false}',
-    '{"type": "scale", "value": 0}', '{"type": "scale", "value": 1.5}', '{"type": "task", "do": "again"}', '{"type": "task"}',
+    '{"type": "scale", "value": 0}', '{"type": "scale", "value": 1.5}',
+    '{"type": "task", "do": "again"}', '{"type": "task"}',
     '{"type": "haptics", "on": "maybe"}', '{"type": "haptics"}',
     "[" * 2000, '{"type":' * 300, '{"type": "ping", "t": 1' + " " * 5000 + "}",
 ]  # fmt: skip

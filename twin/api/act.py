@@ -80,14 +80,30 @@ def load_scene(scene: str | Path) -> Scene:
 
 
 def world(scene: Scene, dt: float = 1e-3, progress: Progress = silent) -> World:
-    """Return a World in which every robot of a scene plays its protocol, with the props; `dt`: time step in s.
+    """Return a World in which every robot of a scene plays its protocol, with the props and organs.
+
+    Organs step about every 8 ms, at a multiple of `dt`.
+
+    Args:
+        scene: the scene.
+        dt: time step in s.
+        progress: see `twin.api.Progress`.
 
     Raises:
         TwinError: a protocol cannot be planned.
+        WorldError: the scene has organs, and `dt` is above 20 ms or a link is inside an organ at the start.
     """
-    from twin.simulation import scene_play
+    from twin.simulation import scene_play, tissue_scene
+    from twin.simulation.plants.tissue import Tissues
+    from twin.simulation.plants.tissue.organs import PERIOD
 
-    return scene_play.world(_actors(scene, progress), props_of(scene), dt)
+    actors = _actors(scene, progress)
+    organs = None
+    if (drawn := anatomy_of(scene)) is not None:
+        q = {a.place.name: a.trajectory.q[0] for a in actors}
+        links = tissue_scene.links(scene, {a.place.name: a.mechanism for a in actors}, q)
+        organs = Tissues(tissue_scene.tissues(scene, drawn), links, max(1, round(PERIOD / dt)) * dt)
+    return scene_play.world(actors, props_of(scene), dt, organs)
 
 
 def play(scene: Scene, progress: Progress = silent) -> Played:
@@ -128,3 +144,10 @@ def props_of(scene: Scene) -> Mechanism | None:
     from twin.cad.build import read_props
 
     return None if scene.props is None else read_props(scene.props)
+
+
+def anatomy_of(scene: Scene) -> Mechanism | None:
+    """Return the mechanism whose bodies are the soft organs of a scene; None: it has none."""
+    from twin.cad.build import read_props
+
+    return None if scene.anatomy is None else read_props(scene.file.parent / scene.anatomy.file)

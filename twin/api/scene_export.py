@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from twin.api.act import props_of
+from twin.api.act import anatomy_of, props_of
 from twin.api.make import export
 from twin.api.robot import Progress, Robot, load, silent
 from twin.core import assets
@@ -24,12 +24,17 @@ from twin.core.result import Part, Result, Table
 from twin.core.spatial import Array
 from twin.core.units import UM
 from twin.exchange.write.bundle import Bundle, chosen_formats
-from twin.exchange.write.clip import Budget, home_poses
+from twin.exchange.write.clip import Budget, between_keys, home_poses
+from twin.exchange.write.glb import bends_glb
+from twin.model.bend import Bend
 from twin.model.movable import together
 from twin.model.scene import Place, Scene, load_scene
 
 _TOLERANCE = 1 * UM
 """Maximum difference in m between the world position of a link in the scene's stage and in its robot's bundle."""
+
+_RATE = 60.0
+"""Number of times per second at which organs are simulated and written."""
 
 
 @dataclass(frozen=True)
@@ -149,7 +154,11 @@ def export_scene(
             from twin.exchange.write.glb import write_glb
 
             write_glb(together(scene.objects), (), work / "objects.glb")
-        checks = (_check(_write_stage(scene, bundles, work / "usd"), scene, bundles),) if "usd" in kinds else ()
+        progress("organs", 0.0)
+        bends = _bends(scene, bundles)
+        if bends and "glb" in kinds:
+            (work / "organs.glb").write_bytes(bends_glb("organs", bends))
+        checks = (_check(_write_stage(scene, bundles, work / "usd", bends), scene, bundles),) if "usd" in kinds else ()
         found = SceneBundle(scene, kinds, bundles, checks)
         (work / "scene.json").write_text(found.to_json() + "\n", encoding="utf-8")
         (work / "README.txt").write_text(_readme(scene, kinds), encoding="utf-8")
@@ -171,7 +180,27 @@ def _robot(place: Place) -> Robot:
     return robot.with_mechanism(replace(robot.mechanism, rest=rest))
 
 
-def _write_stage(scene: Scene, bundles: Mapping[str, Bundle], folder: Path) -> Path:
+def _bends(scene: Scene, bundles: Mapping[str, Bundle]) -> list[Bend]:
+    """Return the motions of the organs under the exported motions of the robots; empty without organs or motions."""
+    from twin.simulation import tissue_scene
+    from twin.simulation.plants.tissue import Tool
+
+    duration = _duration(bundles)
+    if (drawn := anatomy_of(scene)) is None or not duration:
+        return []
+    times = np.arange(round(duration * _RATE) + 1) / _RATE
+    places = {p.name: p for p in scene.places}
+    tools, poses = [], []
+    for robot, bodies in tissue_scene.touching(scene).items():
+        keys, links = _keys(bundles[robot])
+        mechanism = bundles[robot].order.mechanism
+        for body in bodies:
+            tools.append(Tool(robot, mechanism.body(body)))
+            poses.append(places[robot].T_world_base @ between_keys(keys, links[body], times))
+    return tissue_scene.followed(tissue_scene.tissues(scene, drawn), tools, poses, 1 / _RATE)
+
+
+def _write_stage(scene: Scene, bundles: Mapping[str, Bundle], folder: Path, bends: Sequence[Bend]) -> Path:
     from twin.exchange.write.usd import write_simulated
     from twin.simulation.scene_stage import write_scene
 
@@ -179,7 +208,7 @@ def _write_stage(scene: Scene, bundles: Mapping[str, Bundle], folder: Path) -> P
               for p in scene.places}  # fmt: skip
     mechanisms = {n: b.order.mechanism for n, b in bundles.items()}
     props = props_of(scene)
-    stage = write_scene(scene, folder, stages, mechanisms, props, _duration(bundles))
+    stage = write_scene(scene, folder, stages, mechanisms, props, _duration(bundles), bends)
     if not any(p.protocol for p in scene.places):  # otherwise drives would oppose the baked motions
         write_simulated(scene.name, folder)
     return stage
@@ -253,6 +282,10 @@ def _readme(scene: Scene, formats: Sequence[str]) -> str:
             lines.append("objects.glb   the movable objects at the start, in world.")
     if "usd" in formats:
         lines.append(f"usd/{scene.name}.usda   all robots at their base poses with their motions, and the props.")
+    if scene.tissues and "glb" in formats:
+        lines.append(f"organs.glb   {', '.join(scene.tissues)} with their motion as morph targets, animation `motion`.")
+    if scene.tissues and "usd" in formats:
+        lines.append("usd/organs.usdc   the same as time-sampled points; part of the stage with all robots.")
     if "usd" in formats and not any(p.protocol for p in scene.places):
         lines.append(f"usd/{scene.name}_sim.usda   the same in a physics scene: open this file to simulate.")
     return "\n".join(lines) + "\n"

@@ -23,9 +23,9 @@ _SCALES = {"mm": MM, "deg": DEG}
 
 
 class Dimension(Table):
-    """One length or angle, or a vector of three."""
+    """One length or angle, a vector of three, or a table with one row for each section of a drawn body."""
 
-    value: float | Vector
+    value: float | Vector | list[list[float]]
     unit: Literal["mm", "deg"]
     provenance: Origin
     note: str = Field(min_length=1)
@@ -47,18 +47,26 @@ def read_dimensions(path: Path, read: Read = read_bytes) -> tuple[Parameter, ...
     for name, entry in data.items():
         if name == "part":  # manufacturing errors of single parts are not dimensions of the design
             continue
-        if isinstance(entry, dict) and isinstance(entry.get("value"), list):
-            entry = {**entry, "value": tuple(entry["value"])}
+        value = entry.get("value") if isinstance(entry, dict) else None
+        if isinstance(value, list) and not all(isinstance(row, list) for row in value):
+            entry = {**entry, "value": tuple(value)}
         try:
             d = Dimension.model_validate(entry)
         except ValidationError as error:
             first = error.errors()[0]
             where = ".".join(str(k) for k in first["loc"])
             raise error_at(path, (name,), f"{where or 'entry'}: {first['msg']}") from error
-        values = d.value if isinstance(d.value, tuple) else (d.value,)
-        labels = [f"drawing.{name}"] if len(values) == 1 else [f"drawing.{name}.{a}" for a in "xyz"]
         out += [
-            Parameter(label, v * _SCALES[d.unit], d.unit, v, d.provenance, d.note)
-            for label, v in zip(labels, values, strict=True)
+            Parameter(f"drawing.{name}{suffix}", v * _SCALES[d.unit], d.unit, v, d.provenance, d.note)
+            for suffix, v in _numbers(d.value)
         ]
     return tuple(out)
+
+
+def _numbers(value: float | Vector | list[list[float]]) -> list[tuple[str, float]]:
+    """Return the numbers of a dimension, each with the suffix of its name."""
+    if isinstance(value, tuple):
+        return [(f".{axis}", v) for axis, v in zip("xyz", value, strict=True)]
+    if isinstance(value, list):
+        return [(f".{i}.{k}", v) for i, row in enumerate(value, 1) for k, v in enumerate(row, 1)]
+    return [("", value)]

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from twin import api
 from twin.api.about import scene_commands
-from twin.api.act import props_of, robots_at
+from twin.api.act import anatomy_of, props_of, robots_at
 from twin.cli import show
 from twin.core import assets
 from twin.core.errors import TwinError, unknown
@@ -16,6 +17,7 @@ from twin.core.errors import TwinError, unknown
 if TYPE_CHECKING:
     from twin.model.mechanism import Mechanism
     from twin.model.scene import Scene
+    from twin.ui.session.organs import OrganFeed
 
 names, find = assets.scenes, assets.scene_file
 
@@ -49,6 +51,19 @@ def refuse(args: argparse.Namespace) -> None:
 def content(scene: Scene) -> tuple[dict[str, api.Robot], Mechanism | None]:
     """Return (robots by name in the scene, props or None) of a scene; each robot folder is read once."""
     return robots_at(scene.places), props_of(scene)
+
+
+def organs(scene: Scene, robots: Mapping[str, api.Robot]) -> OrganFeed | None:
+    """Return the soft organs of a scene for a page; None: the scene has none."""
+    if (drawn := anatomy_of(scene)) is None:
+        return None
+    from twin.simulation import tissue_scene
+    from twin.ui.session.organs import OrganFeed
+
+    links = {
+        name: [robots[name].mechanism.body(b) for b in bodies] for name, bodies in tissue_scene.touching(scene).items()
+    }
+    return OrganFeed(tissue_scene.tissues(scene, drawn), links)
 
 
 def run(file: Path, args: argparse.Namespace) -> int:

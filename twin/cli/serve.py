@@ -93,7 +93,7 @@ def _what(args: argparse.Namespace) -> tuple[str, Callable[[], Served]]:
         raise TwinError(f"{option}: scene '{scene.name}' has no console: add the table [console] to {file.name}")
     _require_no_session(args)
     _require_no_haptics(args)
-    return scene.name, lambda: served.of_scene(scene, robots, props, plans)
+    return scene.name, lambda: served.of_scene(scene, robots, props, plans, scenes.organs(scene, robots))
 
 
 def _require_no_session(args: argparse.Namespace) -> None:

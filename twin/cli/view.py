@@ -122,7 +122,7 @@ def _what(args: argparse.Namespace) -> tuple[str, Callable[[viser.ViserServer, d
 
         robots, props = scenes.content(scene)
         actors = [Actor(p.name, p.robot, Desk(robots[p.name]), p.T_world_base, p.protocol) for p in scene.places]
-        return open_page(f"twin · {scene.name}", actors, props, server, **more)
+        return open_page(f"twin · {scene.name}", actors, props, server, feed=scenes.organs(scene, robots), **more)
 
     def of_console(server: viser.ViserServer, more: dict[str, Any]) -> ConsoleFront:
         from twin.cli.session import report

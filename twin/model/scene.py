@@ -14,8 +14,9 @@ from twin.core.errors import TwinError, unknown
 from twin.core.provenance import Parameter
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM, linear
-from twin.model import alignment
+from twin.model import alignment, anatomy
 from twin.model.alignment import Alignment
+from twin.model.anatomy import AnatomyTable, TissueTable
 from twin.model.movable import Movable, ShapeName
 from twin.schema import Identifier, Origin, Table, Vector, at, error_at, load_toml
 
@@ -262,6 +263,8 @@ class SceneTable(Table):
     object: dict[Identifier, ObjectTable] = Field(default_factory=dict)
     contact: ContactTable | None = None
     haptics: HapticsTable | None = None
+    anatomy: AnatomyTable | None = None
+    tissue: dict[Identifier, TissueTable] = Field(default_factory=dict)
     task: dict[Identifier, TaskTable] = Field(default_factory=dict)
 
 
@@ -341,6 +344,8 @@ class Scene:
         objects: the movable objects.
         contact: contact of the objects, or None.
         haptics: numbers of the forces on the hands; None: the defaults.
+        anatomy: where the organs are drawn and what touches them, or None.
+        tissues: material of the organs by name.
         tasks: tasks at the console, by name.
         parameters: every number with its provenance.
     """
@@ -358,6 +363,8 @@ class Scene:
     objects: tuple[Movable, ...]
     contact: ContactTable | None
     haptics: HapticsTable | None
+    anatomy: AnatomyTable | None
+    tissues: Mapping[str, TissueTable]
     tasks: Mapping[str, Task]
     parameters: tuple[Parameter, ...]
 
@@ -411,6 +418,7 @@ def load_scene(path: Path) -> Scene:
     props = None if table.props is None else path.parent / table.props
     if props is not None and not props.is_file():
         raise error_at(path, ("props",), f"there is no file {props.name} in the folder of the scene")
+    _organs(path, table, names)
     return Scene(
         table.name,
         table.title,
@@ -425,6 +433,8 @@ def load_scene(path: Path) -> Scene:
         tuple(_object(name, o) for name, o in table.object.items()),
         table.contact,
         table.haptics,
+        table.anatomy,
+        dict(table.tissue),
         {name: _task(name, task) for name, task in table.task.items()},
         tuple(_parameters(table)),
     )
@@ -477,6 +487,20 @@ def _transfers(path: Path, name: str, task: TaskTable, table: SceneTable) -> Non
             raise error_at(path, keys, f"'{transfer.ring}' is a {shape}; only a ring goes around a peg")
         if transfer.ring in [t.ring for t in task.transfer[:k]]:
             raise error_at(path, keys, f"'{transfer.ring}' is listed twice")
+
+
+def _organs(path: Path, table: SceneTable, names: list[str]) -> None:
+    """Raise if organs and anatomy do not belong together, or a link is of an unknown robot."""
+    if (table.anatomy is None) != (not table.tissue):
+        key = "tissue" if table.anatomy is None else "anatomy"
+        raise error_at(path, (key,), "organs need both the table [anatomy] and one table [tissue.NAME] for each organ")
+    if table.anatomy is None:
+        return
+    if not (path.parent / table.anatomy.file).is_file():
+        raise error_at(path, ("anatomy", "file"), f"there is no file {table.anatomy.file}")
+    for name in table.anatomy.touching:
+        if name.split("/")[0] not in names:
+            raise error_at(path, ("anatomy", "touching"), unknown("robot", name.split("/")[0], names))
 
 
 def _object(name: str, o: ObjectTable) -> Movable:
@@ -552,6 +576,7 @@ def _parameters(table: SceneTable) -> list[Parameter]:
             ("device damping", h.device_damping_ns_m, "N s/m"),
         ):
             out.append(Parameter(f"haptics {what}", v, unit, v, h.provenance, h.note))
+    out += anatomy.parameters(table.tissue)
     for name, task in table.task.items():
         origin = (task.provenance, task.note)
         if task.tolerance_mm is not None and task.hold_s is not None:

@@ -25,8 +25,9 @@ from twin.reference.clearance import Clearance, between
 from twin.simulation.controllers.protocol import ProtocolPlayer
 from twin.simulation.limits import Limits
 from twin.simulation.plants.kinematic import Kinematic
+from twin.simulation.plants.tissue import Tissues
 from twin.simulation.scene_stage import write_scene
-from twin.simulation.world import Placed, World
+from twin.simulation.world import Block, Placed, World
 
 RATE = 10.0
 """Rate in Hz at which clearances are measured."""
@@ -158,13 +159,17 @@ def trocars_of(place: Place, mechanism: Mechanism, trajectory: Trajectory) -> di
     return {"": rcm}
 
 
-def world(actors: Sequence[Actor], props: Mechanism | None = None, dt: float = 1e-3) -> World:
+def world(
+    actors: Sequence[Actor], props: Mechanism | None = None, dt: float = 1e-3, organs: Tissues | None = None
+) -> World:
     """Return a World in which every robot plays its protocol from t = 0 and then remains at rest."""
+    plants: list[Block] = [Kinematic(a.place.name, a.trajectory.q[0], Limits.of(a.mechanism)) for a in actors]
     return World(
         robots=[Placed(a.place.name, a.mechanism, a.place.T_world_base) for a in actors],
         props=() if props is None else [Placed(props.name, props)],
+        deformables=() if organs is None else [t.deformable for t in organs.organs.tissues],
         controllers=[ProtocolPlayer(a.place.name, a.trajectory) for a in actors],
-        plants=[Kinematic(a.place.name, a.trajectory.q[0], Limits.of(a.mechanism)) for a in actors],
+        plants=plants if organs is None else [*plants, organs],
         dt=dt,
     )
 

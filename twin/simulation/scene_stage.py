@@ -7,7 +7,7 @@ colliders. Collisions of bodies that touch by design are switched off. Movable o
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -16,14 +16,19 @@ from pxr import Gf, Kind, Sdf, Usd, UsdGeom, UsdPhysics, UsdShade
 from twin.core import spatial
 from twin.core.spatial import Array
 from twin.core.units import DEG
+from twin.model.bend import Bend
 from twin.model.mechanism import Mechanism
 from twin.model.movable import together
 from twin.model.scene import CameraTable, Scene
 from twin.reference import ReferenceModel
 from twin.usd import gf
+from twin.usd.write.bends import write_bends
 from twin.usd.write.geometry import mesh_paths, write_geometry
 from twin.usd.write.layers import describe, new_layer, save
 from twin.usd.write.physics import write_inertia
+
+ORGANS = "organs"
+"""Name of the prim, and of the layer, that contains the deformables."""
 
 APERTURE_MM = 20.955
 """Horizontal aperture of the USD cameras in mm (USD's default); the focal length follows from the angle of view."""
@@ -42,6 +47,7 @@ def write_scene(
     mechanisms: Mapping[str, Mechanism],
     props: Mechanism | None,
     duration: float,
+    bends: Sequence[Bend] = (),
 ) -> Path:
     """Write the root layer of the scene, and the props in the same folder; return the path of the root layer.
 
@@ -52,6 +58,7 @@ def write_scene(
         mechanisms: mechanism by robot, to find the bodies that carry cameras.
         props: mechanism of the props; None: no props.
         duration: duration of the longest motion in s.
+        bends: motions of the deformables.
     """
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / f"{scene.name}.usda"
@@ -72,6 +79,9 @@ def write_scene(
             UsdPhysics.MeshCollisionAPI.Apply(collider).CreateApproximationAttr(UsdPhysics.Tokens.none)
     if scene.objects:
         references[f"/{scene.name}/{OBJECTS}"] = f"./{_objects(stage, scene, folder).name}"
+    if bends:
+        UsdGeom.Xform.Define(stage, f"/{scene.name}/{ORGANS}")
+        references[f"/{scene.name}/{ORGANS}"] = f"./{write_bends(ORGANS, bends, folder / f'{ORGANS}.usdc').name}"
     for place in scene.places:
         out = UsdGeom.Xform.Define(stage, f"/{scene.name}/{place.name}")
         references[f"/{scene.name}/{place.name}"] = os.fspath(stages[place.name])

@@ -11,6 +11,7 @@ import numpy as np
 from pxr import Tf, Usd
 
 from twin.core.foreign.budget import check_size
+from twin.exchange.audit.bends import audit_bends
 from twin.exchange.audit.compare import references
 from twin.exchange.audit.motion import Content
 from twin.exchange.audit.poses import Array
@@ -68,6 +69,7 @@ def audit_scene(folder: Path, audited: Callable[[Path], Audited]) -> Audited:
         ledger.row("objects", float(len(objects)), "found")
     for stage in sorted((folder / "usd").glob("*.usda")) if robots else ():
         ledgers.append(_audit_stage(stage, robots))
+    ledgers += audit_bends(folder)
     return contents, ledgers
 
 

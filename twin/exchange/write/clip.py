@@ -347,3 +347,23 @@ def model_hash(mechanism: Mechanism) -> str:
     for frame in mechanism.frames:
         add([frame.name, frame.body, numbers(frame.T_body_frame)])
     return f"sha256:{digest.hexdigest()}"
+
+
+def between_keys(keys: Array, Ts: Array, times: Array) -> Array:
+    """Return poses (n, 4, 4) at times (n,) in s as a player shows them; before and behind the keys, those at the ends.
+
+    Args:
+        keys: (k,) in s.
+        Ts: (k, 4, 4) poses at the keys.
+        times: (n,) in s.
+    """
+    from scipy.spatial.transform import Rotation, Slerp
+
+    if len(keys) == 1:
+        return np.broadcast_to(Ts[0], (len(times), 4, 4))
+    at = np.clip(times, keys[0], keys[-1])
+    out = np.broadcast_to(np.eye(4), (len(times), 4, 4)).copy()
+    out[:, :3, :3] = Slerp(keys, Rotation.from_matrix(Ts[:, :3, :3]))(at).as_matrix()
+    for i in range(3):
+        out[:, i, 3] = np.interp(at, keys, Ts[:, i, 3])
+    return out

@@ -17,6 +17,7 @@ import numpy as np
 from twin.core.spatial import Array
 from twin.core.version import __version__
 from twin.exchange.write.clip import Clip, home_poses, model_hash, quaternions_xyzw
+from twin.model.bend import Bend
 from twin.model.mechanism import Body, Material, Mechanism
 from twin.usd.write.geometry import corner_normals
 
@@ -95,6 +96,38 @@ def glb_bytes(mechanism: Mechanism, clips: Sequence[Clip] = (), link_poses: Mapp
     }
     if animations:
         document["animations"] = animations
+    return _pack(document, out.binary())
+
+
+def bends_glb(name: str, bends: Sequence[Bend]) -> bytes:
+    """Return a .glb file of deformables that move, for instance organs: a mesh with morph targets for each.
+
+    The only animation has the name `motion`. The frame below the root node is the World, z up.
+    """
+    out = _Document()
+    nodes: list[dict[str, Any]] = [{"name": name, "rotation": list(UP_XYZW), "children": []}]
+    channels, samplers = [], []
+    for bend in bends:
+        shapes, factors = bend.shapes()
+        nodes[0]["children"].append(len(nodes))
+        nodes.append({"name": bend.name, "mesh": out.bending(bend, shapes)})
+        if len(shapes):
+            keys = bend.changes()
+            channels.append({"sampler": len(samplers), "target": {"node": len(nodes) - 1, "path": "weights"}})
+            samplers.append(out.keys(bend.times[keys], factors[keys].reshape(-1, 1), "SCALAR"))
+    document: dict[str, Any] = {
+        "asset": {
+            "version": "2.0",
+            "generator": f"twin {__version__}",
+            "extras": {"schema": "twin-deformables", "version": 1, "units": "m, kg, s"},
+        },
+        "scene": 0,
+        "scenes": [{"name": name, "nodes": [0]}],
+        "nodes": nodes,
+        **out.lists(),
+    }
+    if channels:
+        document["animations"] = [{"name": "motion", "channels": channels, "samplers": samplers}]
     return _pack(document, out.binary())
 
 
@@ -203,6 +236,41 @@ class _Document:
             return None
         self._meshes.append({"name": f"{body.name}_mesh", "primitives": primitives})
         return len(self._meshes) - 1
+
+    def bending(self, bend: Bend, shapes: Array) -> int:
+        """Add the mesh of a deformable with a morph target for each shape (s, n, 3); return its index.
+
+        Normals are those at rest; the vertices keep their order.
+        """
+        mesh, faces = bend.mesh, bend.mesh.triangles
+        normals = np.zeros_like(mesh.vertices)
+        a, b, c = (mesh.vertices[faces[:, k]] for k in range(3))
+        for k in range(3):
+            np.add.at(normals, faces[:, k], np.cross(b - a, c - a))
+        normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+        material = Material(mesh.name, mesh.color_rgba, mesh.finish)
+        primitive: dict[str, Any] = {
+            "attributes": {
+                "POSITION": self._add("vertices", mesh.vertices.astype("<f4"), "VEC3", _FLOAT, bounds=True),
+                "NORMAL": self._add("vertices", normals.astype("<f4"), "VEC3", _FLOAT),
+            },
+            "indices": self._add("uint32", faces.astype("<u4").reshape(-1, 1), "SCALAR", _UINT32),
+            "material": self._materials.setdefault(material, len(self._materials)),
+        }
+        out: dict[str, Any] = {"name": f"{mesh.name}_mesh", "primitives": [primitive]}
+        if len(shapes):
+            primitive["targets"] = [
+                {"POSITION": self._add("vertices", s.astype("<f4"), "VEC3", _FLOAT, bounds=True)} for s in shapes
+            ]
+            out["weights"] = [0.0] * len(shapes)
+        self._meshes.append(out)
+        return len(self._meshes) - 1
+
+    def keys(self, times: Array, values: Array, kind: str) -> dict[str, Any]:
+        """Return a linear sampler of an animation; `values`: one row for each number or vector."""
+        at = self._add("keys", times.astype("<f4").reshape(-1, 1), "SCALAR", _FLOAT, bounds=True)
+        output = self._add("keys", values.astype("<f4") + np.float32(0), kind, _FLOAT)
+        return {"input": at, "interpolation": "LINEAR", "output": output}
 
     def animation(self, clip: Clip, nodes: Mapping[str, int], moving: set[tuple[str, str]]) -> dict[str, Any]:
         """Return a clip as a glTF animation, with a channel for each (link, path) in `moving`."""

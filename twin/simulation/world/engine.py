@@ -99,7 +99,7 @@ class World:
         for robot in robots:
             self._need(f"{robot.name}.q", len(robot.mechanism.active), f"robot '{robot.name}'")
         for deformable in deformables:
-            self._need(f"{deformable.name}.vertices", deformable.mesh.vertices.size, f"'{deformable.name}'")
+            self._need(deformable.signal, deformable.size, f"'{deformable.name}'")
             self._pinned(deformable)
         for item in objects:
             self._need(f"{item.name}.pose", 16, f"object '{item.name}'")
@@ -197,7 +197,7 @@ class World:
         fields = {}
         for d in self._deformables:
             T = poses[d.owner][d.body] if d.owner else np.eye(4)
-            fields[d.name] = self.signals[f"{d.name}.vertices"].reshape(-1, 3) @ T[:3, :3].T + T[:3, 3]
+            fields[d.name] = d.vertices(self.signals[d.signal]) @ T[:3, :3].T + T[:3, 3]
         return Frame(self.t, poses, fields)
 
     def _poses(self, placed: Placed) -> dict[str, Array]:

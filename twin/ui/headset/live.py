@@ -13,7 +13,7 @@ from twin.ui.headset import protocol as wire
 from twin.ui.headset.protocol import RefusedError
 from twin.ui.headset.scene_frame import pack_field, pack_scene
 from twin.ui.headset.twin import Twin
-from twin.ui.session.feed import Feed, vertices_of
+from twin.ui.session.feed import Feed, Follower, vertices_of
 from twin.ui.session.timeline import RATE, Clock
 
 HEARTBEAT = 6
@@ -93,6 +93,7 @@ class Live:
             self._stand()
         for twin in twins:
             twin.look()
+        self._follow(passed)
         key = (*(t.content_key for t in twins), self._fields)
         if key == self._told and tick - self._sent < HEARTBEAT:
             return None
@@ -123,6 +124,26 @@ class Live:
             twin.stand()
         self._bend()
 
+    def _follow(self, passed: float) -> None:
+        """Let deformables that follow the links give way to them; `passed`: time in s."""
+        if not isinstance(self.feed, Follower) or self._broken:
+            return
+        try:
+            links = {r: {n: self.twins[r].pose_of(n) for n in names} for r, names in self.feed.touching.items()}
+            moved = self.feed.follow(links, passed)
+        except Exception as error:  # an error in deformables must not stop the robots
+            self._fail(error)
+            return
+        if moved:
+            self._bend()
+
+    def _fail(self, error: Exception) -> None:
+        """Report the first error in deformables."""
+        if not self._broken:
+            self._broken = str(error) if isinstance(error, TwinError) else f"{type(error).__name__}: {error}"
+            logging.getLogger(__name__).warning("a field: %s", self._broken)
+            self.send({"type": "error", "code": "failed", "message": self._broken[:500]})
+
     def _bend(self) -> None:
         """Read the deformables (fields) at the clock's time; a missing field has no vertices and is reported once."""
         if self.feed is None:
@@ -133,10 +154,7 @@ class Live:
             for name, surface in self.feed.surfaces.items():
                 fields[name] = pack_field(vertices_of(frame, name, surface))
         except Exception as error:  # an error in deformables must not stop the robots
-            if not self._broken:
-                self._broken = str(error) if isinstance(error, TwinError) else f"{type(error).__name__}: {error}"
-                logging.getLogger(__name__).warning("a field: %s", self._broken)
-                self.send({"type": "error", "code": "failed", "message": self._broken[:500]})
+            self._fail(error)
         self._fields = tuple(fields.values())
 
     # -- requests of clients --------------------------------------------------------------------------

@@ -119,6 +119,11 @@ class Twin:
         for document in self._reach.poll():
             self.send(document)
 
+    def pose_of(self, link: str) -> Array:
+        """Return T_world_link (4, 4) of a link as it is displayed."""
+        T = wire.pose_of(self._shown.poses[self.links.index(link)])
+        return T if self.place is None else self.place.T_world_base @ T
+
     @property
     def content_key(self) -> tuple[Any, ...]:
         """Key of the frame's content; frames with equal keys are equal."""

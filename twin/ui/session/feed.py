@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
@@ -19,11 +19,11 @@ class Surface:
 
     Attributes:
         triangles: (m, 3) indices of vertices, counter-clockwise as seen from outside; both sides are drawn.
-        color: red, green, blue, each 0..1.
+        color: red, green, blue, linear, each 0..1.
         opacity: 0 (invisible) to 1.
     """
 
-    triangles: Array
+    triangles: np.ndarray
     color: tuple[float, float, float] = (0.85, 0.45, 0.4)
     opacity: float = 1.0
 
@@ -41,6 +41,21 @@ class Feed(Protocol):
     @property
     def duration(self) -> float: ...  # noqa: D102
     def at(self, t: float) -> Frame: ...  # noqa: D102
+
+
+@runtime_checkable
+class Follower(Feed, Protocol):
+    """A feed that depends on the displayed robots instead of the time.
+
+    Attributes:
+        touching: names of the links whose poses it needs, by robot.
+    """
+
+    @property
+    def touching(self) -> Mapping[str, Sequence[str]]: ...  # noqa: D102
+    def follow(self, links: Mapping[str, Mapping[str, Array]], passed: float) -> bool:
+        """Move the vertices; return whether they moved. T_world_link (4, 4) by robot and link; time passed in s."""
+        ...
 
 
 def vertices_of(frame: Frame, name: str, surface: Surface) -> Array:

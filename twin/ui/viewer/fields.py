@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
+
 import numpy as np
 import viser
 
 from twin.core.errors import TwinError
-from twin.ui.session.feed import Feed, vertices_of
+from twin.core.spatial import Array
+from twin.core.units import srgb
+from twin.ui.session.feed import Feed, Follower, vertices_of
 
 
 class FieldNodes:
@@ -16,6 +20,21 @@ class FieldNodes:
         self._server, self._feed = server, feed
         self._meshes: dict[str, viser.MeshHandle] = {}
         self.broken = ""
+
+    def follow(self, links: Callable[[str], Mapping[str, Array]], passed: float) -> bool:
+        """Let deformables that follow the links give way to them; return whether they moved.
+
+        Args:
+            links: function from the name of a robot to its T_world_link (4, 4) by link.
+            passed: time in s since the last call.
+        """
+        if not isinstance(self._feed, Follower) or self.broken:
+            return False
+        try:
+            return self._feed.follow({robot: links(robot) for robot in self._feed.touching}, passed)
+        except Exception as error:  # an error in deformables must not stop the page
+            self.broken = f"{type(error).__name__}: {error}"
+            return True
 
     def show(self, t: float) -> str:
         """Show all fields at a time in s; return the first error or "". Fields without vertices are not drawn."""
@@ -40,7 +59,7 @@ class FieldNodes:
                     self._meshes[name].vertices = vertices
                     self._meshes[name].visible = True
                 else:
-                    red, green, blue = (round(255 * c) for c in surface.color)
+                    red, green, blue = (round(255 * srgb(c)) for c in surface.color)
                     self._meshes[name] = self._server.scene.add_mesh_simple(
                         f"/fields/{name}", vertices, np.asarray(surface.triangles, np.uint32), color=(red, green, blue),
                         opacity=surface.opacity if surface.opacity < 1 else None, side="double",

@@ -149,6 +149,7 @@ class Front(Loop):
         self._take_plans()
         if self.clock.advance(passed):
             self.stand()
+        self.bend(passed)
         if self._stale or self.clock.playing:
             self.draw()
         for act in list(self.after_frame):
@@ -184,6 +185,15 @@ class Front(Loop):
             self._draw_ghost()
         if not self.dragging:
             self._gizmo_to_tool()
+
+    def bend(self, passed: float) -> None:
+        """Let deformables give way to the robots as they stand; `passed`: time in s."""
+        if self._fields is not None:
+            self._stale |= self._fields.follow(self._links_of, passed)
+
+    def _links_of(self, robot: str) -> dict[str, Array]:
+        a = next(a for a in self.actors if a.name == robot)
+        return {name: a.T_world_base @ T for name, T in a.desk.assembly.link_poses.items()}
 
     def refresh(self) -> None:
         """Compute and show the readings of the active robot."""

@@ -76,6 +76,7 @@ def page(front: Front, progress: Progress = lambda part: None) -> str:
     for t in np.arange(0.0, clock.duration, 1 / RATE):
         clock.seek(float(t))
         front.stand()
+        front.bend(1 / RATE)
         front.draw()
         front.refresh()
         serializer.insert_sleep(1 / RATE)

@@ -1,0 +1,38 @@
+"""Draw the organs of the scene vsrs and write them as a STEP assembly.
+
+    python cad/organs/model.py [--dimensions FILE] [--out organs.step]
+
+Each body is one sub-assembly with one part, <body>_tissue.  All shapes are written in world coordinates.
+"""
+
+import importlib.util
+import sys
+from pathlib import Path
+
+import numpy as np
+
+HERE = Path(__file__).resolve().parent
+sys.path.insert(0, str(HERE.parent))
+import drawing as cad
+
+BODIES = ["liver", "gallbladder", "stomach"]
+
+
+def drawing():
+    """Load parts.py beside this file; late, because build123d takes seconds."""
+    if "organs_parts" not in sys.modules:
+        spec = importlib.util.spec_from_file_location("organs_parts", HERE / "parts.py")
+        sys.modules["organs_parts"] = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(sys.modules["organs_parts"])
+    return sys.modules["organs_parts"]
+
+
+def assembly(path):
+    """Return the drawn organs of a dimension file: ({body: [(name, shape, rgb)]}, mass in kg)."""
+    d, parts = cad.Dimensions(path, {}), drawing()
+    solids = {name: parts.organ(getattr(d, name), name) for name in BODIES}
+    return cad.build(BODIES, solids, dict.fromkeys(BODIES, np.eye(4)), parts.MATERIALS)
+
+
+if __name__ == "__main__":
+    cad.command("organs", HERE, assembly)

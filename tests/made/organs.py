@@ -1,0 +1,145 @@
+"""Soft bodies of simple shapes, and a rod that pushes them."""
+
+from __future__ import annotations
+
+import functools
+from pathlib import Path
+
+import numpy as np
+import trimesh
+
+from twin.cad.build import read_props
+from twin.core import spatial
+from twin.core.units import MM
+from twin.model.bend import Bend
+from twin.model.mechanism import Body, Mesh
+from twin.model.scene import load_scene
+from twin.model.surface import Surface
+from twin.model.tissue import Pin, Tissue
+from twin.simulation import tissue_scene
+from twin.simulation.plants.tissue import Organs, Tool
+
+ROOT = Path(__file__).parents[2]
+
+RADIUS = 4 * MM
+"""Radius of the rod and of its round end."""
+
+
+def tissue(name, mesh, below, cells=(2, 2, 2), edge=np.inf, **more):
+    """A body held by its nodes at z below a height in m."""
+    numbers = {"young": 5e3, "poisson": 0.4, "damping": 0.05, "density": 1000.0, "friction": 0.1, **more}
+    low, high = np.array([-1.0, -1, -1]), np.array([1.0, 1, below])
+    return Tissue(
+        name, Surface(name, mesh.vertices, mesh.faces, edge), cells, pins=(Pin("floor", low, high),), **numbers
+    )
+
+
+def block(size=(0.12, 0.1, 0.08), **more):
+    """A block on the floor, z = 0, of edges in m that differ, so that its principal axes are its edges."""
+    box = trimesh.creation.box(size)
+    box.apply_translation([0, 0, size[2] / 2])
+    return tissue("block", box, 1e-4, **{"edge": 0.02, **more})
+
+
+def ball(**more):
+    """An ellipsoid on the floor, symmetric about the planes x = 0 and y = 0; its top is at z = 80 mm."""
+    sphere = trimesh.creation.icosphere(3)
+    sphere.apply_scale([0.08, 0.06, 0.04])
+    sphere.apply_translation([0, 0, 0.04])
+    return tissue("ball", sphere, 1e-3, **more)
+
+
+@functools.cache
+def rod():
+    """A rod of 200 mm whose round end is at its origin; it points down."""
+    capsule = trimesh.creation.capsule(0.2 - 2 * RADIUS, RADIUS)
+    capsule.apply_translation([0, 0, -capsule.bounds[0][2]])
+    return Body("rod", (Mesh("rod", np.array(capsule.vertices), np.array(capsule.faces, np.int32)),))
+
+
+@functools.cache
+def plate():
+    """A plate of 200 mm by 200 mm by 10 mm whose lower face is at z = 0."""
+    box = trimesh.creation.box((0.2, 0.2, 0.01))
+    box.apply_translation([0, 0, 0.005])
+    return Body("plate", (Mesh("plate", np.array(box.vertices), np.array(box.faces, np.int32)),))
+
+
+def at(*p):
+    """A pose without rotation, at a point in m."""
+    return spatial.pose(p=np.array(p, float))
+
+
+def pushed(organ, body, start, depths, steps=100, hold=60):
+    """Push a body down from `start` by each of `depths` in m, one after the other; yield the organs after each."""
+    organs = Organs([organ], [Tool("tool", body)], [at(*start)])
+    last = 0.0
+    for depth in depths:
+        for part in [*np.linspace(last, depth, steps), *[depth] * hold]:
+            organs.step([at(*(np.array(start) - [0, 0, part]))])
+        last = depth
+        yield organs
+
+
+@functools.cache
+def abdomen():
+    """The organs of the scene with an anatomy."""
+    scene = load_scene(ROOT / "cad/vsrs/scene.toml")
+    assert scene.anatomy is not None
+    return tissue_scene.tissues(scene, read_props(scene.file.parent / scene.anatomy.file))
+
+
+class Rods:
+    """Rods in the abdomen, one over the middle of each organ, that move together."""
+
+    def __init__(self, tissues):
+        self.tissues = tissues
+        middle = [t.surface.vertices.mean(axis=0) for t in tissues]
+        near = [t.surface.vertices[np.linalg.norm((t.surface.vertices - m)[:, :2], axis=1) < RADIUS * 2] for t, m in
+                zip(tissues, middle, strict=True)]  # fmt: skip
+        self.starts = [np.append(m[:2], v[:, 2].max() + 5 * MM) for m, v in zip(middle, near, strict=True)]
+        self.organs = Organs(tissues, [Tool(t.name, rod()) for t in tissues], self.poses(0.0))
+
+    def poses(self, depth):
+        return [at(*(p - [0, 0, depth])) for p in self.starts]
+
+
+def wander(seed, seconds, period=8e-3):
+    """Yield poses of three rods: smooth motion at up to 0.3 m/s through the abdomen, and now and then a jump.
+
+    The rods stay above the middle of the organs, whose lower faces are held.
+    """
+    rng = np.random.default_rng(seed)
+    tissues = abdomen()
+    low = np.min([t.surface.vertices.min(axis=0) for t in tissues], axis=0)
+    high = np.max([t.surface.vertices.max(axis=0) for t in tissues], axis=0)
+    low[2] = (low[2] + high[2]) / 2
+    p, v = np.tile([0.0, 0.0, high[2] + 0.05], (3, 1)) + np.outer([-1, 0, 1], [0.06, 0.05, 0]), np.zeros((3, 3))
+    for _ in range(round(seconds / period)):
+        v += period * (rng.normal(0, 6.0, (3, 3)) + 4.0 * ((low + high) / 2 - p) - 0.8 * v)
+        v *= np.minimum(1.0, 0.3 / np.maximum(np.linalg.norm(v, axis=1, keepdims=True), 1e-9))
+        p += period * v
+        v[p[:, 2] < low[2], 2] = 0.1
+        if rng.random() < 0.002:
+            p[rng.integers(3)] = rng.uniform(low, high)
+        yield [at(*x) for x in p]
+
+
+@functools.cache
+def bends():
+    """A ball that a rod pushes aside, and a block that nothing touches, for 2 s at 60 Hz."""
+    soft, far = ball(), block(size=(0.05, 0.04, 0.03))
+    s = np.linspace(0, 1, 60)
+    path = np.column_stack([0.02 + 0.02 * s, 0 * s, 0.078 - 0.02 * np.sin(np.pi * s) + 0.01 * (s == 0)])
+    poses = np.stack([at(*p) for p in path] + [at(0.2, 0.2, 0.3)] * 60)
+    found = tissue_scene.followed([soft], [Tool("tool", rod())], [poses], 1 / 60)
+    still = Bend(far.deformable.mesh, far.weights, found[0].times, np.repeat(far.nodes[None], 120, axis=0))
+    assert np.abs(found[0].nodes - found[0].nodes[0]).max() > 5 * MM
+    return [*found, still]
+
+
+def at_time(bend, t):
+    """Return the vertices at a time in s, between two simulated ones by straight lines."""
+    s = np.clip(t * 60, 0, len(bend.times) - 1)
+    k = min(int(s), len(bend.times) - 2)
+    return bend.weights @ (bend.nodes[k] * (k + 1 - s) + bend.nodes[k + 1] * (s - k))

@@ -1,0 +1,290 @@
+"""Soft organs: they give way to instruments, keep their volume and return to rest; bad input is refused."""
+
+from __future__ import annotations
+
+import os
+
+import numpy as np
+import pytest
+import trimesh
+
+import twin
+from made import organs as made
+from made.loops import two_links
+from twin.core import assets, spatial
+from twin.core.errors import TwinError, WorldError
+from twin.core.units import MM
+from twin.model.surface import Surface, inside, rings, volume
+from twin.simulation.limits import Limits
+from twin.simulation.plants.kinematic import Kinematic
+from twin.simulation.plants.tissue import Links, Organs, Tissues, Tool
+from twin.simulation.world import Block, Placed, World
+
+LONG = float(os.environ.get("TWIN_TISSUE_SECONDS", "12"))
+"""Simulated time in s of random instruments for each seed in the slow lane; 3600 is the figure of the requirement."""
+
+
+def change(organs, tissue):
+    return abs(volume(organs.vertices(tissue.name), tissue.surface.triangles) / tissue.surface.volume - 1)
+
+
+def off(organs, tissue):
+    return np.linalg.norm(organs.vertices(tissue.name) - tissue.surface.vertices, axis=1)
+
+
+# -- surfaces ------------------------------------------------------------------------------------------
+
+
+def test_surface_is_refined_without_gaps():
+    box = trimesh.creation.box((0.1, 0.05, 0.02))
+    fine = Surface("box", box.vertices, box.faces, 0.008)
+    again = trimesh.Trimesh(fine.vertices, fine.triangles, process=False)
+    assert again.is_watertight
+    assert again.is_winding_consistent
+    assert again.volume == pytest.approx(box.volume, rel=1e-12)
+    assert again.edges_unique_length.max() <= 0.008
+
+
+BOX = trimesh.creation.box((0.1, 0.1, 0.1))
+
+
+@pytest.mark.parametrize(
+    ("vertices", "triangles", "edge", "message"),
+    [
+        (BOX.vertices, BOX.faces[1:], np.inf, r"surface 'liver' is open: 3 sides .* at \(.*\) mm"),
+        (BOX.vertices, BOX.faces[:, ::-1], np.inf, r"is inverted: its volume is -1e\+03 cm3"),
+        (BOX.vertices, np.r_[BOX.faces[:1, ::-1], BOX.faces[1:]], np.inf, "triangles of both orientations"),
+        (BOX.vertices, BOX.faces, 0.001, "is too fine: more than 6000 vertices; allow longer edges"),
+        (trimesh.creation.icosphere(6).vertices, trimesh.creation.icosphere(6).faces, np.inf, "draw it coarser"),
+        (BOX.vertices, BOX.faces[:0], np.inf, "is empty"),
+        (BOX.vertices * np.nan, BOX.faces, np.inf, "is not finite"),
+    ],
+)
+def test_surface_that_is_no_organ_is_refused(vertices, triangles, edge, message):
+    with pytest.raises(TwinError, match=message):
+        Surface("liver", vertices, triangles, edge)
+
+
+def test_inside_agrees_with_the_shape():
+    rng = np.random.default_rng(0)
+    ball = trimesh.creation.icosphere(3)
+    p = rng.uniform(-1.2, 1.2, (400, 3))
+    r = np.linalg.norm(p, axis=1)
+    clear = abs(r - 1) > 0.02
+    assert (inside(p, ball.vertices, ball.faces) == (r < 1))[clear].all()
+
+
+def test_rings_count_outwards_by_shared_corners():
+    grid = np.arange(49).reshape(7, 7)
+    a, b, c, d = (grid[i : i + 6, k : k + 6].ravel() for i, k in ((0, 0), (0, 1), (1, 1), (1, 0)))
+    triangles = np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])
+    level = rings(triangles, 21)
+    for k in range(1, level.max() + 1):
+        for t in np.flatnonzero(level == k):
+            beside = (np.isin(triangles, triangles[t])).any(axis=1)
+            assert level[beside].min() == k - 1
+    assert level[21] == 0
+    assert (level >= 0).all()
+
+
+# -- the material --------------------------------------------------------------------------------------
+
+
+def test_small_pushes_are_linear_and_the_stiffness_is_that_of_the_material():
+    organ = made.block()
+    x, F = [], []
+    start = (0.0, 0.0, 0.081)
+    for organs in made.pushed(organ, made.plate(), start, np.array([1.5, 2.0, 2.5, 3.0]) * MM):
+        x.append(0.08 - organs.vertices("block")[:, 2].max())
+        F.append(-organs.touches()["block"].force[2])
+    k = np.array(F) / x
+    assert np.ptp(k) < 0.05 * k.mean()
+    # between free faces (uniaxial stress), E A / L, and faces that cannot widen, a bonded incompressible pad,
+    # (1 + S^2) E A / L, S = loaded area / free area; A. N. Gent, P. B. Lindley, doi:10.1243/PIME_PROC_1959_173_022_02
+    free = 5e3 * 0.12 * 0.1 / 0.08
+    shape = 0.12 * 0.1 / (2 * (0.12 + 0.1) * 0.08)
+    assert free < k.mean() < free * (1 + 2 * shape**2) * 1.2
+
+
+def test_nodes_and_vertices_are_those_of_mujoco():
+    import mujoco
+
+    organ = made.ball(cells=(3, 2, 2))
+    *_, organs = made.pushed(organ, made.rod(), (0.02, 0.01, 0.082), [0.01])
+    inner = organs._organs["ball"]
+    mujoco.mj_forward(inner._model, inner._data)
+    T = organ.T_world_grid
+    theirs = inner._data.flexvert_xpos @ T[:3, :3].T + T[:3, 3]
+    assert np.abs(theirs - organs.vertices("ball")).max() < 1e-12
+    content, by_node = inner._volume.at(inner._nodes)
+    assert content == pytest.approx(volume(organs.vertices("ball"), organ.surface.triangles), rel=1e-10)
+    turned = np.random.default_rng(1).normal(size=by_node.shape)
+    more, less = (inner._volume.at(inner._nodes + s * 1e-6 * turned)[0] for s in (1, -1))
+    assert (more - less) / 2e-6 == pytest.approx(float(np.vdot(by_node, turned)), rel=1e-6)
+
+
+def test_symmetric_push_gives_a_symmetric_dent_that_decays_with_the_rings():
+    organ = made.ball()
+    *_, organs = made.pushed(organ, made.rod(), (0.0, 0.0, 0.081), [0.012])
+    v, moved = organ.surface.vertices, organs.vertices("ball") - organ.surface.vertices
+    for axis in (0, 1):
+        mirror = np.where(np.arange(3) == axis, -1.0, 1.0)
+        other = [int(np.argmin(np.linalg.norm(v - p, axis=1))) for p in v * mirror]
+        assert np.abs(moved[other] - moved * mirror).max() < 0.05 * MM
+    touch = organs.touches()["ball"]
+    assert np.linalg.norm(touch.force[:2]) < 0.02 * -touch.force[2]
+    level = rings(organ.surface.triangles, touch.triangle)
+    by_level = [np.linalg.norm(moved[organ.surface.triangles[level == k]], axis=-1).mean() for k in range(7)]
+    assert (np.diff(by_level) < 0).all()
+    assert by_level[0] > 9 * MM
+
+
+def test_organs_keep_their_volume_and_return_to_rest():
+    rods = made.Rods(made.abdomen())
+    worst = {t.name: 0.0 for t in rods.tissues}
+    deepest = dict(worst)
+    for k in range(200):
+        rods.organs.step(rods.poses(20 * MM * np.sin(np.pi * k / 200) ** 2))
+        if k % 5 == 0:
+            for t in rods.tissues:
+                worst[t.name] = max(worst[t.name], change(rods.organs, t))
+                deepest[t.name] = max(deepest[t.name], float(off(rods.organs, t).max()))
+        if k == 100:
+            assert all(touch.triangle >= 0 for touch in rods.organs.touches().values())
+    assert min(deepest.values()) > 8 * MM
+    assert max(worst.values()) < 0.02
+    for _ in range(125):
+        rods.organs.step(rods.poses(0.0))
+    assert max(off(rods.organs, t).max() for t in rods.tissues) < 0.1 * MM
+
+
+def wandered(seed, seconds):
+    """Let rods wander; return the largest change of volume, the steps with contact, and the last nodes."""
+    tissues = made.abdomen()
+    moves = made.wander(seed, seconds)
+    organs = Organs(tissues, [Tool(f"rod{k}", made.rod()) for k in range(3)], next(moves))
+    worst, touched = 0.0, 0
+    for k, poses in enumerate(moves):
+        organs.step(poses)
+        nodes = np.concatenate(list(organs.nodes.values()))
+        assert np.isfinite(nodes).all(), f"seed {seed}: not finite at {k * organs.period:.1f} s"
+        touched += any(t.triangle >= 0 for t in organs.touches().values())
+        if k % 10 == 0:
+            worst = max(worst, *(change(organs, t) for t in tissues))
+    return worst, touched, nodes
+
+
+def test_random_instruments_leave_organs_finite_and_the_same_seed_gives_the_same_bytes():
+    worst, touched, nodes = wandered(0, 2.0)
+    assert touched > 20
+    assert worst < 0.02
+    assert wandered(0, 2.0)[2].tobytes() == nodes.tobytes()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(10))
+def test_random_instruments_for_long(seed):
+    worst, touched, _ = wandered(seed, LONG)
+    assert touched > 50
+    assert worst < 0.02
+
+
+# -- links ---------------------------------------------------------------------------------------------
+
+
+def test_link_inside_an_organ_at_the_start_is_refused():
+    with pytest.raises(WorldError, match="'tool/rod' is inside 'ball' at the start; start the robot outside"):
+        Organs([made.ball()], [Tool("tool", made.rod())], [made.at(0, 0, 0.06)])
+
+
+def test_link_that_jumps_into_an_organ_touches_nothing_until_it_is_outside():
+    organ = made.ball()
+    organs = Organs([organ], [Tool("tool", made.rod())], [made.at(0, 0, 0.2)])
+    for _ in range(30):
+        organs.step([made.at(0, 0, 0.05)])
+    assert organs.within == {"ball": ("tool/rod",)}
+    assert off(organs, organ).max() < 1e-12
+    for z in np.linspace(0.05, 0.1, 40):
+        organs.step([made.at(0, 0, z)])
+    for z in np.linspace(0.1, 0.07, 40):
+        organs.step([made.at(0, 0, z)])
+    assert organs.within == {"ball": ()}
+    assert off(organs, organ).max() > 5 * MM
+
+
+@pytest.mark.parametrize(
+    ("more", "message"),
+    [
+        ({"young": 0.0}, r"Young's modulus is 0; it must be 100 to 1e\+06 Pa"),
+        ({"poisson": 0.5}, "Poisson's ratio is 0.5; it must be 0 to 0.49"),
+        ({"friction": -0.1}, "friction is -0.1; it must be 0 to 2"),
+        ({"cells": (2, 2, 5)}, "number of cells is 5; it must be 1 to 4 along an axis"),
+    ],
+)
+def test_number_out_of_range_is_refused(more, message):
+    with pytest.raises(WorldError, match=f"tissue 'ball': {message}"):
+        Organs([made.ball(**more)], [], [])
+
+
+def test_organ_that_nothing_holds_is_refused():
+    with pytest.raises(TwinError, match="pin 'floor' holds none of the 27 nodes"):
+        Organs([made.tissue("egg", trimesh.creation.icosphere(2, 0.05), -0.5)], [], [])
+
+
+class Push(Block):
+    """A controller: the second link turns down."""
+
+    def __init__(self):
+        self.outputs = {"arm.command": np.zeros(2)}
+
+    def step(self, signals, t, dt):
+        return {"arm.command": np.array([0.0, -0.6 * t])}
+
+
+def test_world_moves_the_organs_under_the_joint_values_and_its_frame_has_their_vertices():
+    organ = made.block(size=(0.06, 0.05, 0.04), edge=0.01)
+    mechanism = two_links()
+    links = Links("arm", mechanism, spatial.pose(), [mechanism.bodies[-1].name], np.zeros(2))
+    T = links.poses()[0]
+    assert T.shape == (4, 4)
+    free = np.full(2, np.inf)
+    world = World(
+        robots=[Placed("arm", mechanism, made.at(0, 0, 1))],
+        deformables=[organ.deformable],
+        controllers=[Push()],
+        plants=[Kinematic("arm", np.zeros(2), Limits(-free, free, free)), Tissues([organ], [links])],
+    )
+    world.step(16)
+    frame = world.frame()
+    assert frame.fields["block"].shape == organ.surface.vertices.shape
+    recorded = world.recording()["block.nodes"][-1].reshape(-1, 3)
+    assert np.array_equal(organ.weights @ recorded, frame.fields["block"])
+
+
+def test_link_that_does_not_exist_is_refused():
+    with pytest.raises(WorldError, match="there is no body of arm 'claw'"):
+        Links("arm", two_links(), np.eye(4), ["claw"], np.zeros(2))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", assets.names())
+def test_instrument_of_every_robot_dents_an_organ(name):
+    mechanism = twin.load(name).mechanism
+    frame = mechanism.frame(mechanism.tool)
+    body = next(b for b in mechanism.bodies if b.name == frame.body)
+    v = np.concatenate([m.vertices for m in body.meshes])
+    # turn the link so that the direction from its middle to the tool points down, onto the organ
+    down = spatial.frame_from_axes(frame.T_body_frame[:3, 3] - v.mean(axis=0), np.array([0.3, 0.5, 0.8])).T
+    R = np.array([[1, 0, 0], [0, 0, 1], [0, -1, 0.0]]) @ np.roll(down, 1, axis=0)
+    R = spatial.frame_from_axes(R[2], R[0]).T if np.linalg.det(R) < 0 else R
+    lowest = (v @ R.T)[np.argmin((v @ R.T)[:, 2])]
+    organ = made.ball()
+    start = spatial.pose(R, np.array([0, 0, 0.085]) - lowest)
+    organs = Organs([organ], [Tool(name, body)], [start])
+    for k in range(100):
+        T = start.copy()
+        T[2, 3] -= 12 * MM * k / 99
+        organs.step([T])
+    assert organs.touches()["ball"].force[2] < -0.05
+    assert off(organs, organ).max() > 4 * MM
+    assert change(organs, organ) < 0.02

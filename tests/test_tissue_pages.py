@@ -1,0 +1,165 @@
+"""Soft organs in the pages and in the stream: they follow the displayed links, whole and in time."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+
+import numpy as np
+import pytest
+
+import twin
+from made import organs as made
+from made.streaming import http, joined, serving
+from twin import api
+from twin.cli import scene as scenes
+from twin.core.units import MM, srgb
+from twin.simulation.frame import Frame
+from twin.ui.headset import served
+from twin.ui.headset.scene_frame import LEVELS, SceneFrame
+from twin.ui.session.desk import Desk
+from twin.ui.session.feed import Surface
+from twin.ui.session.organs import OrganFeed
+from twin.ui.viewer.front import Actor
+from twin.ui.viewer.page import open_page
+from twin.ui.viewer.server import serve
+
+pytestmark = pytest.mark.usefixtures("cad_once")
+
+ROBOT = "hibou"
+"""Any robot: one whose CAD is read fast."""
+
+
+class Leaf:
+    """A triangle that stays at the origin of the tool's link."""
+
+    duration = 0.0
+
+    def __init__(self, robot):
+        mechanism = robot.mechanism
+        self.touching = {robot.name: [mechanism.frame(mechanism.tool).body]}
+        self.surfaces = {"leaf": Surface(np.array([[0, 1, 2]]))}
+        self.calls, self.v = [], np.eye(3)
+
+    def follow(self, links, passed):
+        ((robot, (link,)),) = self.touching.items()
+        before, self.v = self.v, np.eye(3) + links[robot][link][:3, 3]
+        self.calls.append(passed)
+        return not np.array_equal(before, self.v)
+
+    def at(self, t):
+        return Frame(t, {}, {"leaf": self.v})
+
+
+def test_organs_in_the_stream_follow_the_displayed_links():
+    robot = twin.load(ROBOT)
+    leaf = Leaf(robot)
+
+    async def go():
+        async with serving(lambda: served.of_robot(robot, ROBOT, None, False, leaf)) as s, joined(s.port) as peer:
+            for posture in ("home", *robot.mechanism.postures):
+                if posture == "home":
+                    continue
+                await peer.ask("posture", name=posture)
+            await asyncio.sleep(0.3)
+            frame = peer.frames[-1]
+            assert isinstance(frame, SceneFrame)
+            name = leaf.touching[robot.name][0]
+            T = robot.reference().solve(frame.robots[0].q).link_poses[name]
+            np.testing.assert_allclose(frame.fields[0], np.eye(3) + T[:3, 3], atol=2e-5)
+            assert sum(leaf.calls) > 0.2
+
+    asyncio.run(go())
+
+
+def test_organs_in_the_viewer_follow_the_displayed_links():
+    robot = twin.load(ROBOT)
+    leaf = Leaf(robot)
+    front = open_page("test", [Actor(ROBOT, ROBOT, Desk(robot))], None, serve("test", "127.0.0.1", 0), feed=leaf)
+    try:
+        name = leaf.touching[ROBOT][0]
+        for posture in robot.mechanism.postures:
+            front.actors[0].desk.go(posture)
+            front.step()
+            front.step()
+            T = front.actors[0].desk.assembly.link_poses[name]
+            assert front._fields is not None
+            mesh = front._fields._meshes["leaf"]
+            np.testing.assert_allclose(mesh.vertices, np.eye(3) + T[:3, 3], atol=1e-6)
+            assert mesh.color == tuple(round(255 * srgb(c)) for c in leaf.surfaces["leaf"].color)
+    finally:
+        front.close()
+
+
+def test_feed_of_organs_dents_them_and_lets_them_return():
+    rods = made.Rods(made.abdomen())
+    feed = OrganFeed(rods.tissues, {t.name: [made.rod()] for t in rods.tissues})
+    assert set(feed.surfaces) == {t.name for t in rods.tissues}
+
+    def links(depth):
+        return {t.name: {"rod": T} for t, T in zip(rods.tissues, rods.poses(depth), strict=True)}
+
+    assert not feed.follow(links(0), 0.0)
+    for k in range(60):
+        feed.follow(links(15 * MM * k / 59), 1 / 60)
+    for t in rods.tissues:
+        assert np.linalg.norm(feed.at(0).fields[t.name] - t.surface.vertices, axis=1).max() > 4 * MM
+    feed.follow(links(0), 10.0)  # a page that stood still for 10 s does not compute them
+    for _ in range(150):
+        moved = feed.follow(links(0), 1 / 60)
+    assert not moved
+    for t in rods.tissues:
+        assert np.linalg.norm(feed.at(0).fields[t.name] - t.surface.vertices, axis=1).max() < 0.1 * MM
+
+
+class Pressed(OrganFeed):
+    """The organs of the scene under three rods that press them all the time."""
+
+    def __init__(self):
+        self.rods = made.Rods(made.abdomen())
+        super().__init__(self.rods.tissues, {t.name: [made.rod()] for t in self.rods.tissues})
+        self.touching = {}
+        self.t = 0.0
+
+    def follow(self, links, passed):
+        self.t += passed
+        poses = self.rods.poses(15 * MM * np.sin(3 * self.t) ** 2)
+        return super().follow({t.name: {"rod": T} for t, T in zip(self.rods.tissues, poses, strict=True)}, passed)
+
+
+@pytest.mark.slow
+def test_two_pages_get_all_organs_at_60_hz_whole_and_in_time():
+    scene = api.load_scene("vsrs")
+    robots, props = scenes.content(scene)
+    feed = Pressed()
+    count = sum(len(t.surface.vertices) for t in feed.rods.tissues)
+    assert count >= 2000
+
+    async def go():
+        show = lambda: served.of_scene(scene, robots, props, False, feed)  # noqa: E731
+        async with serving(show, plans=False) as s, joined(s.port) as one, joined(s.port) as two:
+            about = json.loads((await http(s.port, "GET /scene.json HTTP/1.1"))[2])
+            assert [f["name"] for f in about["fields"]] == [t.name for t in feed.rods.tissues]
+            for peer in (one, two):
+                for kept in (peer.frames, peer.raw, peer.times):
+                    kept.clear()
+            await asyncio.sleep(5.0)
+            return [(list(p.frames), list(p.raw), list(p.times)) for p in (one, two)]
+
+    backs = [np.linalg.pinv(t.weights) for t in feed.rods.tissues]
+    mixed = feed.rods.tissues[0].surface.vertices.copy()
+    mixed[::2, 2] += 0.1 * MM
+    assert np.abs(feed.rods.tissues[0].weights @ (backs[0] @ mixed) - mixed).max() > 0.04 * MM
+    for frames, raw, times in asyncio.run(go()):
+        late = np.array([t - f.server_time for t, f in zip(times, frames, strict=True)])
+        rate, size = (len(frames) - 1) / (times[-1] - times[0]), np.mean([len(r) for r in raw])
+        print(f"{count} vertices: {rate:.1f} Hz, {size:.0f} bytes a frame, {rate * size / 1e6:.2f} MB/s, "
+              f"latency p50 {np.median(late) * 1e3:.1f} ms, p95 {np.percentile(late, 95) * 1e3:.1f} ms")  # fmt: skip
+        assert (np.diff([f.seq for f in frames]) > 0).all()
+        for t, back in zip(feed.rods.tissues, backs, strict=True):
+            k = feed.rods.tissues.index(t)
+            for f in frames:  # vertices of two times in one frame do not follow from any nodes
+                v = np.asarray(f.fields[k], float)
+                assert v.shape == t.surface.vertices.shape
+                assert np.abs(t.weights @ (back @ v) - v).max() < 2 * np.ptp(v, axis=0).max() / LEVELS
+        assert np.percentile(late, 95) < 0.05

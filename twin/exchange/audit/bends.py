@@ -1,0 +1,132 @@
+"""Audit the deformables of an exported scene: compare organs.glb, played here, with the points of usd/organs.usdc."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pxr import Tf, Usd, UsdGeom
+
+from twin.core.foreign.budget import check_size
+from twin.exchange.audit import poses
+from twin.exchange.audit.gltf_clips import Clips
+from twin.exchange.audit.gltf_file import Gltf, GltfError, open_gltf
+from twin.exchange.audit.gltf_nodes import parents_first, read_nodes
+from twin.exchange.audit.poses import Array
+from twin.exchange.audit.report import Ledger, quantity
+from twin.exchange.audit.usdc import trouble
+
+GLB, USD = "organs.glb", "usd/organs.usdc"
+"""Files of the deformables, in the folder of the scene."""
+
+TOLERANCE = 10e-6
+"""Largest distance in m between a vertex in both files."""
+
+_TIMES = 16
+"""Number of samples of each mesh, evenly distributed, at which the files are compared."""
+
+
+def audit_bends(folder: Path) -> list[Ledger]:
+    """Return the ledger of the deformables of a scene; without their files, an empty list."""
+    glb, usd = folder / GLB, folder / USD
+    ledger = Ledger(GLB, "twin.exchange.audit bends", "1")
+    if not glb.is_file():
+        return []
+    try:
+        check_size(glb, "GLTF")
+        file = open_gltf(glb, ledger)
+        shown = _Played(file)
+        if usd.is_file():
+            check_size(usd, "USD")
+            if broken := trouble(usd.read_bytes()):
+                raise ValueError(f"{USD}: {broken}")
+            _compare(shown, Usd.Stage.Open(str(usd)), ledger)
+        else:
+            ledger.row("against the points in USD", None, "m", TOLERANCE)
+        for name in shown.names:
+            shown.vertices(name, 0.0)
+            open_edges = _unpaired(shown.triangles(name))
+            ledger.row(f"edges of '{name}' that do not join two triangles", float(open_edges), "found", 0.0)
+            if open_edges:
+                text = f"'{name}' is open: {open_edges} edges do not join two triangles."
+                ledger.add("bend.open", "disagreement", text, where=name, size=float(open_edges), limit=0.0)
+    except (GltfError, Tf.ErrorException, KeyError, TypeError, ValueError, IndexError) as error:
+        ledger.add("bend.unreadable", "error", f"it cannot be read: {type(error).__name__}, {str(error)[:200]}.")
+    return [ledger]
+
+
+class _Played:
+    """Meshes with morph targets of a glTF file, and the first animation of their weights."""
+
+    def __init__(self, file: Gltf) -> None:
+        self._file = file
+        nodes = read_nodes(file)
+        clips = Clips(file, nodes, parents_first(nodes))
+        world = clips.world({})
+        self._node = {n.name: n.index for n in nodes if "mesh" in n.spec}
+        self._T = {n.name: poses.pose(poses.R_Z_UP_Y_UP) @ world[n.index][0] for n in nodes if "mesh" in n.spec}
+        self.names = tuple(self._node)
+        self._keys: dict[int, tuple[Array, Array]] = {}
+        for animation in file.items("animations"):
+            for channel in animation.get("channels", []):
+                if channel["target"].get("path") == "weights":
+                    sampler = animation["samplers"][channel["sampler"]]
+                    times = file.accessor(sampler["input"])[:, 0]
+                    values = file.accessor(sampler["output"]).reshape(len(times), -1)
+                    self._keys.setdefault(channel["target"]["node"], (times, values))
+
+    def _primitive(self, name: str) -> dict[str, Any]:
+        mesh = self._file.item("meshes", self._file.item("nodes", self._node[name])["mesh"])
+        (primitive,) = mesh["primitives"]
+        return primitive
+
+    def triangles(self, name: str) -> np.ndarray:
+        return self._file.accessor(self._primitive(name)["indices"]).astype(int).reshape(-1, 3)
+
+    def vertices(self, name: str, t: float) -> Array:
+        """Return the vertices (n, 3) in m at a time in s, z up."""
+        primitive = self._primitive(name)
+        v = self._file.accessor(primitive["attributes"]["POSITION"]).copy()
+        targets = primitive.get("targets", [])
+        if targets and self._node[name] in self._keys:
+            times, values = self._keys[self._node[name]]
+            for k, target in enumerate(targets):
+                v += np.interp(t, times, values[:, k]) * self._file.accessor(target["POSITION"])
+        T = self._T[name]
+        return v @ T[:3, :3].T + T[:3, 3]
+
+
+def _compare(shown: _Played, stage: Usd.Stage, ledger: Ledger) -> None:
+    stage.Reload()  # USD keeps layers in memory, but the file may have changed
+    rate = stage.GetTimeCodesPerSecond()
+    meshes = {p.GetName(): UsdGeom.Mesh(p) for p in stage.Traverse() if p.IsA(UsdGeom.Mesh)}
+    for name in sorted({*shown.names} ^ {*meshes}):
+        text = f"'{name}' is in one of {GLB} and {USD} only."
+        ledger.add("bend.missing", "disagreement", text, where=name)
+    for name in shown.names:
+        if name not in meshes:
+            continue
+        points = meshes[name].GetPointsAttr()
+        codes = points.GetTimeSamples()
+        worst, when = 0.0, ""
+        for k in np.unique(np.linspace(0, len(codes) - 1, _TIMES).astype(int)) if codes else ():
+            there, here = np.array(points.Get(codes[k]), float), shown.vertices(name, codes[k] / rate)
+            off = float(np.abs(here - there).max()) if here.shape == there.shape else np.inf
+            if not off <= worst:
+                worst, when = off, f"t = {codes[k] / rate:.3f} s"
+        faces = np.array(meshes[name].GetFaceVertexIndicesAttr().Get()).reshape(-1, 3)
+        if not np.array_equal(faces, shown.triangles(name)):
+            worst, when = np.inf, "triangles"
+        ledger.row(f"vertices of '{name}' against {USD}", worst, "m", TOLERANCE, where=name, when=when)
+        if not worst <= TOLERANCE:
+            off = f"differ by {quantity(worst, 'm')}" if np.isfinite(worst) else "have other vertices or triangles"
+            text = f"'{name}': {GLB} and {USD} {off}."
+            ledger.add("bend.vertices", "disagreement", text, where=name, when=when, size=worst, unit="m",
+                       limit=TOLERANCE)  # fmt: skip
+
+
+def _unpaired(triangles: np.ndarray) -> int:
+    """Return the number of edges that do not join exactly two triangles."""
+    edges = np.sort(triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
+    return int(np.count_nonzero(np.unique(edges, axis=0, return_counts=True)[1] != 2))

@@ -1,0 +1,168 @@
+"""Tables of a scene file on its organs: where they are drawn, what they are made of, and which links touch them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from twin.core.errors import TwinError, unknown
+from twin.core.provenance import Parameter
+from twin.core.spatial import Array
+from twin.core.units import MM
+from twin.model.mechanism import Mechanism
+from twin.model.surface import Surface
+from twin.model.tissue import Pin, Tissue
+from twin.schema import Identifier, Origin, Table, Vector, at
+
+Direction = Literal["x", "-x", "y", "-y", "z", "-z"]
+"""A direction of the world frame."""
+
+
+class PinTable(Table):
+    """A box with corners in mm in the world frame: the nodes of the grid that are inside are fixed."""
+
+    name: Identifier
+    low_mm: Vector
+    high_mm: Vector
+
+    @model_validator(mode="after")
+    def _box(self) -> PinTable:
+        if not all(low < high for low, high in zip(self.low_mm, self.high_mm, strict=True)):
+            raise at("low_mm", f"{list(self.low_mm)} is not below high_mm {list(self.high_mm)} in every direction")
+        return self
+
+
+class TissueTable(Table):
+    """A soft organ: a body of the anatomy with the name of the table.
+
+    The organ is elastic in a grid of `cells` along its three principal axes, the longest first, and keeps its volume.
+    `edge_mm` is the longest edge of its triangles. `damping_s` is the ratio of viscous to elastic stress.
+    """
+
+    edge_mm: float = Field(ge=1, le=1000)
+    cells: tuple[int, int, int]
+    young_kpa: float = Field(ge=0.1, le=1000)
+    poisson: float = Field(ge=0, le=0.49)
+    damping_s: float = Field(ge=0, le=1)
+    density_kg_m3: float = Field(ge=100, le=5000)
+    friction: float = Field(ge=0, le=2)
+    pin: list[PinTable] = Field(min_length=1)
+    provenance: Origin
+    note: str = Field(min_length=1)
+
+    @model_validator(mode="after")
+    def _cells(self) -> TissueTable:
+        if not all(1 <= n <= 4 for n in self.cells):
+            raise at("cells", f"{list(self.cells)} cells; each number must be 1 to 4")
+        return self
+
+
+class AnatomyTable(Table):
+    """The organs of a scene. `file` is a description like that of props, with one body for each organ.
+
+    `touching` names the links of instruments that touch organs, each as "robot/body". If the organs are drawn in a
+    frame of their own, `axes` are the directions of its x, y and z in the world frame, such as ["-y", "x", "z"];
+    `origin_mm` is its origin in the world frame, and a length in it, times `scale`, is the length in the world.
+    """
+
+    file: str
+    axes: tuple[Direction, Direction, Direction] = ("x", "y", "z")
+    origin_mm: Vector = (0.0, 0.0, 0.0)
+    scale: float = Field(1.0, ge=1e-3, le=1e3)
+    touching: list[str] = Field(min_length=1)
+    provenance: Origin
+    note: str = Field(min_length=1)
+
+    @model_validator(mode="after")
+    def _links(self) -> AnatomyTable:
+        for name in self.touching:
+            if name.count("/") != 1:
+                raise at("touching", f"'{name}' is no link; write \"robot/body\"")
+        if not np.isclose(np.linalg.det(self._R_world_drawing), 1.0):
+            raise at("axes", f"{list(self.axes)} are not the axes of a right-handed frame; surfaces would be inverted")
+        return self
+
+    @property
+    def _R_world_drawing(self) -> Array:  # noqa: N802
+        return np.column_stack([np.eye(3)["xyz".index(a[-1])] * (-1.0 if a[0] == "-" else 1.0) for a in self.axes])
+
+    def to_world(self, p_drawing: Array) -> Array:
+        """Return points (n, 3) in m in the World for points of the drawing.
+
+        The paper on the PA-10 virtual surgery robot maps points between its simulator and Blender in this way: axes are
+        swapped, one of them is reversed, then offset and scale (figures 13 to 15).
+        """
+        return p_drawing @ self._R_world_drawing.T * self.scale + np.array(self.origin_mm) * MM
+
+    def to_drawing(self, p_world: Array) -> Array:
+        """Return points (n, 3) in m of the drawing for points in the World: the inverse of `to_world`."""
+        return (p_world - np.array(self.origin_mm) * MM) @ self._R_world_drawing / self.scale
+
+
+def tissues(
+    file: Path,
+    whole: AnatomyTable,
+    tables: Mapping[str, TissueTable],
+    anatomy: Mechanism,
+    poses: Mapping[str, Array],
+) -> tuple[Tissue, ...]:
+    """Return the organs of a scene, in the World.
+
+    Args:
+        file: the scene file, for messages.
+        whole: the frame of the drawing.
+        tables: material of each organ, by body of the anatomy.
+        anatomy: the mechanism that contains the organs as bodies.
+        poses: T_drawing_body (4, 4) of each body.
+
+    Raises:
+        TwinError: a body is missing, or its surface is open, inverted or too fine.
+    """
+    bodies = {b.name: b for b in anatomy.bodies}
+    out = []
+    for name, table in tables.items():
+        if name not in bodies:
+            raise TwinError(f"{file}: tissue: {unknown('body of the anatomy', name, bodies)}")
+        parts = bodies[name].meshes
+        if len(parts) != 1:
+            raise TwinError(f"{file}: tissue '{name}' has {len(parts)} parts; draw it as one solid")
+        T = poses[name]
+        vertices = whole.to_world(parts[0].vertices @ T[:3, :3].T + T[:3, 3])
+        try:
+            surface = Surface(name, vertices, parts[0].triangles, table.edge_mm * MM)
+        except TwinError as error:
+            raise TwinError(f"{file}: {error}") from None
+        pins = tuple(Pin(p.name, np.array(p.low_mm) * MM, np.array(p.high_mm) * MM) for p in table.pin)
+        tissue = Tissue(
+            name, surface, table.cells, table.young_kpa * 1e3, table.poisson, table.damping_s, table.density_kg_m3,
+            table.friction, pins, parts[0].color_rgba,
+        )  # fmt: skip
+        out.append(tissue)
+    return tuple(out)
+
+
+def parameters(tables: Mapping[str, TissueTable]) -> list[Parameter]:
+    """Return the numbers of the organs with their provenance."""
+    out = []
+    for name, t in tables.items():
+        origin = (t.provenance, t.note)
+        out += [
+            Parameter(f"tissue {name} edge", t.edge_mm * MM, "mm", t.edge_mm, *origin),
+            Parameter(f"tissue {name} Young's modulus", t.young_kpa * 1e3, "kPa", t.young_kpa, *origin),
+            Parameter(f"tissue {name} Poisson's ratio", t.poisson, "1", t.poisson, *origin),
+            Parameter(f"tissue {name} damping", t.damping_s, "s", t.damping_s, *origin),
+            Parameter(f"tissue {name} density", t.density_kg_m3, "kg/m3", t.density_kg_m3, *origin),
+            Parameter(f"tissue {name} friction", t.friction, "1", t.friction, *origin),
+        ]
+        out += [
+            Parameter(f"tissue {name} cells {k}", float(n), "1", float(n), *origin) for k, n in enumerate(t.cells, 1)
+        ]
+        for pin in t.pin:
+            for side, corner in (("low", pin.low_mm), ("high", pin.high_mm)):
+                for axis, v in zip("xyz", corner, strict=True):
+                    out.append(Parameter(f"tissue {name} pin {pin.name} {side} {axis}", v * MM, "mm", v, *origin))
+    return out

@@ -1,0 +1,165 @@
+"""Closed triangle surfaces: checks, even triangles, volume, and which points are inside."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from twin.core.errors import TwinError
+from twin.core.spatial import Array, Index
+from twin.core.units import MM
+
+VERTICES = 6000
+"""Largest number of vertices of a surface that is simulated; the frames of a page contain each of them."""
+
+_SAME = 1e-9
+"""Distance in m below which two vertices are one: neighbouring faces of a STEP file have vertices of their own."""
+
+
+class Surface:
+    """A closed surface whose triangles are counter-clockwise seen from outside.
+
+    Attributes:
+        vertices: (n, 3) in m.
+        triangles: (m, 3) indices of vertices.
+    """
+
+    def __init__(self, name: str, vertices: Array, triangles: Index, edge: float = np.inf) -> None:
+        """Weld equal vertices and halve edges until none is longer than `edge` in m.
+
+        Raises:
+            TwinError: the surface is empty, not finite, open, inverted, or has more than `VERTICES` vertices.
+        """
+        v, f = np.asarray(vertices, float).reshape(-1, 3), np.asarray(triangles, int).reshape(-1, 3)
+        if not len(f) or not np.isfinite(v).all():
+            raise TwinError(f"surface '{name}' is {'not finite' if len(f) else 'empty'}; draw it again")
+        _, first, index = np.unique(np.rint(v / _SAME), axis=0, return_index=True, return_inverse=True)
+        v, f = v[first], index.reshape(-1)[f]
+        f = f[(f[:, 0] != f[:, 1]) & (f[:, 1] != f[:, 2]) & (f[:, 2] != f[:, 0])]
+        _require_closed(name, v, f)
+        if (content := volume(v, f)) <= 0:
+            raise TwinError(
+                f"surface '{name}' is inverted: its volume is {content * 1e6:.3g} cm3, because its triangles are "
+                "clockwise seen from outside; swap two corners of each triangle"
+            )
+        while len(v) <= VERTICES and (halved := _halved(v, f, edge)) is not None:
+            v, f = halved
+        if len(v) > VERTICES:
+            raise TwinError(
+                f"surface '{name}' is too fine: more than {VERTICES} vertices; "
+                + ("allow longer edges" if np.isfinite(edge) else "draw it coarser")
+            )
+        self.name, self.vertices, self.triangles = name, v, f
+
+    @property
+    def volume(self) -> float:
+        """Volume in m3."""
+        return volume(self.vertices, self.triangles)
+
+
+def volume(vertices: Array, triangles: Index) -> float:
+    """Return the volume in m3 that the triangles (m, 3) of a closed surface enclose."""
+    a, b, c = (vertices[triangles[:, k]] for k in range(3))
+    return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6)
+
+
+def inside(points: Array, vertices: Array, triangles: Index) -> np.ndarray:
+    """Return for each point (k, 3) whether it is inside a closed surface, by its winding number.
+
+    The solid angle of a triangle is that of A. van Oosterom and J. Strackee, doi:10.1109/TBME.1983.325207.
+    """
+    points = np.asarray(points, float).reshape(-1, 3)
+    out = np.zeros(len(points), bool)
+    near = np.flatnonzero(((points > vertices.min(axis=0)) & (points < vertices.max(axis=0))).all(axis=1))
+    for k in near.tolist():
+        a, b, c = (vertices[triangles[:, j]] - points[k] for j in range(3))
+        la, lb, lc = (np.linalg.norm(x, axis=1) for x in (a, b, c))
+        up = np.einsum("ij,ij->i", a, np.cross(b, c))
+        down = (
+            la * lb * lc
+            + np.einsum("ij,ij->i", a, b) * lc
+            + np.einsum("ij,ij->i", b, c) * la
+            + np.einsum("ij,ij->i", c, a) * lb
+        )
+        out[k] = np.arctan2(up, down).sum() > np.pi
+    return out
+
+
+def rings(triangles: Index, start: int) -> Index:
+    """Return the level (m,) of each triangle around a touched one, -1: not connected with it.
+
+    Level 0 is the touched triangle, level 1 the triangles that share a corner with it, level 2 those that share a
+    corner with level 1, and so on, as in figure 19 of the paper on the PA-10 virtual surgery robot.
+    """
+    level = np.full(len(triangles), -1)
+    level[start] = 0
+    for k, ring in enumerate(_outwards(triangles, start), 1):
+        level[ring] = k
+    return level
+
+
+def _outwards(triangles: Index, start: int) -> Iterator[Index]:
+    reached = np.zeros(int(triangles.max()) + 1, bool)
+    left = np.ones(len(triangles), bool)
+    left[start] = False
+    reached[triangles[start]] = True
+    while True:
+        ring = np.flatnonzero(left & reached[triangles].any(axis=1))
+        if not len(ring):
+            return
+        yield ring
+        left[ring] = False
+        reached[triangles[ring]] = True
+
+
+def _sides(triangles: Index) -> Index:
+    """Return the three sides of each triangle (m, 3, 2), from corner 0 to 1, 1 to 2, and 2 to 0."""
+    return triangles[:, [[0, 1], [1, 2], [2, 0]]]
+
+
+def _require_closed(name: str, vertices: Array, triangles: Index) -> None:
+    """Raise unless each side belongs to two triangles, which pass it in opposite directions."""
+    sides = _sides(triangles).reshape(-1, 2)
+    _, index = np.unique(np.sort(sides, axis=1), axis=0, return_inverse=True)
+    index = index.reshape(-1)
+    count = np.bincount(index)
+    balance = np.bincount(index, np.where(sides[:, 0] < sides[:, 1], 1.0, -1.0))
+    wrong = (count != 2)[index]
+    if not wrong.any() and not balance.any():
+        return
+    what = "is open" if wrong.any() else "has triangles of both orientations"
+    bad = sides[wrong if wrong.any() else (balance != 0)[index]]
+    x, y, z = (vertices[bad[0]].mean(axis=0) / MM).tolist()
+    raise TwinError(
+        f"surface '{name}' {what}: {len(np.unique(np.sort(bad, axis=1), axis=0))} sides do not join two triangles, "
+        f"one of them at ({x:.1f}, {y:.1f}, {z:.1f}) mm; a deformable needs a closed surface"
+    )
+
+
+def _halved(v: Array, f: Index, edge: float) -> tuple[Array, Index] | None:
+    """Return the surface with a new vertex in the middle of each side longer than `edge`; None: there is none."""
+    if not np.isfinite(edge):
+        return None
+    sides = np.sort(_sides(f).reshape(-1, 2), axis=1)
+    unique, index = np.unique(sides, axis=0, return_inverse=True)
+    long = np.linalg.norm(v[unique[:, 0]] - v[unique[:, 1]], axis=1) > edge
+    if not long.any():
+        return None
+    middle = np.full(len(unique), -1)
+    middle[long] = len(v) + np.arange(int(long.sum()))
+    m = middle[index.reshape(-1, 3)]
+    # turn each triangle so that its first side is halved; of two halved sides they are the first and the second
+    count = (m >= 0).sum(axis=1)
+    turn = np.where(count == 1, np.argmax(m >= 0, axis=1), np.where(count == 2, (np.argmin(m, axis=1) + 1) % 3, 0))
+    order = (turn[:, None] + np.arange(3)) % 3
+    (a, b, c), (p, q, r) = np.take_along_axis(f, order, 1).T, np.take_along_axis(m, order, 1).T
+    none, one, two, three = (count == k for k in range(4))
+    parts = [
+        (none, (a, b, c)),
+        (one, (a, p, c)), (one, (p, b, c)),
+        (two, (p, b, q)), (two, (a, p, q)), (two, (a, q, c)),
+        (three, (a, p, r)), (three, (p, b, q)), (three, (r, q, c)), (three, (p, q, r)),
+    ]  # fmt: skip
+    triangles = np.concatenate([np.stack([x[which] for x in corners], axis=1) for which, corners in parts])
+    return np.concatenate([v, (v[unique[long, 0]] + v[unique[long, 1]]) / 2]), triangles

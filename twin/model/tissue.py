@@ -1,0 +1,129 @@
+"""A soft organ: a closed surface in a grid of cells, whose nodes move; its material, and what holds it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from twin.core import spatial
+from twin.core.errors import TwinError
+from twin.core.spatial import Array, Index
+from twin.core.units import MM
+from twin.model.deformable import Deformable
+from twin.model.mechanism import Mesh
+from twin.model.surface import Surface
+
+
+@dataclass(frozen=True)
+class Pin:
+    """A box in the World, corners `low` and `high` (3,) in m; it holds the nodes of the grid that are inside."""
+
+    name: str
+    low: Array
+    high: Array
+
+
+@dataclass(frozen=True)
+class Tissue:
+    """A soft organ. The nodes of its grid move; its vertices follow by trilinear interpolation in their cell.
+
+    Attributes:
+        name: identifier, unique among deformables, robots, props and objects.
+        surface: closed surface at rest, in the World.
+        cells: number of cells along the three axes of the grid.
+        young: Young's modulus in Pa.
+        poisson: Poisson's ratio.
+        damping: ratio of viscous to elastic stress in s.
+        density: in kg/m3.
+        friction: coefficient of sliding friction.
+        pins: what holds it.
+        color_rgba: linear, 0..1.
+    """
+
+    name: str
+    surface: Surface
+    cells: tuple[int, int, int]
+    young: float
+    poisson: float
+    damping: float
+    density: float
+    friction: float
+    pins: tuple[Pin, ...]
+    color_rgba: tuple[float, float, float, float] = (0.7, 0.3, 0.3, 1.0)
+
+    @cached_property
+    def T_world_grid(self) -> Array:  # noqa: N802
+        """Pose (4, 4) of the grid: its axes are the principal axes of the surface, its origin is the lowest corner."""
+        v = self.surface.vertices
+        axes = np.linalg.svd(v - v.mean(axis=0), full_matrices=False)[2]
+        # the sign of a principal axis is arbitrary: its largest component is positive
+        axes *= np.sign(np.take_along_axis(axes, np.argmax(np.abs(axes), axis=1)[:, None], 1))
+        axes[2] = np.cross(axes[0], axes[1])
+        T = spatial.pose(axes.T)
+        T[:3, 3] = axes.T @ ((v @ axes.T).min(axis=0))
+        return T
+
+    @cached_property
+    def local(self) -> Array:
+        """Vertices (n, 3) at rest in the frame of the grid in m."""
+        T = self.T_world_grid
+        return (self.surface.vertices - T[:3, 3]) @ T[:3, :3]
+
+    @cached_property
+    def cell(self) -> Array:
+        """Edges (3,) of a cell in m."""
+        return self.local.max(axis=0) / self.cells
+
+    @cached_property
+    def nodes(self) -> Array:
+        """Nodes (k, 3) at rest in the World in m; the index along the third axis of the grid changes first."""
+        index = np.stack(np.meshgrid(*(np.arange(c + 1) for c in self.cells), indexing="ij"), axis=-1).reshape(-1, 3)
+        T = self.T_world_grid
+        return (index * self.cell) @ T[:3, :3].T + T[:3, 3]
+
+    @cached_property
+    def weights(self) -> Array:
+        """Weights (n, k): vertices = weights @ nodes."""
+        cells = np.array(self.cells)
+        at = self.local / self.cell
+        low = np.clip(np.floor(at).astype(int), 0, cells - 1)
+        part = at - low
+        out = np.zeros((len(at), len(self.nodes)))
+        rows = np.arange(len(at))
+        for corner in np.ndindex(2, 2, 2):
+            i, j, k = (low + corner).T
+            share = np.where(corner, part, 1 - part).prod(axis=1)
+            out[rows, (i * (cells[1] + 1) + j) * (cells[2] + 1) + k] += share
+        return out
+
+    @cached_property
+    def held(self) -> Index:
+        """Indices of the nodes that a pin holds.
+
+        Raises:
+            TwinError: a pin holds no node, or all pins together hold fewer than three nodes or nodes in one line.
+        """
+        found = np.zeros(len(self.nodes), bool)
+        for pin in self.pins:
+            here = ((self.nodes >= pin.low) & (self.nodes <= pin.high)).all(axis=1)
+            if not here.any():
+                low, high = (np.round(x / MM).tolist() for x in (self.nodes.min(axis=0), self.nodes.max(axis=0)))
+                raise TwinError(f"tissue '{self.name}': pin '{pin.name}' holds none of the {len(self.nodes)} nodes of "
+                                f"the grid, which are between {low} and {high} mm; enlarge its box")  # fmt: skip
+            found |= here
+        index = np.flatnonzero(found)
+        spread = self.nodes[index] - self.nodes[index].mean(axis=0) if len(index) else np.zeros((1, 3))
+        if np.linalg.matrix_rank(spread, tol=MM) < 2:
+            raise TwinError(
+                f"tissue '{self.name}': its pins hold {len(index)} nodes; at least three that are not in one line are "
+                "needed, or the organ moves as a whole"
+            )
+        return index
+
+    @property
+    def deformable(self) -> Deformable:
+        """The deformable of the World, with the signal `<name>.nodes`."""
+        mesh = Mesh(self.name, self.surface.vertices, self.surface.triangles.astype(np.int32), self.color_rgba)
+        return Deformable(self.name, mesh, weights=self.weights)

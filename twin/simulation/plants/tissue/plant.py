@@ -1,0 +1,79 @@
+"""Soft organs in a World: a plant that follows the joint values of the robots."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from twin.core.errors import WorldError, unknown
+from twin.core.spatial import Array
+from twin.model.mechanism import Mechanism
+from twin.model.tissue import Tissue
+from twin.reference import ReferenceModel
+from twin.simulation.plants.tissue.organs import PERIOD, SLOWEST, Organs, Tool
+from twin.simulation.world import Block, Signals
+
+
+class Links:
+    """The links of a robot that touch organs, with their poses from the joint values."""
+
+    def __init__(self, robot: str, mechanism: Mechanism, T_world_base: Array, bodies: Sequence[str], q: Array) -> None:
+        """Solve the mechanism at joint values q (n,) at the start.
+
+        Raises:
+            WorldError: the robot has no such body.
+            AssemblyError: the loops of the mechanism cannot be closed.
+        """
+        known = {b.name: b for b in mechanism.bodies}
+        for name in bodies:
+            if name not in known:
+                raise WorldError(unknown(f"body of {robot}", name, known))
+        self.signal = f"{robot}.q"
+        self.tools = [Tool(robot, known[name]) for name in bodies]
+        self._T_world_base, self._model = np.array(T_world_base, float), ReferenceModel(mechanism)
+        self._last = self._model.solve(np.asarray(q, float))
+
+    def poses(self, q: Array | None = None) -> list[Array]:
+        """Return T_world_link (4, 4) of each link at joint values q (n,); None: at the latest ones."""
+        if q is not None and not np.array_equal(q, self._last.q):
+            self._last = self._model.solve(q.copy(), self._last)
+        return [self._T_world_base @ self._last.link_poses[tool.body.name] for tool in self.tools]
+
+
+class Tissues(Block):
+    """Reads `<robot>.q`; writes the nodes of the organs and what touches them.
+
+    The links are exactly where the joint values put them; the organs give way.
+
+    Signals:
+        `<organ>.nodes` (3 k,): nodes of its grid in the World in m; the vertices follow by `Tissue.weights`.
+        `<organ>.touched`: index of the triangle that is pressed deepest; -1: nothing touches the organ.
+        `<organ>.force` (3,): total contact force on the organ in the World in N.
+    """
+
+    def __init__(self, tissues: Sequence[Tissue], robots: Sequence[Links], period: float = PERIOD) -> None:
+        """Build the organs; `period`: time in s between two steps, a multiple of the World's tick.
+
+        Raises:
+            WorldError: a number is out of range, the period is longer than 20 ms, or a link is inside an organ.
+        """
+        self.period, self._robots = period, tuple(robots)
+        if not period <= SLOWEST:
+            raise WorldError(f"organs step every {period * 1e3:g} ms; at most {SLOWEST * 1e3:g} ms is allowed")
+        poses = [T for r in robots for T in r.poses()]
+        self.organs = Organs(tissues, [t for r in robots for t in r.tools], poses, period)
+        self.outputs = self._signals()
+
+    def step(self, signals: Signals, t: float, dt: float) -> Mapping[str, ArrayLike]:
+        """Move the links to their joint values, and the organs by the contact forces."""
+        self.organs.step([T for r in self._robots for T in r.poses(signals.now[r.signal])])
+        return self._signals()
+
+    def _signals(self) -> dict[str, ArrayLike]:
+        out: dict[str, ArrayLike] = {}
+        for name, touch in self.organs.touches().items():
+            out |= {f"{name}.nodes": self.organs.nodes[name].ravel(), f"{name}.force": touch.force}
+            out[f"{name}.touched"] = float(touch.triangle)
+        return out

@@ -1,0 +1,76 @@
+"""The soft organs of a scene, and the links that touch them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from twin.core.errors import TwinError
+from twin.core.spatial import Array
+from twin.model import anatomy
+from twin.model.bend import Bend
+from twin.model.mechanism import Mechanism
+from twin.model.scene import Scene
+from twin.model.tissue import Tissue
+from twin.reference import ReferenceModel
+from twin.simulation.plants.tissue import Links, Organs, Tool
+
+
+def tissues(scene: Scene, drawn: Mechanism | None) -> tuple[Tissue, ...]:
+    """Return the organs of a scene from the mechanism of its anatomy; empty if the scene has none.
+
+    Raises:
+        TwinError: an organ is not drawn, or its surface is open, inverted or too fine.
+    """
+    if drawn is None or scene.anatomy is None:
+        return ()
+    return anatomy.tissues(scene.file, scene.anatomy, scene.tissues, drawn, ReferenceModel(drawn).home().link_poses)
+
+
+def touching(scene: Scene) -> dict[str, list[str]]:
+    """Return the bodies that touch organs, by robot."""
+    out: dict[str, list[str]] = {}
+    for name in () if scene.anatomy is None else scene.anatomy.touching:
+        robot, body = name.split("/")
+        out.setdefault(robot, []).append(body)
+    return out
+
+
+def links(scene: Scene, mechanisms: Mapping[str, Mechanism], q: Mapping[str, Array]) -> list[Links]:
+    """Return the links that touch organs, at joint values q (n,) of each robot.
+
+    Raises:
+        WorldError: a robot has no such body.
+        TwinError: a robot of [anatomy] is not among the mechanisms.
+    """
+    places = {p.name: p for p in scene.places}
+    out = []
+    for robot, bodies in touching(scene).items():
+        if robot not in mechanisms:
+            raise TwinError(f"scene '{scene.name}': no mechanism for '{robot}', which touches organs")
+        out.append(Links(robot, mechanisms[robot], places[robot].T_world_base, bodies, q[robot]))
+    return out
+
+
+def followed(tissues: Sequence[Tissue], tools: Sequence[Tool], poses: Sequence[Array], period: float) -> list[Bend]:
+    """Return how the organs move while the links do.
+
+    Args:
+        tissues: the organs.
+        tools: the links that touch them.
+        poses: T_world_link (k, 4, 4) of each link.
+        period: time in s between two poses.
+
+    Raises:
+        WorldError: a link is inside an organ at the start.
+    """
+    organs = Organs(tissues, tools, [Ts[0] for Ts in poses], period)
+    rows = {t.name: [organs.nodes[t.name]] for t in tissues}
+    count = len(poses[0])
+    for k in range(1, count):
+        organs.step([Ts[k] for Ts in poses])
+        for name, row in rows.items():
+            row.append(organs.nodes[name])
+    times = period * np.arange(count, dtype=float)
+    return [Bend(t.deformable.mesh, t.weights, times, np.stack(rows[t.name])) for t in tissues]

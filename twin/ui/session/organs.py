@@ -1,0 +1,65 @@
+"""The soft organs of a scene in the pages: they give way to the robots as these are displayed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from twin.core import spatial
+from twin.core.spatial import Array
+from twin.model.mechanism import Body
+from twin.model.tissue import Tissue
+from twin.simulation.frame import Frame
+from twin.simulation.plants.tissue import Organs, Tool
+from twin.ui.session.feed import Surface
+from twin.ui.session.timeline import RATE
+
+_BEHIND = 4
+"""Largest number of steps for one picture; a page that is slower shows organs that follow more slowly."""
+
+_AWAY = spatial.pose(p=np.array([0.0, 0.0, 100.0]))
+"""Pose of the links before the first picture: a link that is inside an organ there has jumped into it."""
+
+
+class OrganFeed:
+    """A feed whose vertices follow the links; time does not move them.
+
+    Attributes:
+        surfaces: triangles and colours by organ.
+        duration: 0, because organs have no protocol.
+        touching: names of the links that touch organs, by robot.
+    """
+
+    duration = 0.0
+
+    def __init__(self, tissues: Sequence[Tissue], links: Mapping[str, Sequence[Body]]) -> None:
+        """Build the organs; `links`: bodies that touch them, by robot."""
+        self.surfaces = {t.name: Surface(t.surface.triangles, t.color_rgba[:3]) for t in tissues}
+        self.touching = {robot: tuple(b.name for b in bodies) for robot, bodies in links.items()}
+        tools = [Tool(robot, body) for robot, bodies in links.items() for body in bodies]
+        self.organs = Organs(tissues, tools, [_AWAY] * len(tools), 1 / RATE)
+        self._left, self._first = 0.0, True
+        self._fields = {t.name: t.surface.vertices for t in tissues}
+
+    def follow(self, links: Mapping[str, Mapping[str, Array]], passed: float) -> bool:
+        """Move the organs; return whether one has moved.
+
+        Args:
+            links: T_world_link (4, 4) by robot and link; at least those that touch organs.
+            passed: time in s since the last call.
+        """
+        poses = [links[tool.robot][tool.body.name] for tool in self.organs.tools]
+        self._left = min(self._left + passed * RATE, float(_BEHIND))
+        steps, self._first = max(int(self._left + 1e-9), int(self._first)), False
+        self._left = max(self._left - steps, 0.0)
+        moved = False
+        for _ in range(steps):
+            moved |= self.organs.step(poses)
+        if moved:
+            self._fields = {name: self.organs.vertices(name) for name in self.surfaces}
+        return moved
+
+    def at(self, t: float) -> Frame:
+        """Return the present vertices, at a time in s."""
+        return Frame(t, {}, self._fields)
