@@ -74,8 +74,8 @@ class CameraSurgeon(SurgeonHands):
         self.missed: list[str] = []
         super().__init__(device, arms, camera, view, scale, dt, seed, habits or HABITS)
 
-    def _said(self, t: float) -> dict[str, ArrayLike]:
-        return super()._said(t) | {"surgeon.target": 0.0}
+    def _said(self, k: int) -> dict[str, ArrayLike]:
+        return super()._said(k) | {"surgeon.target": 0.0}
 
     def _work(self) -> Iterator[None]:
         yield from self._rest(0.3)
