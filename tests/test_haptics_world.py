@@ -142,7 +142,7 @@ def psm():
 def test_a_point_of_the_shaft_moves_as_the_lever_says(psm):
     """Against the inverse kinematics: the tool moves by 10 um at constant attitude."""
     mechanism, kin = psm
-    gripper = Gripper("psm", mechanism, kin.forward, spatial.pose(spatial.rotation_z(1.0), (0.1, 0, 0)), 0.02)
+    gripper = Gripper("psm", mechanism, kin, spatial.pose(spatial.rotation_z(1.0), (0.1, 0, 0)), 0.02)
     q, R_base = mechanism.posture("aside"), spatial.rotation_z(1.0)
     T, start = kin.forward(q), gripper.poses(q)
     levers = Levers(gripper)
@@ -196,7 +196,7 @@ def test_a_held_ring_is_felt_where_it_would_be(psm):
         out[2] += 4 * MM * np.clip((t - 0.3) / 0.2, 0, 1)
         return out
 
-    gripper = Gripper("psm", mechanism, kin.forward, np.eye(4), 0.02)
+    gripper = Gripper("psm", mechanism, kin, np.eye(4), 0.02)
     plate = Solid("plate", [plate], 0.5)
     contact = Contact([ring], [plate], [gripper], {"psm": q0}, gravity=(0, 0, 0), feels=True)
     world = World(objects=[ring], plants=[Led(q), contact], records=False)

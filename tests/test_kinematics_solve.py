@@ -312,7 +312,7 @@ def test_bad_tasks_are_refused(arm):
         (lambda: Pose(np.eye(4), (0,) * 6), "mask"),
         (lambda: Tip([1, 2]), "finite vector of 3"),
         (lambda: Trocar([0, 0, 0], (0, 0, 0)), "axis has length 0"),
-        (lambda: Trocar([0, 0, 0], depth=-1), "not beyond"),
+        (lambda: Trocar([0, 0, 0], depth=-1), "depth -1 m must be above 0"),
         (lambda: Joints([np.nan]), "finite vector"),
         (lambda: 0 * Tip([0, 0, 0]), "weight must be positive"),
         (lambda: solve(arm, Joints([0.0])), "1 values for 6 joints"),

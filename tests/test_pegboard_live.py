@@ -247,7 +247,8 @@ def test_an_object_inside_an_instrument_is_named(scene, robots, props):
     wire = spatial.pose(p=[scene.objects[0].size[0], 0, 0])
     first = replace(scene.objects[0], T_world_object=start @ wire)
     wrong = replace(scene, objects=(first, *scene.objects[1:]))
-    text = rf"'(ring1|{arm.name}/\w+)' and '(ring1|{arm.name}/\w+)' overlap by \d\.\d+ mm at the start; at most 0\.1 mm"
+    thing = rf"'(ring1|{arm.name}/\w+)'"
+    text = rf"{thing} and {thing} overlap by \d\.\d+ mm at the start \(allowed: 0\.1 mm\)"
     with pytest.raises(WorldError, match=text):
         LiveConsole(wrong, robots, task=scene.tasks["pegboard"], props=props)
 
@@ -256,7 +257,7 @@ def test_a_task_without_a_goal_is_named(scene, tmp_path):
     body = scene.file.read_text(encoding="utf-8").replace('props = "theatre.toml"\n', "")
     aimless = '[task.idle]\ntitle = "nothing to do"\nprovenance = "ASSUMED"\nnote = "x"\n'
     (tmp_path / "scene.toml").write_text(body + "\n" + aimless, encoding="utf-8")
-    with pytest.raises(DescriptionError, match="a task needs `target` or `transfer`, with at least one entry"):
+    with pytest.raises(DescriptionError, match="a task needs `target` or `transfer` with at least one entry"):
         twin.load_scene(tmp_path / "scene.toml")
 
 
