@@ -101,6 +101,7 @@ def test_a_single_file_is_audited_alone(good):
         assert grave(audit(good / name).findings) == [], name
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("robot", sorted(p.name for p in (ROOT / "usd").iterdir()))
 def test_committed_stages_at_rest_have_no_findings(robot):
     assert grave(audit(ROOT / "usd" / robot / f"{robot}.usda").findings) == []

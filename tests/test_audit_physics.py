@@ -87,6 +87,7 @@ MECHANISMS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", MECHANISMS)
 def test_the_mechanism_outweighs_all_files(name, bars):
     edit, codes = MECHANISMS[name]

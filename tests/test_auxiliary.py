@@ -114,6 +114,7 @@ def test_it_is_planned_the_tool_standing_still(trajectory):
     np.testing.assert_allclose(steady, 40 * DEG, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_it_agrees_and_a_wrong_row_of_the_arm_is_found_and_cured(folder, robot, trajectory, capsys):
     report = api.validate(robot, trajectory)
     assert report.verdict == "agree", report.findings

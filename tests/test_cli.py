@@ -429,6 +429,7 @@ def test_validate_all_protocols_of_sils(run, no_pictures):
 # -------------------------------------------------------------------------------------------------------- run
 
 
+@pytest.mark.slow
 def test_run_goes_from_cad_to_report(run, tmp_path):
     result = run("run", "sils", "--protocol", SHORT, "--out", "demo")
     assert result.code == 0
@@ -675,6 +676,7 @@ def test_a_notice_says_whose_python_is_run(run, tmp_path, caplog):
     assert not caplog.records
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["äöü 日本", os.fsdecode(b"\xff\xfe")], ids=["text", "bytes"])
 def test_names_of_files_that_the_locale_does_not_know(tmp_path, name):
     """LC_ALL=C is not a reason to fail; bytes that are no text are, in one line."""

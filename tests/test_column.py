@@ -34,6 +34,7 @@ def test_it_is_planned_and_judged(robot, trajectory):
     assert report.verdict == "agree", report.findings
 
 
+@pytest.mark.slow
 def test_it_is_exported_and_read_back_with_the_same_dynamics(robot, tmp_path):
     out = tmp_path / "out"
     report = api.export(robot, folder=out, formats=("usd", "mjcf", "urdf"))

@@ -315,6 +315,7 @@ def test_cache_keeps_the_newest(cache, monkeypatch):
 # -- formulas of robots ----------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", twin.names())
 def test_formulas_give_the_same_in_many_rows_and_in_few(name, monkeypatch):
     from twin.core import spatial

@@ -148,6 +148,7 @@ def test_no_rewrite_of_any_robot_is_a_fault(cases, tmp_path):
     check_rewrites(cases, REWRITES, tmp_path)
 
 
+@pytest.mark.slow
 def test_a_slip_of_a_stranger_is_undone(strangers, tmp_path):
     slips = (
         ("delta", "np.cos(phi)", "np.cos(r)"),  # what a line before it in the loop assigns

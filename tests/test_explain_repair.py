@@ -200,6 +200,7 @@ def test_values_are_those_of_casadi(sils, truth):
     assert set(mine) == set(sils.equations[0].outputs)
 
 
+@pytest.mark.slow
 def test_command(capsys):
     from twin.cli import main
 

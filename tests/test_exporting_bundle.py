@@ -122,6 +122,7 @@ def test_readers_of_their_own_agree(made, proof):
     assert all(c["worst"] <= 1e-6 for c in compared)
 
 
+@pytest.mark.slow
 def test_the_same_robot_gives_the_same_bytes(made, no_audit, tmp_path):
     """Without a second audit: only proof.json, which holds its rows, is then another."""
     again = api.export(api.load("sils"), folder=tmp_path / "x", formats=FORMATS, protocols=[SHORT])

@@ -144,6 +144,7 @@ def third_party(name):
     return folder / name / "robot.urdf"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", thinned(PARALLEL, every=3))
 def test_third_party_loops_close_and_come_back_from_usd(name, tmp_path, rng):
     imported, folder, stage = same.made(third_party(name), "robot", tmp_path / "robot")

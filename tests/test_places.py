@@ -136,11 +136,13 @@ def played(request) -> Played:
     return play(*request.param)
 
 
+@pytest.mark.slow
 def test_nothing_is_sunk(played):
     """Before the insertion nothing is in the patient; after it only what goes through the port, and never the table."""
     assert not list(faults(played))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("by_mm", [(0, 0, 120), (40, 0, 0)])
 def test_a_patient_elsewhere_is_caught(played, by_mm):
     """Of each played protocol: the same patient beside its port, or above it, is run through."""

@@ -422,6 +422,7 @@ def person(davinci, robots, tmp_path_factory):
     return path
 
 
+@pytest.mark.slow
 def test_the_hands_of_a_person_replay_in_another_process(person):
     told = subprocess.run(
         [sys.executable, "-m", "twin", "session", str(person), "--json"], capture_output=True, text=True, check=True

@@ -205,6 +205,7 @@ def test_a_slide_without_limits_is_named(robots):
         joints.by_joints(robot, 1000)
 
 
+@pytest.mark.slow
 def test_workspace_command_writes_what_others_read(tmp_path, capsys):
     import trimesh
     from pxr import Usd, UsdGeom

@@ -317,6 +317,7 @@ def _text(folder, file):
     path.write_text(path.read_text("utf-8").replace(old, new), "utf-8")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("seed", "file", "beside"),
     [

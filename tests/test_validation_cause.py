@@ -171,6 +171,7 @@ def printed(short):
     return twin.validate(*short, protocol=PROTOCOL, variants={"eq1": "printed"})
 
 
+@pytest.mark.slow
 def test_one_fault_has_one_number_everywhere(printed):
     from twin.ui.report.html import key_figures, reason, word
 

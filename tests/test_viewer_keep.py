@@ -95,6 +95,7 @@ def lines_are_kept(old: str, new: str) -> bool:
 # ------------------------------------------------------------------------------------------------- postures
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", twin.names())
 def test_a_posture_comes_back_with_the_robot(name, copied, rng):
     path = copied(name)

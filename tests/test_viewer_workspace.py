@@ -111,6 +111,7 @@ def test_poses_begin_at_the_present_one_and_fill_the_box_evenly_from_the_start(s
     np.testing.assert_array_equal(poses(sils, 700, 900), Ts[700:900])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["sils", "sher", "pa10", "lapbot"])
 def test_agrees_pose_by_pose_with_the_equations(name, monkeypatch):
     monkeypatch.setattr(workspace, "CHUNK", 150)

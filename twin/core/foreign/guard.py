@@ -145,7 +145,7 @@ def _wait(process: subprocess.Popen[bytes]) -> tuple[int, bool]:
     try:
         while process.poll() is None:
             time.sleep(pause)
-            pause = min(1.5 * pause, 0.1)
+            pause = min(1.5 * pause, 0.02)
             now = _asleep(process.pid)
             if not now or now != before:
                 before, since = now, time.monotonic()
