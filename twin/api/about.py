@@ -62,11 +62,11 @@ class Info(Result):
         yield Table(("joint", "type", "between", "limits", ""), [_joint_row(j) for j in data["joints"]])
         yield ""
         yield from _motors(data["actuators"], data["transmissions"])
+        yield "  equations and their variants (* in use)" if data["variants"] else "  no equations"
         for name, choices in data["variants"].items():
             for variant, reason in choices.items():
-                yield f" {'*' if data['chosen'][name] == variant else ' '}{name}={variant}: {reason}"
-        if not data["variants"]:
-            yield "  no equations"
+                used = "*" if data["chosen"][name] == variant else " "
+                yield f"  {used}{name}={variant}" + (f": {reason}" if reason else "")
         if data["parameters"]:
             yield "\n  parameters (* assumed: not published)"
             # The dimensions of the CAD come last, because there are many.
