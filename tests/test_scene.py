@@ -104,7 +104,7 @@ def test_a_base_beside_its_place_and_robots_that_meet_are_found(tmp_path, capsys
     """Seeded: Hibou moved by 150 mm towards Lapbot runs into it and misses its port by as much."""
     for file in ("theatre.toml", "vsrs.step"):
         shutil.copy(VSRS.with_name(file), tmp_path)
-    body = VSRS.read_text(encoding="utf-8")
+    body = VSRS.read_text(encoding="utf-8").split("[anatomy]")[0]
     hibou = next(p for p in load_scene(VSRS).places if p.name == "hibou")
     x, y, z = hibou.T_world_base[:3, 3] / MM
     (head, tail) = body.split('name = "hibou"\n', 1)
