@@ -48,9 +48,15 @@ EXIT_1 = (
 
 
 ELSEWHERE = {
+    "twin export davinci": "tests/witness/test_scene.py",
+    "twin operate davinci --task camera": "test_the_command_writes_the_measures_of_another_seed",
+    "twin operate davinci --task pegboard": "test_four_rings_by_the_command",
+    "twin run davinci_psm_si": "twin run davinci_psm; twin validate davinci_psm_si --all-protocols",
+    "twin run sher": "twin run davinci_ecm; twin validate sher --all-protocols",
     "twin run sils": "make demo",
     "twin run vsrs": "test_three_robots_work_without_meeting",
     "twin selftest sils --count 10": ".ci/run seeds 59",
+    "twin selftest sils --family formula,usd --count 8 --seed 7 --json": ".ci/run seeds 59 of all families",
     "twin validate sils --all-protocols": "test_validate_all_protocols_of_sils",
 }
 """Commands of the documentation that are run as they stand, by whom."""
