@@ -192,7 +192,7 @@ def test_a_limit_is_felt_in_the_hand_that_meets_it(opened):
         " const a = s.gamepad.hapticActuators[0];"
         " a.pulse = (v, ms) => { felt.push([s.handedness, ms]); return Promise.resolve(true) } } null"
     )
-    hands.move([0, -0.6, 0], "right", steps=20)
+    hands.move([0, -0.6, 0], "right", steps=60)  # slower than a hand can be
     page.until("twin.app.model.console.hands.right.wall !== null", "a limit")
     page.until("felt.some((pulse) => pulse[1] === 120)", "the pulse of a limit")
     page.until("felt.filter((pulse) => pulse[1] === 60).length > 2", "pulses while the force of the limit lasts")
