@@ -109,7 +109,7 @@ CHANGED = ("bars.glb", "tracks/swing.json", "bars.urdf", pytest.param("usd/physi
 
 
 @pytest.mark.parametrize("name", CHANGED)
-@settings(max_examples=15, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=8, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data())
 def test_changed_bytes_raise_nothing(name, good, tmp_path, data):
     content = bytearray((good / name).read_bytes())

@@ -142,7 +142,7 @@ def test_python_examples_run(folder):
 
 
 def test_commands_are_found():
-    assert "twin run sher" in commands()
+    assert "twin run davinci_ecm" in commands()
     assert len(commands()) > 8
 
 

@@ -58,7 +58,8 @@ def test_the_picture_of_the_page_shows_the_angle_and_its_session_is_measured(dav
                 page(ONLY_THE_PICTURE)
                 page(f"{lines}.forEach(c => c.visible = false)")  # it would cut the mask
                 page("twin.app.refresh()")
-                page.until("twin.app.world.renderer.getPixelRatio() === 1 && !twin.app.world.dirty", "a picture at rest")
+                sharp = "twin.app.world.renderer.getPixelRatio() === 1 && !twin.app.world.dirty"
+                page.until(sharp, "a picture at rest")
                 time.sleep(0.5)
                 seen = upper_side.angle(linear(page.page.screenshot()))
     finally:

@@ -616,6 +616,7 @@ def test_a_write_to_who_is_gone_is_none(caplog):
     assert len(written) == 1
 
 
+@pytest.mark.slow
 def test_a_recorded_session_replays_byte_for_byte(sils, planned, tmp_path):
     file = tmp_path / "session.json"
 

@@ -49,6 +49,7 @@ def test_the_score_counts_what_is_a_fault():
     assert score.families()[1]["equivalent"] == 1
 
 
+@pytest.mark.slow
 def test_a_draw_is_the_same_for_the_same_seed_and_another_for_another(bench):
     one, two, other = (drawn(bench, ("cad", "timing"), 40, s) for s in (3, 3, 4))
     assert [f.what for f in one] == [f.what for f in two] != [f.what for f in other]

@@ -492,6 +492,7 @@ def messages(path, topic):
             yield schema.name, message.log_time, json.loads(message.data)
 
 
+@pytest.mark.slow
 def test_mcap_has_the_poses_of_the_reference_model(exported, replayed, davinci, robots):
     """Read by the reader of the format's authors; every link in the world, without kinematics."""
     at = messages(exported / "session.mcap", "/tf")

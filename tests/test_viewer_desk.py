@@ -313,6 +313,7 @@ def test_what_cannot_be_shown_is_told_before_anything_opens(capsys):
     assert "is a scene" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.name != "posix", reason="signals and process groups of POSIX")
 def test_ctrl_c_leaves_nothing_behind():
     command = [sys.executable, "-m", "twin", "view", "hibou", "--port", "0", "--no-browser"]
