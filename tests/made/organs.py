@@ -71,7 +71,7 @@ def at(*p):
 
 
 def pushed(organ, body, start, depths, steps=100, hold=60):
-    """Push a body down from `start` by each of `depths` in m, one after the other; yield the organs after each."""
+    """Push a body down from `start` by each of `depths` in m in sequence; yield the organs after each."""
     organs = Organs([organ], [Tool("tool", body)], [at(*start)])
     last = 0.0
     for depth in depths:

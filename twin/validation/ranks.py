@@ -209,7 +209,7 @@ def compare_users(users: Users, source: str = "") -> Ranks:
         )
     if all(c.counts == (1, 1) for c in found):
         raise DescriptionError(
-            f"{source}: every group has only one session or user, and a rank test of one against one says nothing: "
+            f"{source}: every group has only one session or user, and a rank test needs several values in each group: "
             "give at least 4 in each group"
         )
     return Ranks(users, _holm(found), [*users.findings, *_repeated(users), *_small(found)])
