@@ -195,6 +195,9 @@ def test_an_attempt_is_ended_and_restarted(scene, robots, props, tmp_path):
     assert float(row(live, "Time").removesuffix(" s")) > 0.1
     with pytest.raises(HeldError, match="page 1 controls the hands"):
         live.end("page 2")
+    live.feel("page 1", False)
+    live.advance(0.01)
+    assert not live.reading["haptics"]
     live.end("page 1")
     shown, tick = live.advance(0.01) or live.reading, live.world.tick
     assert shown["task"]["over"] == "The task was ended."
@@ -210,6 +213,7 @@ def test_an_attempt_is_ended_and_restarted(scene, robots, props, tmp_path):
     for name, value in start.items():
         np.testing.assert_array_equal(live.world.signals[name], value)
     live.advance(0.2)
+    assert live.reading["haptics"], "each attempt begins with the switch of its condition"
     np.testing.assert_allclose(live.world.signals["psm1.q"], start["psm1.q"], rtol=0, atol=1e-12)
     live.close()
     assert (tmp_path / "hands-2.session").is_file()

@@ -183,6 +183,7 @@ class LiveConsole:
             old.close(ticks)
         self.owner = None
         self.device.leave()
+        self.device.feel(self.condition.haptics)
         self.reading = self._read()
 
     def end(self, client: str) -> None:
