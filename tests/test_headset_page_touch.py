@@ -94,7 +94,9 @@ def test_two_fingers_pan_zoom_and_roll_the_camera(page, fingers):
 def test_fingers_that_leave_the_picture_fast_move_the_camera_only(page, fingers):
     middle = np.mean([t[:2] for t in tips(page).values()], axis=0)
     before = rest(page)
-    fingers.drag(middle + np.array([(-40, 0), (40, 0)]), middle + np.array([(-200, 0), (200, 0)]), lambda: True, steps=1)
+    fingers.drag(
+        middle + np.array([(-40, 0), (40, 0)]), middle + np.array([(-200, 0), (200, 0)]), lambda: True, steps=1
+    )
     assert moved(before, rest(page)) <= {"ecm"}
 
 
