@@ -6,13 +6,14 @@ this part. If a limit stops the whole way, the arm makes the parts of it that re
 
 from __future__ import annotations
 
+import casadi as ca
 import numpy as np
 
-from twin.core import spatial
 from twin.core.spatial import Array
+from twin.formula import symbolic
+from twin.formula.flow import Evaluator
 from twin.kinematics import Kinematics
 from twin.kinematics.compiled import POSE_TOL
-from twin.simulation.controllers.pivot import turned
 from twin.simulation.limits import Limits
 from twin.simulation.world import Block, Signals
 
@@ -25,6 +26,9 @@ _TRIES, _SAFE = 4, 0.98
 _STUCK = 0.02
 """Part of the way below which its coordinates are tried one by one."""
 
+_STILL = 1e-12
+"""Length of a way in m and rad that counts as none."""
+
 
 class ThroughPort(Block):
     """Reads `<robot>.goal` (16,), a tool pose in base whose z axis is in the port, and `<robot>.encoder`.
@@ -34,8 +38,12 @@ class ThroughPort(Block):
 
     def __init__(self, robot: str, kin: Kinematics, q: Array, limits: Limits, p_port: Array) -> None:
         """Start at joint values q (n,), with the shaft in the port p_port (3,) in m in base."""
-        self.robot, self.kin, self.limits, self.p_port = robot, kin, limits, p_port
+        self.robot, self.kin, self.limits = robot, kin, limits
         self._command = f"{robot}.command"
+        self._pair, self._way = _way(p_port).bind()
+        self._z, self._allowed = _allowed(kin, p_port).bind()
+        parts = np.cumsum((16, 4, len(q), len(q)))
+        self._T, self._at, self._q, self._low, self._high = np.split(self._z, parts)
         self._given: tuple[bytes, bytes] = b"", b""
         self.outputs = {self._command: q}
 
@@ -46,61 +54,79 @@ class ThroughPort(Block):
         if given == self._given:
             return {}
         self._given = given
+        self._T[:] = self.kin.program.forward.one(q).ravel()
+        self._pair[:16], self._pair[16:] = self._T, goal
+        way = self._way()
+        if not np.abs(way).max() > _STILL:
+            return {}
         low, high = self.limits.steps(q, dt)
-        low, high = np.maximum(low, -_NEAR), np.minimum(high, _NEAR)
-        dq, part = self._allowed(goal.reshape(4, 4), q, low, high)
-        if part == 1.0:
-            return {self._command: q + dq}
-        T = self.kin.forward(q)
-        way = self._way(T, goal.reshape(4, 4))
-        step, part = self._along(T, np.zeros(4), way, q, (low, high))
+        self._q[:], self._low[:], self._high[:] = q, np.maximum(low, -_NEAR), np.minimum(high, _NEAR)
+        step, part = self._along(np.zeros(4), way)
         if part >= _STUCK:
             return {self._command: q + step}
         step, done = np.zeros_like(q), np.zeros(4)
         for alone in np.diag(way):
-            further, part = self._along(T, done, alone, q, (low, high))
+            further, part = self._along(done, alone)
             if part > 0:
                 step, done = further, done + part * alone
         return {self._command: q + step}
 
-    def _along(self, T: Array, done: Array, way: Array, q: Array, steps: tuple[Array, Array]) -> tuple[Array, float]:
+    def _along(self, done: Array, way: Array) -> tuple[Array, float]:
         """Return (joint step (n,), part of `way` (4,) that it makes after `done` (4,)); part 0 if the limits stop it."""
-        part = 1.0 if np.abs(way).max() > 1e-9 else 0.0
+        part = 1.0 if np.abs(way).max() > _STILL else 0.0
         for _ in range(_TRIES):
             if part <= 0:
                 break
-            step, allowed = self._allowed(self._at(T, done + part * way), q, *steps)
-            if allowed == 1.0:
-                return step, part
-            part *= allowed
-        return np.zeros_like(q), 0.0
+            self._at[:] = done + part * way
+            out = self._allowed()
+            if out[-1] == 1.0:
+                return out[:-1], part
+            part *= float(out[-1])
+        return np.zeros_like(self._q), 0.0
 
-    def _allowed(self, T: Array, q: Array, low: Array, high: Array) -> tuple[Array, float]:
-        """Return (joint step (n,) to a pose T, part of this step within the limits); 1 if all of it is."""
-        *found, misfit = self.kin.program.inverse.one(T.ravel())
-        dq = np.asarray(found) - q
-        dq -= np.where(self.kin.revolute, 2 * np.pi * np.round(dq / (2 * np.pi)), 0.0)
-        if not (np.isfinite(dq).all() and misfit <= POSE_TOL):
-            return dq, 0.5
-        if (dq >= low).all() and (dq <= high).all():
-            return dq, 1.0
-        with np.errstate(divide="ignore", invalid="ignore"):
-            parts = np.where(dq > high, high / dq, np.where(dq < low, low / dq, 1.0))
-        return dq, _SAFE * max(float(parts.min()), 0.0)
 
-    def _way(self, T: Array, goal: Array) -> Array:
-        """Return the way (4,) from T to the goal: direction about x and y of the tool in rad, depth in m, roll in rad."""
-        a, b = T[:3, 2], goal[:3, 2]
-        v = T[:3, :3].T @ np.cross(a, b)
-        size = float(np.linalg.norm(v))
-        angle = np.arctan2(size, float(a @ b))
-        tilt = v[:2] * (angle / size) if size > 1e-15 else v[:2]
-        rest = (turned(a, b) @ T[:3, :3]).T @ goal[:3, :3]
-        depth = float((goal[:3, 3] - self.p_port) @ b - (T[:3, 3] - self.p_port) @ a)
-        return np.array([*tilt, depth, spatial.angle_about_z(rest)])
+def _way(p_port: Array) -> Evaluator:
+    """Return the function of two poses (16 each) that gives the way (4) from one to the other.
 
-    def _at(self, T: Array, way: Array) -> Array:
-        """Return the pose (4, 4) at the end of a way from T; its shaft is in the port."""
-        R = T[:3, :3] @ spatial.exp_so3(np.array([way[0], way[1], 0.0])) @ spatial.rotation_z(way[3])
-        depth = float((T[:3, 3] - self.p_port) @ T[:3, 2]) + way[2]
-        return spatial.pose(R, self.p_port + depth * R[:, 2])
+    The way is the direction about x and y of the tool in rad, the depth in m, and the roll in rad.
+    """
+    z = ca.SX.sym("z", 32)
+    T, goal = symbolic.unflat(z[:16], 4, 4), symbolic.unflat(z[16:], 4, 4)
+    a, b = T[:3, 2], goal[:3, 2]
+    v = T[:3, :3].T @ ca.cross(a, b)
+    size = symbolic.norm(v)
+    tilt = v[:2] * ca.if_else(size > 1e-15, ca.atan2(size, ca.dot(a, b)) / ca.if_else(size > 1e-15, size, 1), 1)
+    rest = (T[:3, :3] @ _tilted(tilt)).T @ goal[:3, :3]
+    roll = ca.atan2(rest[1, 0] - rest[0, 1], rest[0, 0] + rest[1, 1])
+    port = ca.DM(p_port)
+    depth = ca.dot(goal[:3, 3] - port, b) - ca.dot(T[:3, 3] - port, a)
+    return Evaluator("way_through_port", z, ca.vertcat(tilt, depth, roll))
+
+
+def _allowed(kin: Kinematics, p_port: Array) -> Evaluator:
+    """Return the function that tries a way: (joint step (n), part of this step within its limits; 1 if all of it is).
+
+    Its arguments are a pose (16), a way (4), q (n), and the smallest and the largest joint step (n each). If the end of
+    the way is out of reach, the part is 0.5.
+    """
+    n = len(kin.joints)
+    z = ca.SX.sym("z", 20 + 3 * n)
+    flat, way, q, low, high = ca.vertsplit(z, (0, 16, 20, 20 + n, 20 + 2 * n, 20 + 3 * n))
+    T, port = symbolic.unflat(flat, 4, 4), ca.DM(p_port)
+    R = T[:3, :3] @ _tilted(way[:2]) @ symbolic.rotation_z(way[3])
+    depth = ca.dot(T[:3, 3] - port, T[:3, 2]) + way[2]
+    found = kin.program.inverse.function(symbolic.flat(symbolic.pose(R, port + depth * R[:, 2])))
+    turns = ca.DM(np.where(kin.revolute, 1 / (2 * np.pi), 0.0))
+    step = found[:n] - q
+    step -= 2 * np.pi * ca.floor(step * turns + 0.5)
+    reached = ca.logic_and(ca.sumsqr(step) < np.inf, found[n] <= POSE_TOL)  # false for NaN
+    within = ca.mmin(ca.vertcat(step >= low, step <= high))
+    limit = ca.if_else(step > high, high, ca.if_else(step < low, low, step))
+    parts = ca.if_else(step == limit, 1, limit / ca.if_else(step == 0, 1, step))
+    part = ca.if_else(reached, ca.if_else(within, 1, _SAFE * ca.fmax(ca.mmin(parts), 0)), 0.5)
+    return Evaluator("allowed_through_port", z, ca.vertcat(step, part))
+
+
+def _tilted(tilt: ca.SX) -> ca.SX:
+    """Return the rotation (3, 3) of the rotation vector (tilt, 0)."""
+    return symbolic.exp_so3(ca.vertcat(tilt, 0))
