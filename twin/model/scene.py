@@ -576,7 +576,9 @@ def _console(path: Path, console: ConsoleTable, table: SceneTable, names: list[s
     for name in console.instrument_mm:
         if name not in (*console.right, *console.left):
             raise error_at(
-                path, ("console", "instrument_mm", name), unknown("robot of a hand", name, [*console.right, *console.left])
+                path,
+                ("console", "instrument_mm", name),
+                unknown("robot of a hand", name, [*console.right, *console.left]),
             )
 
 

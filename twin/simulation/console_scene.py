@@ -24,7 +24,7 @@ from twin.simulation.controllers.hand_force import Surface
 from twin.simulation.controllers.haptics import FeltArm, HapticHand, HapticSwitch
 from twin.simulation.controllers.jaw import GripToJaw, Jaw
 from twin.simulation.controllers.pedals import Pedals
-from twin.simulation.controllers.pivot import Pivot
+from twin.simulation.controllers.pivot import FULCRUMS, Fulcrum, Pivot
 from twin.simulation.controllers.reaching import PoseToJoints
 from twin.simulation.controllers.through_port import ThroughPort
 from twin.simulation.limits import Limits
@@ -35,7 +35,7 @@ from twin.simulation.world import Block, Placed, World
 HANDS = ("right", "left")
 """Names of the hands; the device of the pedals is named `pedals`."""
 
-PEDALS = "pedals"
+PEDALS, FULCRUM = "pedals", "pedals.fulcrum"
 
 
 @dataclass(frozen=True)
@@ -174,7 +174,9 @@ def pivot(table: ConsoleTable, place: Place, kin: Kinematics, q: Array) -> Pivot
     port = port_in_base(place)
     way = kin.forward(q)[:3, 3] - port
     if (depth := float(np.linalg.norm(way))) < MM:
-        raise TwinError(f"{place.name}: start: the tip is {depth / MM:.3g} mm from its port; it must be beyond the port")
+        raise TwinError(
+            f"{place.name}: start: the tip is {depth / MM:.3g} mm from its port; it must be beyond the port"
+        )
     return Pivot(port, way / depth, table.instrument_mm[place.name] * MM, place.name in table.through)
 
 
@@ -183,8 +185,20 @@ def drag(table: ConsoleTable) -> Drag:
     if (r := table.camera_range) is None:
         return Drag()
     units, ranges = (DEG, DEG, MM, DEG), (r.pan_deg, r.tilt_deg, r.depth_mm, r.roll_deg)
-    lower, upper = (tuple(v[k] * u for v, u in zip(ranges, units, strict=True)) for k in (0, 1))
-    return Drag(lower=lower, upper=upper)
+    low, high = np.array([np.array(v) * u for v, u in zip(ranges, units, strict=True)]).T.tolist()
+    return Drag(lower=tuple(low), upper=tuple(high))
+
+
+def settings(scene: Scene, fulcrum: Fulcrum = "compensated") -> dict[str, float]:
+    """Return the settings of the device of a scene's console, with their first values.
+
+    `pedals.fulcrum`: which end of the instruments the hands lead, see `pivot`. `<robot>.tool`: number of the chosen
+    tool, in the order of the scene file. Without instruments in ports or without tools, there are no such settings.
+    """
+    table = console_of(scene)
+    out = {FULCRUM: float(FULCRUMS.index(fulcrum))} if table.instrument_mm else {}
+    hands = [n for hand in HANDS for n in getattr(table, hand)]
+    return out | {f"{n}.tool": float(k % len(scene.tools)) for k, n in enumerate(hands) if scene.tools}
 
 
 def led_by(scene: Scene) -> list[Place]:

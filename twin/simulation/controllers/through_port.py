@@ -72,7 +72,7 @@ class ThroughPort(Block):
         return {self._command: q + step}
 
     def _along(self, done: Array, way: Array) -> tuple[Array, float]:
-        """Return (joint step (n,), part of `way` (4,) that it makes after `done` (4,)); part 0 if the limits stop it."""
+        """Return (joint step (n,), part of `way` (4,) that it makes after `done` (4,)); part 0: it is stopped."""
         part = 1.0 if np.abs(way).max() > _STILL else 0.0
         for _ in range(_TRIES):
             if part <= 0:
