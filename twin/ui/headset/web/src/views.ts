@@ -38,6 +38,8 @@ const SEEN = 0.4; // m: maximum distance drawn in the endoscope's view, which sh
 const REST = 200; // ms between two updates of the small view while the large view changes
 const LONG_REST = 5000; // ms between two updates of the small view on a slow machine
 const STILL = 1500; // ms without motion after which a slow machine draws all pixels again
+/** Headings of the two pictures of a scene with a window of tools. */
+const NAMES: Readonly<Record<View, string>> = { room: 'Patient and robots', scope: 'Inside the abdomen, through the endoscope' };
 const SCOPE_LIGHT = 4; // layer of the endoscope's light
 const PART = 0.3; // width of the small view as a fraction of the free width
 const UP = new Quaternion().setFromAxisAngle(new Vector3(1, 0, 0), Math.PI); // from -y up, along z, to y up, along -z
@@ -53,6 +55,7 @@ export class Views {
   private readonly frame = document.createElement('button');
   private readonly small = document.createElement('canvas');
   private readonly label = document.createElement('span');
+  private readonly heading = document.createElement('span');
   private drawn = -Infinity;
   private shadows = false;
 
@@ -60,6 +63,8 @@ export class Views {
     private readonly app: App,
     private readonly camera: CameraInfo,
     parent: HTMLElement,
+    /** Whether the large picture has a heading too. */
+    private readonly headed: boolean,
   ) {
     this.scope = new PerspectiveCamera(MathUtils.radToDeg(camera.view), 1, 0.003, SEEN);
     this.eyes = new Eyes(camera.stereo);
@@ -69,7 +74,10 @@ export class Views {
     this.frame.dataset['id'] = 'inset';
     this.frame.append(this.small);
     this.label.className = 'inset-name';
-    parent.append(this.frame, this.label);
+    this.heading.className = 'inset-name heading';
+    this.heading.dataset['id'] = 'heading';
+    this.heading.hidden = !headed;
+    parent.append(this.frame, this.label, this.heading);
     this.frame.onclick = () => this.swap();
     window.addEventListener('resize', () => this.place());
   }
@@ -145,7 +153,10 @@ export class Views {
     this.frame.classList.toggle('work', small === 'scope');
     this.label.style.left = `${b.left + 8}px`;
     this.label.style.top = `${b.top + 4}px`;
-    this.label.textContent = small === 'room' ? 'Room · click to enlarge' : 'Endoscope';
+    const names = this.headed ? NAMES : { room: 'Room', scope: 'Endoscope' };
+    this.label.textContent = small === 'room' ? `${names.room} · click to enlarge` : names.scope;
+    this.heading.textContent = names[this.large];
+    this.heading.style.left = `${Math.round(this.app.world.free()[0] / 2)}px`;
     this.frame.setAttribute('aria-label', this.label.textContent);
   }
 
