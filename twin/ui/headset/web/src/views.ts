@@ -39,7 +39,8 @@ const REST = 200; // ms between two updates of the small view while the large vi
 const LONG_REST = 5000; // ms between two updates of the small view on a slow machine
 const STILL = 1500; // ms without motion after which a slow machine draws all pixels again
 /** Headings of the two pictures of a scene with a window of tools. */
-const NAMES: Readonly<Record<View, string>> = { room: 'Patient and robots', scope: 'Inside the abdomen, through the endoscope' };
+const NAMES: Readonly<Record<View, string>> = { room: 'Patient and robots', scope: 'Inside the abdomen' };
+const CLOSER = 1.9; // enlargement of the small view of the room beside a window of tools
 const SCOPE_LIGHT = 4; // layer of the endoscope's light
 const PART = 0.3; // width of the small view as a fraction of the free width
 const UP = new Quaternion().setFromAxisAngle(new Vector3(1, 0, 0), Math.PI); // from -y up, along z, to y up, along -z
@@ -135,7 +136,7 @@ export class Views {
     const [right, bottom] = this.app.world.free();
     const width = Math.round(Math.min(PART * right, 420, 0.6 * bottom));
     const height = Math.round(0.62 * width);
-    return { left: 18, top: bottom - height - 18, width, height };
+    return { left: 18, top: bottom - height - (this.headed ? 40 : 18), width, height };
   }
 
   /** Return the view at a point of the page. */
@@ -155,8 +156,7 @@ export class Views {
     this.label.style.top = `${b.top + 4}px`;
     const names = this.headed ? NAMES : { room: 'Room', scope: 'Endoscope' };
     this.label.textContent = small === 'room' ? `${names.room} · click to enlarge` : names.scope;
-    this.heading.textContent = names[this.large];
-    this.heading.style.left = `${Math.round(this.app.world.free()[0] / 2)}px`;
+    this.heading.textContent = this.large === 'scope' ? `${names.scope}, through the endoscope` : names.room;
     this.frame.setAttribute('aria-label', this.label.textContent);
   }
 
@@ -317,7 +317,9 @@ export class Views {
     const [right, bottom] = world.free();
     const large = view === this.large;
     camera.aspect = b.width / b.height;
-    const [x, y] = large ? [(b.width - right) / 2, (b.height - bottom) / 2] : [0, 0];
+    const low = this.headed ? this.box(this.large === 'scope' ? 'room' : 'scope').top : bottom; // above the small windows
+    const [x, y] = large ? [(b.width - right) / 2, (b.height - low) / 2] : [0, 0];
+    if (view === 'room') camera.zoom = large || !this.headed ? 1 : CLOSER;
     camera.setViewOffset(b.width, b.height, x, y, b.width, b.height);
     if (view === 'scope') this.scope.updateWorldMatrix(true, false);
     return camera;
