@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from made import headset_page as headset
-from made.console_page import PAD, console, joints, tips
+from made.console_page import PAD, console, joints, let_go, tips
 
 pytestmark = pytest.mark.browser
 SCENE = "vsrs"
@@ -28,15 +28,14 @@ def serving():
 
 @pytest.fixture(scope="module")
 def page(browser, serving):
-    with console(browser, serving.url, size=(1100, 640), scripts=(PAD,)) as page:
+    with console(browser, serving.url, size=(1200, 700), scripts=(PAD,)) as page:
         yield page
 
 
 @pytest.fixture
 def arms(page):
     """Names of the robots, in the order of the joints: of the right hand, of the left hand, of the camera."""
-    page("twin.app.console.pens.drop()")
-    page.until("twin.app.model.console.owner === null", "the hands are free")
+    let_go(page)
     hands = page("twin.app.console.info.hands")
     camera = page("twin.app.model.scene.cameras.find(c => c.name === twin.app.console.info.camera).robot")
     return {"right": hands["right"][0], "left": hands["left"][0], "camera": camera}
@@ -75,13 +74,14 @@ def test_keys_lead_every_arm(page, arms, what, keys):
 def test_the_mouse_leads_every_arm(page, arms, what, button):
     mouse, k = page.page.mouse, 0
     x, y, _ = tips(page)["right" if what == "camera" else what]
-    mouse.move(x + 3, y + 3)
+    x, y = x + 3, y + 70  # below the heading of the page; the nearest instrument is meant
+    mouse.move(x, y)
     mouse.down(button=button)
 
     def further():
         nonlocal k
         k += 1
-        mouse.move(x + 3 - 2 * k % 80, y + 3)
+        mouse.move(x - 2 * k % 80, y)
 
     moves(page, arms, what, further, lambda: mouse.up(button=button))
 
@@ -91,18 +91,15 @@ def test_the_mouse_leads_every_arm(page, arms, what, button):
     [("right", [0, 0, -0.9, 0], 0), ("left", [-0.9, 0, 0, 0], 0), ("camera", [0.9, 0, 0, 0], 1)],
 )
 def test_a_gamepad_leads_every_arm(page, arms, what, axes, bumper):
-    page(
-        f"window.pad.connected = true; window.pad.buttons[5] = {{pressed: {str(bool(bumper)).lower()}, value: {bumper}}}"
-    )
+    page(f"window.pad.connected = true; window.pad.buttons[5] = {{pressed: {bumper} > 0, value: {bumper}}}")
     page(f"window.pad.axes = {axes}")
     stop = "window.pad.axes = [0, 0, 0, 0]; window.pad.buttons[5] = {pressed: false, value: 0}"
     moves(page, arms, what, lambda: None, lambda: page(stop))
 
 
 def test_a_gamepad_unplugged_in_a_grip_stops_the_instruments_and_says_so(page, arms):
-    page(
-        "window.pad.connected = true; window.pad.axes = [0, 0, -0.9, 0]; window.pad.buttons[7] = {pressed: true, value: 0.7}"
-    )
+    page("window.pad.connected = true; window.pad.axes = [0, 0, -0.9, 0]")
+    page("window.pad.buttons[7] = {pressed: true, value: 0.7}")
     page.until("twin.app.model.console.hands.right.follows && twin.app.console.pens.right.grip > 0.1", "a grip")
     page("window.pad.connected = false")
     page.until("twin.app.console.pad.name === ''", "the pad is gone")
