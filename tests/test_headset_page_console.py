@@ -8,16 +8,9 @@ import numpy as np
 import pytest
 
 from made import headset_page as headset
-from made.console_page import ARMS, console, joints, let_go, moved, rest, tips
+from made.console_page import ARMS, PAD, console, joints, let_go, moved, rest, tips
 
 pytestmark = pytest.mark.browser
-PAD = """
-window.felt = [];
-window.pad = {id: 'a pad of the test', connected: false, mapping: 'standard', axes: [0, 0, 0, 0],
-  buttons: Array.from({length: 17}, () => ({pressed: false, value: 0})),
-  vibrationActuator: {playEffect: (kind) => { window.felt.push(kind); return Promise.resolve('complete'); }}};
-navigator.getGamepads = () => [null, window.pad];
-"""
 
 
 @pytest.fixture(scope="module")

@@ -11,6 +11,14 @@ from made import headset_page as headset
 ARMS = {"right": "psm1", "left": "psm2"}
 NAMES = ("psm1", "psm2", "ecm")
 JAW = 6
+PAD = """
+window.felt = [];
+window.pad = {id: 'a pad of the test', connected: false, mapping: 'standard', axes: [0, 0, 0, 0],
+  buttons: Array.from({length: 17}, () => ({pressed: false, value: 0})),
+  vibrationActuator: {playEffect: (kind) => { window.felt.push(kind); return Promise.resolve('complete'); }}};
+navigator.getGamepads = () => [null, window.pad];
+"""
+"""Script of a page with a gamepad that the test moves."""
 
 
 def joints(page):

@@ -318,6 +318,12 @@ def parser() -> argparse.ArgumentParser:
 
     sub.add_argument("--haptics", choices=("on", "off"), help="forces on the hands at the start (default: the scene's)")
     sub.add_argument(
+        "--fulcrum",
+        choices=("compensated", "direct"),
+        help="whether the hands lead the tips of instruments in ports, or their outer ends (default: the tips)",
+    )
+    sub.add_argument("--protocols", action="store_true", help="play the protocols of a scene that has a console")
+    sub.add_argument(
         "--participant", type=int, metavar="N", help="number of a participant in a study; sets the order of --haptics"
     )
     sub.add_argument("--run", type=int, metavar="1|2", help="run of the participant: one has forces, the other not")

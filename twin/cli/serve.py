@@ -74,7 +74,7 @@ def _what(args: argparse.Namespace) -> tuple[str, Callable[[], Served]]:
 
     scene = load_scene(file)
     robots, props = scenes.content(scene)
-    if scene.console is not None:
+    if scene.console is not None and not args.protocols:
         from twin.cli.session import report
         from twin.simulation.session.condition import Condition, randomised
         from twin.simulation.session.run import task_of
@@ -84,9 +84,18 @@ def _what(args: argparse.Namespace) -> tuple[str, Callable[[], Served]]:
         condition = None if args.haptics is None else Condition(haptics=args.haptics == "on")
         if args.participant is not None:
             condition = randomised(args.participant, args.run)
+        if args.fulcrum is not None and not scene.console.instrument_mm:
+            key = f"instrument_mm to the table [console] of {file.name}"
+            raise TwinError(f"--fulcrum: the instruments of scene '{scene.name}' have no length: add {key}")
+        connections = (args.packets, args.mqtt, args.mqtt_topic)
+        more = {"fulcrum": args.fulcrum or "compensated", "feed": scenes.organs(scene, robots)}
         return scene.name, lambda: served.of_console(
-            scene, robots, props, session, args.packets, args.mqtt, args.mqtt_topic, task, report, condition
+            scene, robots, props, session, *connections, task, report, condition, **more
         )
+    scene.require_protocols()
+    if args.protocols and (args.task is not None or linked is not None):
+        wrong = "--task" if linked is None else option
+        raise TwinError(f"{wrong} and --protocols cannot be combined: robots that play protocols have no console")
     if args.task is not None:
         raise TwinError(f"--task: scene '{scene.name}' has no console: add the table [console] to {file.name}")
     if linked is not None:
@@ -102,7 +111,7 @@ def _require_no_session(args: argparse.Namespace) -> None:
 
 
 def _require_no_haptics(args: argparse.Namespace) -> None:
-    given = next((n for n in ("haptics", "participant") if getattr(args, n) is not None), None)
+    given = next((n for n in ("haptics", "participant", "fulcrum") if getattr(args, n) is not None), None)
     if given is not None:
         raise TwinError(f"--{given} requires a scene with a console, such as davinci; {args.robot} has none")
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -18,6 +19,7 @@ from twin.model import alignment, anatomy
 from twin.model.alignment import Alignment
 from twin.model.anatomy import AnatomyTable, TissueTable
 from twin.model.movable import Movable, ShapeName
+from twin.model.tool import ToolTable
 from twin.schema import Identifier, Origin, Table, Vector, at, error_at, load_toml
 
 
@@ -82,10 +84,30 @@ class CameraTable(Table):
         return spatial.pose(spatial.rotation_z(self.roll_deg * DEG))
 
 
+class CameraRangeTable(Table):
+    """Ranges of a console's camera about its port, each (lowest, highest)."""
+
+    pan_deg: tuple[float, float]
+    tilt_deg: tuple[float, float]
+    depth_mm: tuple[float, float]
+    roll_deg: tuple[float, float]
+
+    @model_validator(mode="after")
+    def _in_order(self) -> CameraRangeTable:
+        for key in ("pan_deg", "tilt_deg", "depth_mm", "roll_deg"):
+            low, high = getattr(self, key)
+            if not low < high:
+                raise at(key, f"the lowest value, {low:g}, must be below the highest, {high:g}")
+        return self
+
+
 class ConsoleTable(Table):
     """A surgeon's console: robots of each hand, in the order of selection by clutch taps, and the shared camera.
 
     `tip` is the frame of these robots that touches targets and whose path is measured; default: the tool frame.
+    `instrument_mm` is the length of a robot's instrument from its tip to its outer end: such a hand can also lead the
+    outer end. `through` names robots whose shaft, the z axis of the tool, is kept in the port by the controller,
+    because no mechanism does it. `camera_range` replaces the range of the da Vinci's endoscope.
     """
 
     right: list[Identifier] = Field(min_length=1)
@@ -93,8 +115,18 @@ class ConsoleTable(Table):
     camera: Identifier
     tip: Identifier | None = None
     scale: float = Field(ge=0.05, le=1)
+    through: list[Identifier] = Field(default_factory=list)
+    instrument_mm: dict[Identifier, Annotated[float, Field(ge=50, le=1000)]] = Field(default_factory=dict)
+    camera_range: CameraRangeTable | None = None
     provenance: Origin
     note: str = Field(min_length=1)
+
+    @model_validator(mode="after")
+    def _lengths(self) -> ConsoleTable:
+        for name in self.through:
+            if name not in self.instrument_mm:
+                raise at("through", f"'{name}' needs the length of its instrument in `instrument_mm`")
+        return self
 
 
 class ObjectTable(Table):
@@ -266,6 +298,7 @@ class SceneTable(Table):
     anatomy: AnatomyTable | None = None
     tissue: dict[Identifier, TissueTable] = Field(default_factory=dict)
     task: dict[Identifier, TaskTable] = Field(default_factory=dict)
+    tool: dict[Identifier, ToolTable] = Field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -347,6 +380,7 @@ class Scene:
         anatomy: where the organs are drawn and what touches them, or None.
         tissues: material of the organs by name.
         tasks: tasks at the console, by name.
+        tools: tools of the instruments, by name.
         parameters: every number with its provenance.
     """
 
@@ -366,6 +400,7 @@ class Scene:
     anatomy: AnatomyTable | None
     tissues: Mapping[str, TissueTable]
     tasks: Mapping[str, Task]
+    tools: Mapping[str, ToolTable]
     parameters: tuple[Parameter, ...]
 
     @property
@@ -436,6 +471,7 @@ def load_scene(path: Path) -> Scene:
         table.anatomy,
         dict(table.tissue),
         {name: _task(name, task) for name, task in table.task.items()},
+        dict(table.tool),
         tuple(_parameters(table)),
     )
 
@@ -537,6 +573,13 @@ def _console(path: Path, console: ConsoleTable, table: SceneTable, names: list[s
                     path, ("console", hand), f"a hand or the camera already moves '{name}'; name each robot once"
                 )
             seen.append(name)
+    for name in console.instrument_mm:
+        if name not in (*console.right, *console.left):
+            raise error_at(
+                path,
+                ("console", "instrument_mm", name),
+                unknown("robot of a hand", name, [*console.right, *console.left]),
+            )
 
 
 def _ports(r: RobotTable) -> dict[str, str]:
@@ -556,6 +599,8 @@ def _parameters(table: SceneTable) -> list[Parameter]:
         out.append(Parameter(f"{r.name} yaw", r.yaw_deg * DEG, "deg", r.yaw_deg, r.provenance, r.note))
     if (console := table.console) is not None:
         out.append(Parameter("console scale", console.scale, "1", console.scale, console.provenance, console.note))
+        for name, v in console.instrument_mm.items():
+            out.append(Parameter(f"console instrument {name}", v * MM, "mm", v, console.provenance, console.note))
     for name, o in table.object.items():
         origin = (o.provenance, o.note)
         for k, v in enumerate(o.size_mm, 1):

@@ -18,13 +18,15 @@ from twin.kinematics import Kinematics
 from twin.model.mechanism import Mechanism
 from twin.model.scene import CameraTable, ConsoleTable, Place, Scene, Task
 from twin.simulation import contact_scene
-from twin.simulation.controllers.camera import Dragging, HandsToCamera, looking
+from twin.simulation.controllers.camera import Drag, Dragging, HandsToCamera, looking
 from twin.simulation.controllers.following import Arm, HandToPose
 from twin.simulation.controllers.hand_force import Surface
 from twin.simulation.controllers.haptics import FeltArm, HapticHand, HapticSwitch
 from twin.simulation.controllers.jaw import GripToJaw, Jaw
 from twin.simulation.controllers.pedals import Pedals
+from twin.simulation.controllers.pivot import FULCRUMS, Fulcrum, Pivot
 from twin.simulation.controllers.reaching import PoseToJoints
+from twin.simulation.controllers.through_port import ThroughPort
 from twin.simulation.limits import Limits
 from twin.simulation.plants.contact.feel import NAME as PLANES
 from twin.simulation.plants.kinematic import Kinematic
@@ -33,7 +35,7 @@ from twin.simulation.world import Block, Placed, World
 HANDS = ("right", "left")
 """Names of the hands; the device of the pedals is named `pedals`."""
 
-PEDALS = "pedals"
+PEDALS, FULCRUM = "pedals", "pedals.fulcrum"
 
 
 @dataclass(frozen=True)
@@ -80,7 +82,8 @@ def world(
 ) -> World:
     """Return a World in which a console controls the robots of a scene.
 
-    The camera's arm rotates about its port: pan is about y of its base, tilt about x. The frame {H} of the hands is
+    The camera's arm rotates about its port: tilt is about the horizontal direction that is to the right in its picture
+    at the start, pan about the horizontal direction at a right angle to it. The frame {H} of the hands is
     parallel to the frame of the picture: x right, y up, z out of the picture.
 
     Args:
@@ -107,7 +110,10 @@ def world(
     view = camera.camera
     controllers: list[Block] = [Pedals(PEDALS), camera]
     for hand in HANDS:
-        arms = [Arm(n, members[n].kin, places[n].T_world_base) for n in getattr(table, hand)]
+        arms = [
+            Arm(n, members[n].kin, places[n].T_world_base, pivot(table, places[n], members[n].kin, q[n]))
+            for n in getattr(table, hand)
+        ]
         at = [q[a.robot] for a in arms]
         controllers.append(HandToPose(hand, PEDALS, arms, at, np.eye(4), view=view, dt=dt))
         for arm in arms:
@@ -115,7 +121,12 @@ def world(
                 low, high = float(limits[arm.robot].lower[k]), float(limits[arm.robot].upper[k])
                 jaw = Jaw(max(low, 0.0), high, float(q[arm.robot][k]), dt)
                 controllers.append(GripToJaw(hand, arm.robot, jaw))
-    controllers += [PoseToJoints(n, members[n].kin, x, limits[n]) for n, x in q.items()]
+    for name, x in q.items():
+        kin, port = members[name].kin, port_in_base(places[name])
+        guided = name in table.through
+        controllers.append(
+            ThroughPort(name, kin, x, limits[name], port) if guided else PoseToJoints(name, kin, x, limits[name])
+        )
     plants: list[Block] = [Kinematic(n, x, limits[n]) for n, x in q.items()]
     objects = scene.objects if task is not None and task.transfers else ()
     felt = _felt(scene, props, haptics)
@@ -147,6 +158,49 @@ def console_of(scene: Scene) -> ConsoleTable:
     return scene.console
 
 
+def port_in_base(place: Place) -> Array:
+    """Return the first port (3,) of a robot in m in its base."""
+    return (spatial.inverse(place.T_world_base) @ np.append(next(iter(place.p_world_ports.values())), 1.0))[:3]
+
+
+def pivot(table: ConsoleTable, place: Place, kin: Kinematics, q: Array) -> Pivot | None:
+    """Return the pivot of an instrument at joint values q (n,) of the start; None: its length is not in the table.
+
+    Raises:
+        TwinError: the tip is in the port.
+    """
+    if place.name not in table.instrument_mm:
+        return None
+    port = port_in_base(place)
+    way = kin.forward(q)[:3, 3] - port
+    if (depth := float(np.linalg.norm(way))) < MM:
+        raise TwinError(
+            f"{place.name}: start: the tip is {depth / MM:.3g} mm from its port; it must be beyond the port"
+        )
+    return Pivot(port, way / depth, table.instrument_mm[place.name] * MM, place.name in table.through)
+
+
+def drag(table: ConsoleTable) -> Drag:
+    """Return the parameters of the camera motion of a console."""
+    if (r := table.camera_range) is None:
+        return Drag()
+    units, ranges = (DEG, DEG, MM, DEG), (r.pan_deg, r.tilt_deg, r.depth_mm, r.roll_deg)
+    low, high = np.array([np.array(v) * u for v, u in zip(ranges, units, strict=True)]).T.tolist()
+    return Drag(lower=tuple(low), upper=tuple(high))
+
+
+def settings(scene: Scene, fulcrum: Fulcrum = "compensated") -> dict[str, float]:
+    """Return the settings of the device of a scene's console, with their first values.
+
+    `pedals.fulcrum`: which end of the instruments the hands lead, see `pivot`. `<robot>.tool`: number of the chosen
+    tool, in the order of the scene file. Without instruments in ports or without tools, there are no such settings.
+    """
+    table = console_of(scene)
+    out = {FULCRUM: float(FULCRUMS.index(fulcrum))} if table.instrument_mm else {}
+    hands = [n for hand in HANDS for n in getattr(table, hand)]
+    return out | {f"{n}.tool": float(k % len(scene.tools)) for k, n in enumerate(hands) if scene.tools}
+
+
 def led_by(scene: Scene) -> list[Place]:
     """Return the robots that the console of a scene moves: those of the right and the left hand, then the camera's."""
     table, places = console_of(scene), {p.name: p for p in scene.places}
@@ -171,6 +225,9 @@ def identity(
 
     table = console_of(scene)
     about: list[Any] = [scene.name, table.model_dump(include={"right", "left", "camera"})]
+    if table.through or table.instrument_mm or table.camera_range or scene.tools:
+        about.append(table.model_dump(include={"through", "instrument_mm", "camera_range"}))
+        about.append(list(scene.tools))
     camera = scene.cameras[table.camera]
     about.append([camera.robot, camera.frame, plain(camera.in_frame)])
     for place in led_by(scene):
@@ -246,9 +303,11 @@ def _camera(
             f"{tool.body}, the body of the tool of {place.name}"
         )
     T_tool_view = picture_in_tool(camera, member.mechanism)
-    T_world_centre = spatial.pose(place.T_world_base[:3, :3], next(iter(place.p_world_ports.values())))
     T_world_view = place.T_world_base @ member.kin.forward(q[place.name]) @ T_tool_view
-    law = Dragging(looking(spatial.inverse(T_world_centre) @ T_world_view), dt)
+    right = T_world_view[:2, 0]
+    R_world_centre = spatial.rotation_z(np.arctan2(right[1], right[0]))
+    T_world_centre = spatial.pose(R_world_centre, next(iter(place.p_world_ports.values())))
+    law = Dragging(looking(spatial.inverse(T_world_centre) @ T_world_view), dt, drag(table))
     T_view_tool = spatial.inverse(T_tool_view)
     return HandsToCamera(
         place.name, *HANDS, law, np.eye(4), T_world_centre, place.T_world_base, T_view_tool=T_view_tool

@@ -6,13 +6,13 @@ The owner of a network connection or web page passes states to `give`; this modu
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from twin.core.errors import WorldError
+from twin.core.errors import WorldError, unknown
 from twin.core.spatial import Array
 from twin.simulation.world import Block, Signals
 
@@ -57,6 +57,7 @@ class GivenHands(Block):
         scale: float = 0.5,
         patience: float = 0.25,
         haptics: bool = True,
+        settings: Mapping[str, float] | None = None,
     ) -> None:
         """Prepare to receive states.
 
@@ -66,6 +67,7 @@ class GivenHands(Block):
             scale: value of `<device>.scale` until `rescale` is called.
             patience: time in s without a state after which a hand counts as silent.
             haptics: value of `<device>.haptics` until `feel` is called.
+            settings: further signals with their values until `set` is called, such as chosen tools.
 
         Raises:
             WorldError: the number of hands is not two.
@@ -77,6 +79,7 @@ class GivenHands(Block):
         self._last: list[HandState | None] = [None, None]
         self._heard, self._lost, self._ignored, self._scale = [-math.inf] * 2, [0, 0], 0, scale
         self._left, self._haptics = False, haptics
+        self._settings = dict(settings or {})
         self.outputs = self._signals(0.0)
 
     def give(self, state: HandState) -> None:
@@ -98,6 +101,16 @@ class GivenHands(Block):
     def feel(self, on: bool) -> None:
         """Switch the forces on the hands on or off from the next tick on."""
         self._haptics = on
+
+    def set(self, name: str, value: float) -> None:
+        """Set a signal of `settings` from the next tick on.
+
+        Raises:
+            WorldError: there is no such setting.
+        """
+        if name not in self._settings:
+            raise WorldError(f"device '{self.device}': {unknown('setting', name, self._settings)}")
+        self._settings[name] = float(value)
 
     @property
     def heard(self) -> int:
@@ -142,4 +155,4 @@ class GivenHands(Block):
         out[f"{device}.camera"] = float(any(last.camera for last in known))
         out[f"{device}.silent"] = float(any(self.silent(hand, t) for hand in (0, 1)))
         out[f"{device}.haptics"] = float(self._haptics)
-        return out | {f"{device}.scale": self._scale, f"{device}.ignored": float(self._ignored)}
+        return out | self._settings | {f"{device}.scale": self._scale, f"{device}.ignored": float(self._ignored)}

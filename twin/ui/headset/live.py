@@ -2,24 +2,21 @@
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-import numpy as np
-
-from twin.core.errors import TwinError, unknown
+from twin.core.errors import unknown
+from twin.core.spatial import Array
 from twin.ui.headset import protocol as wire
+from twin.ui.headset.bends import Bends
 from twin.ui.headset.protocol import RefusedError
-from twin.ui.headset.scene_frame import pack_field, pack_scene
+from twin.ui.headset.scene_frame import pack_scene
 from twin.ui.headset.twin import Twin
-from twin.ui.session.feed import Feed, Follower, vertices_of
+from twin.ui.session.feed import Feed
 from twin.ui.session.timeline import RATE, Clock
 
 HEARTBEAT = 6
 """Number of ticks after which a frame is sent even if nothing has moved."""
-
-_NOTHING = pack_field(np.zeros((0, 3)))
 
 
 class Live:
@@ -39,17 +36,15 @@ class Live:
     def __init__(self, twins: Sequence[Twin], clock: Clock, feed: Feed | None = None) -> None:
         """Create the source for robots that use this clock."""
         self.twins = {t.name: t for t in twins}
-        self.clock, self.feed = clock, feed
+        self.clock, self.feed, self._bends = clock, feed, Bends(feed)
         self.send: Callable[[dict[str, Any]], object] = lambda document: None
+        self._bends.send = lambda document: self.send(document)
         self.alone = feed is None and len(twins) == 1 and twins[0].place is None
         self._tick, self._sent, self._seq = -1, -HEARTBEAT, 0
         self._told: tuple[Any, ...] = ()
-        self._fields: tuple[bytes, ...] = ()
-        self._broken = ""
         for twin in twins:
             twin.send = self._sender(twin)
             twin.planned = self._planned
-        self._bend()
         self._measure()
 
     @property
@@ -93,8 +88,8 @@ class Live:
             self._stand()
         for twin in twins:
             twin.look()
-        self._follow(passed)
-        key = (*(t.content_key for t in twins), self._fields)
+        self._bends.follow(self._links, passed, self.clock.time)
+        key = (*(t.content_key for t in twins), self._bends.packed)
         if key == self._told and tick - self._sent < HEARTBEAT:
             return None
         self._told, self._sent = key, tick
@@ -103,13 +98,16 @@ class Live:
         if self.alone:
             return robots[0]
         flags = wire.PLAYING * self.clock.playing | wire.HELD * any(t.holder for t in twins)
-        return pack_scene(self._seq - 1, server_time, self.clock.time, flags, robots, self._fields)
+        return pack_scene(self._seq - 1, server_time, self.clock.time, flags, robots, self._bends.packed)
+
+    def _links(self) -> dict[str, dict[str, Array]]:
+        return {r: {n: self.twins[r].pose_of(n) for n in names} for r, names in self._bends.needs.items()}
 
     def _planned(self) -> None:
         """Restart all robots, because the protocol of one robot has changed."""
         self._measure()
         self.clock.seek(0.0)
-        self._bend()
+        self._bends.at(0.0)
         for twin in self.twins.values():
             if twin.holder is None:
                 twin.stand()
@@ -122,40 +120,7 @@ class Live:
         """Move all robots to the clock's time; a robot whose protocol has ended stays at the end."""
         for twin in self.twins.values():
             twin.stand()
-        self._bend()
-
-    def _follow(self, passed: float) -> None:
-        """Let deformables that follow the links give way to them; `passed`: time in s."""
-        if not isinstance(self.feed, Follower) or self._broken:
-            return
-        try:
-            links = {r: {n: self.twins[r].pose_of(n) for n in names} for r, names in self.feed.touching.items()}
-            moved = self.feed.follow(links, passed)
-        except Exception as error:  # an error in deformables must not stop the robots
-            self._fail(error)
-            return
-        if moved:
-            self._bend()
-
-    def _fail(self, error: Exception) -> None:
-        """Report the first error in deformables."""
-        if not self._broken:
-            self._broken = str(error) if isinstance(error, TwinError) else f"{type(error).__name__}: {error}"
-            logging.getLogger(__name__).warning("a field: %s", self._broken)
-            self.send({"type": "error", "code": "failed", "message": self._broken[:500]})
-
-    def _bend(self) -> None:
-        """Read the deformables (fields) at the clock's time; a missing field has no vertices and is reported once."""
-        if self.feed is None:
-            return
-        fields = dict.fromkeys(self.feed.surfaces, _NOTHING)
-        try:
-            frame = self.feed.at(self.clock.time)
-            for name, surface in self.feed.surfaces.items():
-                fields[name] = pack_field(vertices_of(frame, name, surface))
-        except Exception as error:  # an error in deformables must not stop the robots
-            self._fail(error)
-        self._fields = tuple(fields.values())
+        self._bends.at(self.clock.time)
 
     # -- requests of clients --------------------------------------------------------------------------
 

@@ -20,18 +20,23 @@ from twin.core.errors import TwinError
 from twin.core.spatial import Array
 from twin.model.mechanism import Mechanism
 from twin.model.scene import Scene, Task
+from twin.model.tool import DOES
+from twin.simulation import console_scene
 from twin.simulation.console_scene import HANDS, PEDALS
 from twin.simulation.controllers.following import SCALE
+from twin.simulation.controllers.pivot import Fulcrum
 from twin.simulation.devices.given import HandState
 from twin.simulation.devices.packets import Packets
 from twin.simulation.session.condition import Condition
 from twin.ui.door.answers import File
 from twin.ui.door.mqtt import ScaleTopic
 from twin.ui.headset import protocol as wire
+from twin.ui.headset.bends import Bends
 from twin.ui.headset.packet_hands import UDP, PacketHands
 from twin.ui.headset.protocol import RefusedError
 from twin.ui.headset.scene_frame import pack_scene
 from twin.ui.session.console import HeldError, LiveConsole, MakeReport
+from twin.ui.session.feed import Feed
 from twin.ui.session.timeline import RATE
 
 REPORT = "/report-{}.html"
@@ -69,8 +74,21 @@ class Operation(LiveConsole):
         props: Mechanism | None = None,
         report: MakeReport | None = None,
         condition: Condition | None = None,
+        fulcrum: Fulcrum = "compensated",
+        feed: Feed | None = None,
     ) -> None:
-        """Create the World with the robots at the places of the scene; for the arguments see `LiveConsole`.
+        """Create the World with the robots at the places of the scene; for other arguments see `LiveConsole`.
+
+        Args:
+            scene: the scene.
+            robots: robots by the names of their places.
+            session: session file.
+            task: the task.
+            props: mechanism of the props.
+            report: makes the report of an attempt.
+            condition: condition of the session.
+            fulcrum: which end of the instruments the hands lead at the start.
+            feed: deformables; None: no deformables.
 
         Raises:
             TwinError: the scene has no console, the console does not match its robots, or the task its props.
@@ -81,23 +99,30 @@ class Operation(LiveConsole):
         self._connection: asyncio.Future[None] | None = None
         self.files: dict[str, File] = {}
         scale = 1.0 if scene.console is None else scene.console.scale
-        super().__init__(scene, robots, Packets(PEDALS, HANDS, scale), session, task, props, report, condition)
+        device = Packets(PEDALS, HANDS, scale, settings=console_scene.settings(scene, fulcrum))
+        super().__init__(scene, robots, device, session, task, props, report, condition)
         self.send: Callable[[dict[str, Any]], object] = lambda document: None
+        self.feed, self._bends = feed, Bends(feed)
+        self._bends.send = lambda document: self.send(document)
         self._bodies = {n: [b.name for b in m.mechanism.bodies] for n, m in self.members.items()}
         self._tick, self._sent, self._seq = -1.0, float(-HEARTBEAT), 0
         self._shown: Array | None = None
+        self._links: dict[str, dict[str, Array]] = {}
+        self._told: tuple[bytes, ...] = ()
         self._forces = {hand: [0.0, 0.0, 0.0] for hand in HANDS}
         self._sevens: dict[str, Array] = {}
 
     @property
     def about(self) -> dict[str, Any]:
         """The data of the console for the file /scene.json."""
-        table = self.table
+        table, tools = self.table, self.scene.tools
         return {
             "hands": {hand: list(getattr(table, hand)) for hand in HANDS},
             "camera": table.camera,
             "scale": list(SCALE),
             "patience": self.device.patience,
+            "fulcrum": bool(table.instrument_mm),
+            "tools": [{"name": n, "title": t.title, "kind": t.kind, "does": DOES[t.kind]} for n, t in tools.items()],
         }
 
     @property
@@ -157,15 +182,17 @@ class Operation(LiveConsole):
         poses = [self.world.signals[f"{item.name}.pose"] for item in self.objects]
         row = np.concatenate([*(self.world.signals[f"{n}.q"] for n in self.members), *poses])
         moved = self._shown is None or not np.array_equal(row, self._shown)
-        if not moved and tick - self._sent < HEARTBEAT:
-            return None
         if moved:
             self._shown = row
             self._look()
-        self._sent = tick
+        self._bends.follow(lambda: self._links, passed, self.world.t)
+        bent = self._bends.packed is not self._told
+        if not moved and not bent and tick - self._sent < HEARTBEAT:
+            return None
+        self._sent, self._told = tick, self._bends.packed
         self._seq += 1
         robots = [self._pack(name, server_time) for name in (*self.members, *([wire.OBJECTS] if self.objects else []))]
-        return pack_scene(self._seq - 1, server_time, self.world.t, 0, robots, ())
+        return pack_scene(self._seq - 1, server_time, self.world.t, 0, robots, self._bends.packed)
 
     def _send_forces(self) -> None:
         """Send the forces to all clients while they are not zero, and once when they end."""
@@ -200,6 +227,7 @@ class Operation(LiveConsole):
 
     def _look(self) -> None:
         frame = self.world.frame()
+        self._links = dict(frame.link_poses)
         for name, bodies in self._bodies.items():
             T_base_world = spatial.inverse(self._places[name].T_world_base)
             poses = wire.sevens(T_base_world @ np.stack([frame.link_poses[name][b] for b in bodies]))
@@ -237,20 +265,18 @@ class Operation(LiveConsole):
             if isinstance(message, wire.Scale):
                 return self.rescale(client, message.value)
             if isinstance(message, wire.Task):
-                return self._task_message(client, message)
+                return (self.restart if message.do == "restart" else self.end)(client)
             if isinstance(message, wire.Haptics):
                 return self.feel(client, message.on)
+            if isinstance(message, wire.Fulcrum):
+                return self.lead_by(client, message.mode)
+            if isinstance(message, wire.Tool):
+                return self.take_tool(client, message.hand, message.name)
         except HeldError as error:
             raise RefusedError("held", str(error)) from None
-        raise RefusedError("refused", "only the hands of the console control these robots: send `hands`")
-
-    def _task_message(self, client: str, message: wire.Task) -> None:
-        try:
-            (self.restart if message.do == "restart" else self.end)(client)
-        except HeldError:
-            raise
         except TwinError as error:
             raise RefusedError("refused", str(error)) from None
+        raise RefusedError("refused", "only the hands of the console control these robots: send `hands`")
 
     def _hands(self, client: str, message: wire.Hands) -> None:
         states = [

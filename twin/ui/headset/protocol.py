@@ -320,6 +320,21 @@ class Haptics(_Message):
     on: bool
 
 
+class Fulcrum(_Message):
+    """Choose the end of the instruments that the hands lead: "compensated" the tip, "direct" the outer end."""
+
+    type: Literal["fulcrum"]
+    mode: Literal["compensated", "direct"]
+
+
+class Tool(_Message):
+    """Choose the tool of the instrument that a hand controls."""
+
+    type: Literal["tool"]
+    hand: Literal["right", "left"]
+    name: _Name
+
+
 class Ping(_Message):
     """Request a `pong` with the same t and the server's time; a grab is not released while a client sends pings."""
 
@@ -343,6 +358,8 @@ Message = (
     | Scale
     | Task
     | Haptics
+    | Fulcrum
+    | Tool
     | Record
     | Ping
 )

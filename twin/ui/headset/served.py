@@ -31,6 +31,7 @@ from twin.ui.session.feed import Feed, Surface
 from twin.ui.session.timeline import Clock
 
 if TYPE_CHECKING:
+    from twin.simulation.controllers.pivot import Fulcrum
     from twin.simulation.session.condition import Condition
     from twin.ui.headset.operation import Operation
     from twin.ui.session.console import MakeReport
@@ -120,6 +121,8 @@ def of_console(
     task: Task | None = None,
     report: MakeReport | None = None,
     condition: Condition | None = None,
+    fulcrum: Fulcrum = "compensated",
+    feed: Feed | None = None,
 ) -> Served:
     """Return the content for a scene whose robots are controlled by its console; call this function in an event loop.
 
@@ -134,6 +137,8 @@ def of_console(
         task: the task at the console; None: no task.
         report: makes the report of an attempt at the task, see `LiveConsole`.
         condition: condition of the session; None: that of the scene.
+        fulcrum: which end of the instruments the hands lead at the start.
+        feed: deformables; None: no deformables.
 
     Raises:
         TwinError: the scene has no console, the console does not match its robots, or the port of packets is in use.
@@ -142,7 +147,7 @@ def of_console(
     # It imports MuJoCo and the simulation, which a single robot does not need.
     from twin.ui.headset.operation import Operation
 
-    operation = Operation(scene, robots, session, task, props, report, condition)
+    operation = Operation(scene, robots, session, task, props, report, condition, fulcrum, feed)
     try:
         if packets is not None:
             operation.listen(*packets)
@@ -154,7 +159,7 @@ def of_console(
     about = [describe(robots[p.name], Desk(robots[p.name]), {}, {}, p) for p in scene.places]
     nothing = {"protocols": [], "variants": [], "postures": [], "has_workspace": False}
     shown = alignment.beside(props, None if task is None else task.alignment)
-    return _placed(scene, robots, operation, [a | nothing for a in about], shown, None)
+    return _placed(scene, robots, operation, [a | nothing for a in about], shown, feed)
 
 
 def _placed(

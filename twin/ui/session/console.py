@@ -18,7 +18,7 @@ import numpy as np
 from twin.api import Robot
 from twin.core import spatial
 from twin.core.atomic import Scratch
-from twin.core.errors import TwinError
+from twin.core.errors import TwinError, unknown
 from twin.core.jobs import Call
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM
@@ -26,8 +26,8 @@ from twin.model.mechanism import Mechanism
 from twin.model.scene import Scene, Task
 from twin.simulation import console_scene, contact_scene
 from twin.simulation.console_scene import HANDS, Member
-from twin.simulation.controllers.camera import Drag
 from twin.simulation.controllers.pedals import CAMERA, FREE, TOOLS
+from twin.simulation.controllers.pivot import FULCRUMS, Fulcrum
 from twin.simulation.devices.given import GivenHands, HandState
 from twin.simulation.session import rings
 from twin.simulation.session.camera_referee import CameraReferee
@@ -89,6 +89,7 @@ class LiveConsole:
         props: Mechanism | None = None,
         report: MakeReport | None = None,
         condition: Condition | None = None,
+        fulcrum: Fulcrum = "compensated",
     ) -> None:
         """Create the World with the robots at the places of the scene.
 
@@ -102,6 +103,7 @@ class LiveConsole:
             props: mechanism of the props; only needed for such a task, and for the forces of contacts.
             report: makes the report of an attempt, in another process; None: no reports.
             condition: condition of the session, with the switch of the forces; None: that of the scene.
+            fulcrum: which end of the instruments the hands lead at the start; only for `device` None.
 
         Raises:
             TwinError: the scene has no console, the console does not match its robots, or the task its props.
@@ -110,7 +112,8 @@ class LiveConsole:
         if scene.console is None:
             raise TwinError(f"scene '{scene.name}' has no console: add the table [console] to {scene.file.name}")
         self.scene, self.table = scene, scene.console
-        self.device = device or GivenHands(console_scene.PEDALS, HANDS, self.table.scale)
+        settings = console_scene.settings(scene, fulcrum)
+        self.device = device or GivenHands(console_scene.PEDALS, HANDS, self.table.scale, settings=settings)
         self.members = {n: Member(r.mechanism, r.kinematics()) for n, r in robots.items()}
         self.task, self._props, self._make_report = task, props, report
         on = scene.haptics is None or scene.haptics.on
@@ -341,6 +344,30 @@ class LiveConsole:
         self.require_free(client)
         self.device.feel(on)
 
+    def lead_by(self, client: str, fulcrum: Fulcrum) -> None:
+        """Choose the end of the instruments that the hands lead.
+
+        Raises:
+            HeldError: another client controls the hands.
+            TwinError: the instruments of the scene have no length.
+        """
+        self.require_free(client)
+        if not self.table.instrument_mm:
+            raise TwinError(f"scene '{self.scene.name}' has no fulcrum: add instrument_mm to its table [console]")
+        self.device.set(console_scene.FULCRUM, FULCRUMS.index(fulcrum))
+
+    def take_tool(self, client: str, hand: str, tool: str) -> None:
+        """Choose the tool of the instrument that a hand ("right" or "left") controls now.
+
+        Raises:
+            HeldError: another client controls the hands.
+            TwinError: the scene has no such tool.
+        """
+        self.require_free(client)
+        if tool not in self.scene.tools:
+            raise TwinError(f"scene '{self.scene.name}': {unknown('tool', tool, self.scene.tools)}")
+        self.device.set(f"{self.arm(hand)}.tool", list(self.scene.tools).index(tool))
+
     def release(self, client: str) -> None:
         """End the control by this client's hands, if this client has control."""
         if self.owner == client:
@@ -401,6 +428,8 @@ class LiveConsole:
             wall = self._wall(arm) if follows else None
             jumps = int(sum(signals[f"{a}.jumps"][0] for a in getattr(self.table, hand)))
             hands[hand] = {"robot": arm, "follows": follows, "wall": wall, "jumps": jumps}
+            if self.scene.tools:
+                hands[hand]["tool"] = list(self.scene.tools)[int(signals[f"{arm}.tool"][0])]
         return {
             "owner": self.owner,
             "heard": self.device.heard,
@@ -408,6 +437,7 @@ class LiveConsole:
             "mode": "nothing" if mode == FREE else "camera" if mode == CAMERA else "instruments",
             "scale": float(signals[f"{console_scene.PEDALS}.scale"][0]),
             "haptics": bool(signals["haptics.on"][0]),
+            "fulcrum": FULCRUMS[int(signals[console_scene.FULCRUM][0])] if self.table.instrument_mm else None,
             "hands": hands,
             "camera": self._camera_wall() if mode == CAMERA else None,
             "pedal": None if mode == TOOLS or silent or t - self._pressed < _STUCK else _stuck(mode),
@@ -445,7 +475,7 @@ class LiveConsole:
         return None
 
     def _camera_wall(self) -> str | None:
-        at, drag = self.camera_at, Drag()
+        at, drag = self.camera_at, console_scene.drag(self.table)
         names, units = ("pan", "tilt", "depth", "roll"), (DEG, DEG, MM, DEG)
         for k, (name, unit) in enumerate(zip(names, units, strict=True)):
             if at[k] - drag.lower[k] < 1e-9 or drag.upper[k] - at[k] < 1e-9:

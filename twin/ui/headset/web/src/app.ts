@@ -338,6 +338,7 @@ export class App {
       if (!this.xr.presenting) {
         this.dom.refresh();
         this.score.refresh();
+        this.console?.tools?.refresh();
         world.cover(...this.dom.covers());
       }
       this.xrPanel.refresh();

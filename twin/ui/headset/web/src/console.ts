@@ -12,6 +12,7 @@ import { Pad } from './pad';
 import { type Pedal, Pens, SIDES } from './pens';
 import { type CameraInfo, type ConsoleInfo, type SceneInfo, type Side, UDP } from './protocol';
 import { Screen } from './screen';
+import { Tools } from './tools';
 import { Views } from './views';
 
 /** Distance in m from the lens at which a tool moves exactly with the mouse, at the initial motion scale. */
@@ -28,6 +29,8 @@ export class Console {
   readonly screen: Screen;
   readonly hands: ConsoleHands;
   readonly forces: Forces;
+  /** The window of tools; null for a scene without tools. */
+  readonly tools: Tools | null;
   /** Hand that the mouse moves or last moved. */
   chosen: Side = 'right';
   readonly help =
@@ -45,7 +48,9 @@ export class Console {
       () => model.client,
     );
     const camera = scene.cameras.find((c) => c.name === info.camera) as CameraInfo;
-    this.views = new Views(app, camera, document.getElementById('page') as HTMLElement);
+    const page = document.getElementById('page') as HTMLElement;
+    this.views = new Views(app, camera, page, info.tools.length > 0);
+    this.tools = info.tools.length ? new Tools(page, app, this) : null;
     this.forces = new Forces(app, this);
     this.keys = new Keys(this);
     this.pad = new Pad(this);
@@ -117,6 +122,22 @@ export class Console {
 
   get haptics(): boolean {
     return this.app.model.console?.haptics ?? false;
+  }
+
+  /** Let the hands lead the other end of the instruments. */
+  toggleFulcrum(): void {
+    if (this.info.fulcrum) this.app.ask('fulcrum', { mode: this.app.model.console?.fulcrum === 'direct' ? 'compensated' : 'direct' });
+  }
+
+  /** Return a text on the end of the instruments that the hands lead. */
+  fulcrumText(): string {
+    return this.app.model.console?.fulcrum === 'direct'
+      ? 'Fulcrum direct: the tip goes the other way'
+      : 'Fulcrum compensated: the tip goes with the hand';
+  }
+
+  takeTool(side: Side, name: string): void {
+    this.app.ask('tool', { hand: side, name });
   }
 
   setScale(value: number): void {

@@ -39,6 +39,7 @@ export const KEYS: readonly (readonly [what: string, keys: string])[] = [
   ['Motion scale', '– and +'],
   ['Forces on or off', 'T'],
   ['Swap the pictures', 'V'],
+  ['Lead the other end of instruments in ports', 'G'],
 ];
 
 export class Keys {
@@ -75,6 +76,7 @@ export class Keys {
     else if (e.key === '+' || e.key === '=') console.setScale(console.scale + 0.05);
     else if (e.key === '-') console.setScale(console.scale - 0.05);
     else if (e.code === 'KeyT' && !e.repeat) console.toggleHaptics();
+    else if (e.code === 'KeyG' && !e.repeat) console.toggleFulcrum();
     else if (e.code === 'KeyV' && !e.repeat) console.views.swap();
     else if (JAWS[e.code] && !e.repeat) console.toggleJaw(JAWS[e.code] as Side);
     else if (WAYS[e.code]) this.down.add(e.code);

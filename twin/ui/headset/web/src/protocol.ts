@@ -85,6 +85,17 @@ export interface ConsoleInfo {
   scale: Numbers;
   /** Time in s without a message after which nothing moves. */
   patience: number;
+  /** Whether the hands can lead the outer ends of the instruments. */
+  fulcrum: boolean;
+  tools: ToolInfo[];
+}
+
+/** A tool that an instrument can hold. */
+export interface ToolInfo {
+  name: string;
+  title: string;
+  kind: 'grasper' | 'scissors' | 'clip' | 'scalpel' | 'cautery';
+  does: string;
 }
 
 export type Side = 'right' | 'left';
@@ -121,7 +132,9 @@ export interface ConsoleState {
   scale: number;
   /** Whether the forces on the hands are switched on. */
   haptics: boolean;
-  hands: Record<Side, { robot: string; follows: boolean; wall: string | null; jumps: number }>;
+  hands: Record<Side, { robot: string; follows: boolean; wall: string | null; jumps: number; tool?: string }>;
+  /** Which end of the instruments the hands lead: the tip, or the outer end; null: the mechanism decides. */
+  fulcrum: 'compensated' | 'direct' | null;
   /** Text on the camera's limit; null if it is at no limit. */
   camera: string | null;
   /** Speed of the World relative to real time. */

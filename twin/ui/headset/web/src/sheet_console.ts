@@ -91,6 +91,7 @@ export function atConsole(app: App, console: Console): Tab {
       set: (v) => console.setScale(v),
       show: (v) => v.toFixed(2),
     },
+    ...tools(app, console),
     { kind: 'text', id: 'forces', text: () => console.forces.text() },
     {
       kind: 'row',
@@ -140,6 +141,30 @@ export function atConsole(app: App, console: Console): Tab {
     list('headset', TRACKED, desk),
   ];
   return { id: 'console', label: 'Console', controls };
+}
+
+/** Return the controls for the tools of the instruments and for the fulcrum; in a headset, there is no window of tools. */
+function tools(app: App, console: Console): Control[] {
+  const { info } = console;
+  const choices = info.tools.length ? SIDES.toReversed() : [];
+  const out: Control[] = choices.map((side) => ({
+    kind: 'choice',
+    id: `tool-${side}`,
+    label: `Tool of the ${side} hand`,
+    options: () => info.tools.map((t) => [t.name, t.title]),
+    get: () => app.model.console?.hands[side].tool ?? '',
+    set: (name) => console.takeTool(side, name),
+  }));
+  if (!info.fulcrum) return out;
+  const button: Button = {
+    kind: 'button',
+    id: 'fulcrum',
+    label: () => console.fulcrumText(),
+    on: () => app.model.console?.fulcrum === 'direct',
+    press: () => console.toggleFulcrum(),
+    hint: 'Whether the hand leads the tip, or the outer end of the instrument, which pivots in its port',
+  };
+  return [...out, { kind: 'row', items: [button] }];
 }
 
 function packetText(state: ConsoleState | null): string {

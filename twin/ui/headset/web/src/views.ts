@@ -38,6 +38,9 @@ const SEEN = 0.4; // m: maximum distance drawn in the endoscope's view, which sh
 const REST = 200; // ms between two updates of the small view while the large view changes
 const LONG_REST = 5000; // ms between two updates of the small view on a slow machine
 const STILL = 1500; // ms without motion after which a slow machine draws all pixels again
+/** Headings of the two pictures of a scene with a window of tools. */
+const NAMES: Readonly<Record<View, string>> = { room: 'Patient and robots', scope: 'Inside the abdomen' };
+const CLOSER = 1.9; // enlargement of the small view of the room beside a window of tools
 const SCOPE_LIGHT = 4; // layer of the endoscope's light
 const PART = 0.3; // width of the small view as a fraction of the free width
 const UP = new Quaternion().setFromAxisAngle(new Vector3(1, 0, 0), Math.PI); // from -y up, along z, to y up, along -z
@@ -53,6 +56,7 @@ export class Views {
   private readonly frame = document.createElement('button');
   private readonly small = document.createElement('canvas');
   private readonly label = document.createElement('span');
+  private readonly heading = document.createElement('span');
   private drawn = -Infinity;
   private shadows = false;
 
@@ -60,6 +64,8 @@ export class Views {
     private readonly app: App,
     private readonly camera: CameraInfo,
     parent: HTMLElement,
+    /** Whether the large picture has a heading too. */
+    private readonly headed: boolean,
   ) {
     this.scope = new PerspectiveCamera(MathUtils.radToDeg(camera.view), 1, 0.003, SEEN);
     this.eyes = new Eyes(camera.stereo);
@@ -69,7 +75,10 @@ export class Views {
     this.frame.dataset['id'] = 'inset';
     this.frame.append(this.small);
     this.label.className = 'inset-name';
-    parent.append(this.frame, this.label);
+    this.heading.className = 'inset-name heading';
+    this.heading.dataset['id'] = 'heading';
+    this.heading.hidden = !headed;
+    parent.append(this.frame, this.label, this.heading);
     this.frame.onclick = () => this.swap();
     window.addEventListener('resize', () => this.place());
   }
@@ -127,7 +136,7 @@ export class Views {
     const [right, bottom] = this.app.world.free();
     const width = Math.round(Math.min(PART * right, 420, 0.6 * bottom));
     const height = Math.round(0.62 * width);
-    return { left: 18, top: bottom - height - 18, width, height };
+    return { left: 18, top: bottom - height - (this.headed ? 40 : 18), width, height };
   }
 
   /** Return the view at a point of the page. */
@@ -145,7 +154,9 @@ export class Views {
     this.frame.classList.toggle('work', small === 'scope');
     this.label.style.left = `${b.left + 8}px`;
     this.label.style.top = `${b.top + 4}px`;
-    this.label.textContent = small === 'room' ? 'Room · click to enlarge' : 'Endoscope';
+    const names = this.headed ? NAMES : { room: 'Room', scope: 'Endoscope' };
+    this.label.textContent = small === 'room' ? `${names.room} · click to enlarge` : names.scope;
+    this.heading.textContent = this.large === 'scope' ? `${names.scope}, through the endoscope` : names.room;
     this.frame.setAttribute('aria-label', this.label.textContent);
   }
 
@@ -306,7 +317,9 @@ export class Views {
     const [right, bottom] = world.free();
     const large = view === this.large;
     camera.aspect = b.width / b.height;
-    const [x, y] = large ? [(b.width - right) / 2, (b.height - bottom) / 2] : [0, 0];
+    const low = this.headed ? this.box(this.large === 'scope' ? 'room' : 'scope').top : bottom; // above the small windows
+    const [x, y] = large ? [(b.width - right) / 2, (b.height - low) / 2] : [0, 0];
+    if (view === 'room') camera.zoom = large || !this.headed ? 1 : CLOSER;
     camera.setViewOffset(b.width, b.height, x, y, b.width, b.height);
     if (view === 'scope') this.scope.updateWorldMatrix(true, false);
     return camera;

@@ -1,0 +1,84 @@
+"""An instrument that passes a port: the hand leads its tip, or its outer end, which moves the tip the other way.
+
+The port is the fulcrum of a lever. If the hand leads the outer end ("direct"), as a hand outside the patient does, a
+motion to the right moves the tip to the left by inner / outer length times the motion. If the hand leads the tip
+("compensated"), the controller computes the motion of the outer end.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from twin.core import spatial
+from twin.core.spatial import Array
+from twin.core.units import DEG, MM
+
+Fulcrum = Literal["compensated", "direct"]
+
+FULCRUMS: tuple[Fulcrum, ...] = ("compensated", "direct")
+"""The two ways in which a hand leads an instrument; the number of each is its value in `<device>.fulcrum`."""
+
+SHALLOW = 20 * MM
+"""Smallest length of an instrument on each side of its port; ASSUMED, so that tip and handle stay on their sides."""
+
+CONE = 60 * DEG
+"""Largest angle between an instrument and its direction at the start; ASSUMED, for the abdominal wall."""
+
+
+@dataclass(frozen=True)
+class Pivot:
+    """An instrument as a straight line from its tip through its port to its outer end.
+
+    Attributes:
+        p_port: (3,) the port in m in the robot's base.
+        axis: (3,) unit vector from the port to the tip at the start, in the robot's base.
+        length: distance in m from the tip to the outer end.
+        guided: whether the z axis of the tool is turned into this line, because no mechanism keeps it in the port.
+    """
+
+    p_port: Array
+    axis: Array
+    length: float
+    guided: bool
+
+    def outer(self, T: Array) -> Array:
+        """Return the pose (4, 4) of the outer end for a tool pose T (4, 4), both in base, of equal attitude."""
+        way = T[:3, 3] - self.p_port
+        depth = max(float(np.linalg.norm(way)), 1e-9)
+        return spatial.pose(T[:3, :3], self.p_port - way * ((self.length - depth) / depth))
+
+    def tool(self, T: Array, direct: bool) -> Array:
+        """Return the tool pose (4, 4) in base that belongs to a led pose, within `SHALLOW` and `CONE`.
+
+        Args:
+            T: (4, 4) pose in base that the hand leads: of the outer end if `direct`, else of the tool.
+            direct: whether the hand leads the outer end.
+        """
+        way = self.p_port - T[:3, 3] if direct else T[:3, 3] - self.p_port
+        away = float(np.linalg.norm(way))
+        depth = min(max(self.length - away if direct else away, SHALLOW), self.length - SHALLOW)
+        a = self._in_cone(way / away) if away > 1e-9 else self.axis
+        R = T[:3, :3]
+        return spatial.pose(turned(R[:, 2], a) @ R if self.guided else R, self.p_port + depth * a)
+
+    def _in_cone(self, a: Array) -> Array:
+        along = float(a @ self.axis)
+        if along >= np.cos(CONE):
+            return a
+        aside = a - along * self.axis
+        size = float(np.linalg.norm(aside))
+        return self.axis if size < 1e-9 else np.cos(CONE) * self.axis + np.sin(CONE) * aside / size
+
+
+def turned(a: Array, b: Array) -> Array:
+    """Return the smallest rotation (3, 3) that turns the unit vector a (3,) into b (3,); if b is -a, one of the smallest."""
+    (a1, a2, a3), (b1, b2, b3) = a.tolist(), b.tolist()
+    x, y, z = a2 * b3 - a3 * b2, a3 * b1 - a1 * b3, a1 * b2 - a2 * b1
+    c, K = float(a @ b), np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    if 1 + c < 1e-12:
+        n = np.cross(a, np.eye(3)[int(np.argmin(np.abs(a)))])
+        return 2 * np.outer(n, n) / (n @ n) - np.eye(3)
+    return np.eye(3) + K + K @ K / (1 + c)

@@ -1,0 +1,132 @@
+"""Joint values of an arm that keeps its shaft in a port by its motion alone, within joint and speed limits.
+
+Every pose on the way has its shaft in the port. If the limits allow only a part of the way of a tick, the arm makes
+this part. If a limit stops the whole way, the arm makes the parts of it that remain: direction, depth or roll.
+"""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+
+from twin.core.spatial import Array
+from twin.formula import symbolic
+from twin.formula.flow import Evaluator
+from twin.kinematics import Kinematics
+from twin.kinematics.compiled import POSE_TOL
+from twin.simulation.limits import Limits
+from twin.simulation.world import Block, Signals
+
+_NEAR = 0.05
+"""Largest joint step in rad or m per tick; a larger one may belong to another working mode."""
+
+_TRIES, _SAFE = 4, 0.98
+"""Number of inverse solutions for one way; factor on the part of it that the limits should allow."""
+
+_STUCK = 0.02
+"""Part of the way below which its coordinates are tried one by one."""
+
+_STILL = 1e-12
+"""Length of a way in m and rad that counts as none."""
+
+
+class ThroughPort(Block):
+    """Reads `<robot>.goal` (16,), a tool pose in base whose z axis is in the port, and `<robot>.encoder`.
+
+    Writes `<robot>.command` (n,). The shaft is the z axis of the tool.
+    """
+
+    def __init__(self, robot: str, kin: Kinematics, q: Array, limits: Limits, p_port: Array) -> None:
+        """Start at joint values q (n,), with the shaft in the port p_port (3,) in m in base."""
+        self.robot, self.kin, self.limits = robot, kin, limits
+        self._command = f"{robot}.command"
+        self._pair, self._way = _way(p_port).bind()
+        self._z, self._allowed = _allowed(kin, p_port).bind()
+        parts = np.cumsum((16, 4, len(q), len(q)))
+        self._T, self._at, self._q, self._low, self._high = np.split(self._z, parts)
+        self._given: tuple[bytes, bytes] = b"", b""
+        self.outputs = {self._command: q}
+
+    def step(self, signals: Signals, t: float, dt: float) -> dict[str, Array]:
+        """Make one step towards the goal."""
+        goal, q = signals[f"{self.robot}.goal"], signals[f"{self.robot}.encoder"]
+        given = goal.tobytes(), q.tobytes()
+        if given == self._given:
+            return {}
+        self._given = given
+        self._T[:] = self.kin.program.forward.one(q).ravel()
+        self._pair[:16], self._pair[16:] = self._T, goal
+        way = self._way()
+        if not np.abs(way).max() > _STILL:
+            return {}
+        low, high = self.limits.steps(q, dt)
+        self._q[:], self._low[:], self._high[:] = q, np.maximum(low, -_NEAR), np.minimum(high, _NEAR)
+        step, part = self._along(np.zeros(4), way)
+        if part >= _STUCK:
+            return {self._command: q + step}
+        step, done = np.zeros_like(q), np.zeros(4)
+        for alone in np.diag(way):
+            further, part = self._along(done, alone)
+            if part > 0:
+                step, done = further, done + part * alone
+        return {self._command: q + step}
+
+    def _along(self, done: Array, way: Array) -> tuple[Array, float]:
+        """Return (joint step (n,), part of `way` (4,) that it makes after `done` (4,)); part 0: it is stopped."""
+        part = 1.0 if np.abs(way).max() > _STILL else 0.0
+        for _ in range(_TRIES):
+            if part <= 0:
+                break
+            self._at[:] = done + part * way
+            out = self._allowed()
+            if out[-1] == 1.0:
+                return out[:-1], part
+            part *= float(out[-1])
+        return np.zeros_like(self._q), 0.0
+
+
+def _way(p_port: Array) -> Evaluator:
+    """Return the function of two poses (16 each) that gives the way (4) from one to the other.
+
+    The way is the direction about x and y of the tool in rad, the depth in m, and the roll in rad.
+    """
+    z = ca.SX.sym("z", 32)
+    T, goal = symbolic.unflat(z[:16], 4, 4), symbolic.unflat(z[16:], 4, 4)
+    a, b = T[:3, 2], goal[:3, 2]
+    v = T[:3, :3].T @ ca.cross(a, b)
+    size = symbolic.norm(v)
+    tilt = v[:2] * ca.if_else(size > 1e-15, ca.atan2(size, ca.dot(a, b)) / ca.if_else(size > 1e-15, size, 1), 1)
+    rest = (T[:3, :3] @ _tilted(tilt)).T @ goal[:3, :3]
+    roll = ca.atan2(rest[1, 0] - rest[0, 1], rest[0, 0] + rest[1, 1])
+    port = ca.DM(p_port)
+    depth = ca.dot(goal[:3, 3] - port, b) - ca.dot(T[:3, 3] - port, a)
+    return Evaluator("way_through_port", z, ca.vertcat(tilt, depth, roll))
+
+
+def _allowed(kin: Kinematics, p_port: Array) -> Evaluator:
+    """Return the function that tries a way: (joint step (n), part of this step within its limits; 1 if all of it is).
+
+    Its arguments are a pose (16), a way (4), q (n), and the smallest and the largest joint step (n each). If the end of
+    the way is out of reach, the part is 0.5.
+    """
+    n = len(kin.joints)
+    z = ca.SX.sym("z", 20 + 3 * n)
+    flat, way, q, low, high = ca.vertsplit(z, (0, 16, 20, 20 + n, 20 + 2 * n, 20 + 3 * n))
+    T, port = symbolic.unflat(flat, 4, 4), ca.DM(p_port)
+    R = T[:3, :3] @ _tilted(way[:2]) @ symbolic.rotation_z(way[3])
+    depth = ca.dot(T[:3, 3] - port, T[:3, 2]) + way[2]
+    found = kin.program.inverse.function(symbolic.flat(symbolic.pose(R, port + depth * R[:, 2])))
+    turns = ca.DM(np.where(kin.revolute, 1 / (2 * np.pi), 0.0))
+    step = found[:n] - q
+    step -= 2 * np.pi * ca.floor(step * turns + 0.5)
+    reached = ca.logic_and(ca.sumsqr(step) < np.inf, found[n] <= POSE_TOL)  # false for NaN
+    within = ca.mmin(ca.vertcat(step >= low, step <= high))
+    limit = ca.if_else(step > high, high, ca.if_else(step < low, low, step))
+    parts = ca.if_else(step == limit, 1, limit / ca.if_else(step == 0, 1, step))
+    part = ca.if_else(reached, ca.if_else(within, 1, _SAFE * ca.fmax(ca.mmin(parts), 0)), 0.5)
+    return Evaluator("allowed_through_port", z, ca.vertcat(step, part))
+
+
+def _tilted(tilt: ca.SX) -> ca.SX:
+    """Return the rotation (3, 3) of the rotation vector (tilt, 0)."""
+    return symbolic.exp_so3(ca.vertcat(tilt, 0))

@@ -1,0 +1,77 @@
+"""The deformables of a stream: their feed, packed vertices, and the report of its first error."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from twin.core.errors import TwinError
+from twin.core.spatial import Array
+from twin.ui.headset.scene_frame import pack_field
+from twin.ui.session.feed import Feed, Follower, vertices_of
+
+_NOTHING = pack_field(np.zeros((0, 3)))
+
+
+class Bends:
+    """Deformables (fields) of a scene, packed for frames; an error in them does not stop the robots.
+
+    Attributes:
+        feed: the feed; None: there are no deformables.
+        packed: packed vertices of each field, in the order of the feed's surfaces.
+        send: function that sends a document to all clients.
+    """
+
+    def __init__(self, feed: Feed | None) -> None:
+        """Pack the vertices at the start."""
+        self.feed, self.packed, self._broken = feed, (), ""
+        self.send: Callable[[dict[str, Any]], object] = lambda document: None
+        self.at(0.0)
+
+    packed: tuple[bytes, ...]
+
+    @property
+    def needs(self) -> Mapping[str, Sequence[str]]:
+        """Names of the links that `follow` needs, by robot; empty if the deformables do not follow links."""
+        return self.feed.touching if isinstance(self.feed, Follower) and not self._broken else {}
+
+    def follow(self, links: Callable[[], Mapping[str, Mapping[str, Array]]], passed: float, t: float) -> None:
+        """Let deformables that follow the links give way to them.
+
+        Args:
+            links: function that returns T_world_link (4, 4) by robot and link, of at least the links in `needs`.
+            passed: time in s since the last call.
+            t: time in s of the scene.
+        """
+        if not isinstance(self.feed, Follower) or self._broken:
+            return
+        try:
+            moved = self.feed.follow(links(), passed)
+        except Exception as error:  # an error in deformables must not stop the robots
+            self._fail(error)
+            return
+        if moved:
+            self.at(t)
+
+    def at(self, t: float) -> None:
+        """Read the deformables at a time in s; a missing field has no vertices and is reported once."""
+        if self.feed is None:
+            return
+        fields = dict.fromkeys(self.feed.surfaces, _NOTHING)
+        try:
+            frame = self.feed.at(t)
+            for name, surface in self.feed.surfaces.items():
+                fields[name] = pack_field(vertices_of(frame, name, surface))
+        except Exception as error:  # an error in deformables must not stop the robots
+            self._fail(error)
+        self.packed = tuple(fields.values())
+
+    def _fail(self, error: Exception) -> None:
+        """Report the first error in deformables."""
+        if not self._broken:
+            self._broken = str(error) if isinstance(error, TwinError) else f"{type(error).__name__}: {error}"
+            logging.getLogger(__name__).warning("a field: %s", self._broken)
+            self.send({"type": "error", "code": "failed", "message": self._broken[:500]})
