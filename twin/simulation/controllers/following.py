@@ -212,14 +212,7 @@ class HandToPose(Block):
         self._tools = [a.kin.forward(x) for a, x in zip(arms, q, strict=True)]
         self._laws = [Following(T, dt, aligns=aligns, start=start, pace=pace) for T in self._tools]
         self._view: tuple[bytes, list[Array]] = b"", []
-<<<<<<< HEAD
-=======
         self._direct = False
-        self._goals = [T.ravel() for T in self._tools]
-        self._said = [(0.0, 0.0)] * len(arms)
-        self._signals: Signals | None = None
-        self._names = [tuple(f"{a.robot}.{n}" for n in ("goal", "follows", "jumps")) for a in arms]
->>>>>>> windows
         self.outputs = {f"{a.robot}.goal": T.ravel() for a, T in zip(arms, self._tools, strict=True)}
         self.outputs |= {f"{a.robot}.{n}": 0.0 for a in arms for n in ("follows", "jumps")}
 
@@ -229,6 +222,7 @@ class HandToPose(Block):
         self._pose = now[f"{self.hand}.pose"].reshape(4, 4)
         self._grip, self._scale = now[f"{self.hand}.grip"].item, now[f"{self.device}.scale"].item
         self._mode, self._taps = now["console.mode"].item, now["console.taps"].item
+        self._fulcrum = now[f"{self.device}.fulcrum"].item if f"{self.device}.fulcrum" in signals else None
         self._camera = now[f"{self.view}.view"] if isinstance(self.view, str) else self.view
         self._out = [
             (memory[f"{a.robot}.goal"].reshape(4, 4), memory[f"{a.robot}.follows"], memory[f"{a.robot}.jumps"])
@@ -237,60 +231,32 @@ class HandToPose(Block):
 
     def step(self, signals: Signals, t: float, dt: float) -> None:
         """Move the selected arm; the other arms remain at rest."""
-<<<<<<< HEAD
-        active = int(self._taps()) % len(self._laws) if self._mode() == TOOLS else -1
-        for i, (law, (goal, follows, jumps)) in enumerate(zip(self._laws, self._out, strict=True)):
-=======
-        if signals is not self._signals:
-            self._attach(signals)
-        if (direct := self._fulcrum.item() > 0.5) is not self._direct:
+        direct = self._fulcrum is not None and self._fulcrum() > 0.5
+        if direct is not self._direct:
             self._direct = direct
             for law in self._laws:
                 law.release()  # the hand is coupled again, with the other end of the instrument
-        follow, mode = self._laws, self._mode.item()
-        active = int(self._taps.item()) % len(follow) if mode == TOOLS else -1
-        out: dict[str, Array | float] = {}
-        for i, law in enumerate(follow):
->>>>>>> windows
+        active = int(self._taps()) % len(self._laws) if self._mode() == TOOLS else -1
+        for i, (law, (goal, follows, jumps)) in enumerate(zip(self._laws, self._out, strict=True)):
             if i == active:
                 if not law.follows:  # the tool's current pose is used when the hand is coupled
                     arm = self.arms[i]
                     self._tools[i] = arm.kin.forward(signals[f"{arm.robot}.encoder"], self._tools[i])
-<<<<<<< HEAD
-                T = self._poses_of_hand()[i]
-                goal[...] = law.step(self._pose, self._grip(), self._tools[i], T, self._scale())
+                self._lead(i, law, goal)
             else:
                 law.release()
             follows[0], jumps[0] = law.follows, law.jumps
-=======
-                self._lead(i, law)
-            else:
-                law.release()
-            goal, follows, jumps = self._names[i]
-            out[goal] = self._goals[i]
-            said = float(law.follows), float(law.jumps)
-            if said != self._said[i]:
-                self._said[i] = out[follows], out[jumps] = said
-        return out
 
-    def _lead(self, i: int, law: Following) -> None:
-        """Move the goal of an arm by the hand."""
+    def _lead(self, i: int, law: Following, goal: Array) -> None:
+        """Write the goal (4, 4) of an arm that the hand leads."""
         T, pivot = self._poses_of_hand()[i], self.arms[i].pivot
         if pivot is None:
-            self._goals[i] = law.step(self._pose, self._grip.item(), self._tools[i], T, self._scale.item()).ravel()
+            goal[...] = law.step(self._pose, self._grip(), self._tools[i], T, self._scale())
             return
         led = pivot.outer(self._tools[i]) if self._direct and not law.follows else self._tools[i]
-        led = law.step(self._pose, self._grip.item(), led, T, self._scale.item())
+        led = law.step(self._pose, self._grip(), led, T, self._scale())
         if law.follows:
-            self._goals[i] = pivot.tool(led, self._direct).ravel()
-
-    def _attach(self, signals: Signals) -> None:
-        self._signals, now = signals, signals.now
-        self._fulcrum = now[f"{self.device}.fulcrum"] if f"{self.device}.fulcrum" in signals else np.zeros(1)
-        self._pose, self._grip = now[f"{self.hand}.pose"].reshape(4, 4), now[f"{self.hand}.grip"]
-        self._scale, self._mode, self._taps = now[f"{self.device}.scale"], now["console.mode"], now["console.taps"]
-        self._camera = now[f"{self.view}.view"] if isinstance(self.view, str) else self.view
->>>>>>> windows
+            goal[...] = pivot.tool(led, self._direct)
 
     def _poses_of_hand(self) -> list[Array]:
         """Return the pose of {H} in the base of each arm; the same arrays as before if the view has not moved."""
