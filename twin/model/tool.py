@@ -1,0 +1,66 @@
+"""Tools that an instrument can carry: grasper, clip applier, scissors, scalpel, cautery."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import Field, model_validator
+
+from twin.core.provenance import Parameter
+from twin.schema import Identifier, Origin, Table, at
+
+Kind = Literal["grasper", "clip_applier", "scissors", "scalpel", "cautery"]
+
+_NEEDS: dict[str, tuple[str, ...]] = {
+    "grasper": ("open_mm", "pinch_n", "friction"),
+    "clip_applier": ("open_mm", "clips"),
+    "scissors": ("open_mm",),
+    "scalpel": ("open_mm",),
+    "cautery": ("power_w",),
+}
+
+
+class ToolTable(Table):
+    """A tool, and the robots of the scene that can carry it.
+
+    Its jaws, legs or blades are `jaw_mm` long, end at the tip of the instrument, and are along its shaft; `open_mm` is
+    the gap between them, or the width of the stroke of a scalpel. A grasper pinches with `pinch_n`; what it holds slips
+    at the force 2 `friction` `pinch_n`. Cautery heats what is within `jaw_mm` of its tip with `power_w`.
+    """
+
+    kind: Kind
+    robots: list[Identifier] = Field(min_length=1)
+    jaw_mm: float = Field(gt=0, le=50)
+    open_mm: float | None = Field(None, gt=0, le=50)
+    pinch_n: float | None = Field(None, gt=0, le=100)
+    friction: float | None = Field(None, gt=0, le=2)
+    clips: int | None = Field(None, ge=1, le=12)
+    power_w: float | None = Field(None, gt=0, le=200)
+    provenance: Origin
+    note: str = Field(min_length=1)
+
+    @model_validator(mode="after")
+    def _whole(self) -> ToolTable:
+        needs = _NEEDS[self.kind]
+        for key in ("open_mm", "pinch_n", "friction", "clips", "power_w"):
+            if (getattr(self, key) is None) == (key in needs):
+                raise at("kind" if key in needs else key, f"a {self.kind} {'needs' if key in needs else 'takes no'} `{key}`")
+        return self
+
+    @property
+    def slips_at(self) -> float:
+        """Force in N at which what a grasper holds slips: friction at both jaws."""
+        return 2.0 * (self.friction or 0.0) * (self.pinch_n or 0.0)
+
+
+def parameters(name: str, t: ToolTable) -> list[Parameter]:
+    """Return the numbers of a tool with their provenance."""
+    rows = (
+        ("jaw", t.jaw_mm, "mm", 1e-3), ("open", t.open_mm, "mm", 1e-3), ("pinch", t.pinch_n, "N", 1.0),
+        ("friction", t.friction, "1", 1.0), ("clips", t.clips, "1", 1.0), ("power", t.power_w, "W", 1.0),
+    )  # fmt: skip
+    return [
+        Parameter(f"tool {name} {what}", v * unit, text, float(v), t.provenance, t.note)
+        for what, v, text, unit in rows
+        if v is not None
+    ]
