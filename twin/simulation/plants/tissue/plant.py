@@ -39,7 +39,11 @@ class Links:
         """Return T_world_link (4, 4) of each link at joint values q (n,); None: at the latest ones."""
         if q is not None and not np.array_equal(q, self._last.q):
             self._last = self._model.solve(q.copy(), self._last)
-        return [self._T_world_base @ self._last.link_poses[tool.body.name] for tool in self.tools]
+        return [self.pose(tool.body.name) for tool in self.tools]
+
+    def pose(self, body: str) -> Array:
+        """Return T_world_body (4, 4) of any body at the latest joint values."""
+        return self._T_world_base @ self._last.link_poses[body]
 
 
 class Tissues(Block):
@@ -53,8 +57,10 @@ class Tissues(Block):
         `<organ>.force` (3,): total contact force on the organ in the World in N.
     """
 
-    def __init__(self, tissues: Sequence[Tissue], robots: Sequence[Links], period: float = PERIOD) -> None:
-        """Build the organs; `period`: time in s between two steps, a multiple of the World's tick.
+    def __init__(
+        self, tissues: Sequence[Tissue], robots: Sequence[Links], period: float = PERIOD, held: str = ""
+    ) -> None:
+        """Build the organs; `period`: time in s between two steps, a multiple of the World's tick; `held`: see `Organs`.
 
         Raises:
             WorldError: a number is out of range, the period is longer than 20 ms, or a link is inside an organ.
@@ -63,7 +69,7 @@ class Tissues(Block):
         if not period <= SLOWEST:
             raise WorldError(f"organs step every {period * 1e3:g} ms; at most {SLOWEST * 1e3:g} ms is allowed")
         poses = [T for r in robots for T in r.poses()]
-        self.organs = Organs(tissues, [t for r in robots for t in r.tools], poses, period)
+        self.organs = Organs(tissues, [t for r in robots for t in r.tools], poses, period, held)
         self.outputs = self._signals()
 
     def step(self, signals: Signals, t: float, dt: float) -> Mapping[str, ArrayLike]:
