@@ -85,22 +85,21 @@ class Vessel:
             flat: (n + 1,) fraction by which a clip flattens the vessel at each node.
             across: (3,) direction in which a clip flattens it.
         """
-        out = np.zeros((self.segments, 2, 3, 3))
         along = np.diff(points, axis=0)
-        for k in range(self.segments):
-            if cut[k]:
-                out[k] = points[k]
-                continue
-            z = along[k] / max(float(np.linalg.norm(along[k])), 1e-9)
-            u = across - z * (z @ across)
-            if np.linalg.norm(u) < 1e-3:
-                u = np.eye(3)[int(np.argmin(np.abs(z)))]
-                u = u - z * (z @ u)
-            u /= np.linalg.norm(u)
-            v = np.cross(z, u)
-            for side in (0, 1):
-                p, thin = points[k + side], 1.0 - 0.95 * flat[k + side]
-                out[k, side] = p, p + self.radius * thin * u, p + self.radius * (2 - thin) ** 0.5 * v
+        z = along / np.maximum(np.linalg.norm(along, axis=1), 1e-9)[:, None]
+        u = across - z * (z @ across)[:, None]
+        parallel = np.linalg.norm(u, axis=1) < 1e-3
+        other = np.eye(3)[np.argmin(np.abs(z), axis=1)]
+        u = np.where(parallel[:, None], other - z * np.einsum("ij,ij->i", z, other)[:, None], u)
+        u /= np.linalg.norm(u, axis=1)[:, None]
+        v = np.column_stack([z[:, k - 2] * u[:, k - 1] - z[:, k - 1] * u[:, k - 2] for k in range(3)])  # z x u
+        thin = 1.0 - 0.95 * flat
+        out = np.empty((self.segments, 2, 3, 3))
+        for side, p, t in ((0, points[:-1], thin[:-1]), (1, points[1:], thin[1:])):
+            t = t[:, None]
+            out[:, side] = np.stack([p, p + self.radius * t * u, p + self.radius * np.sqrt(2 - t) * v], axis=1)
+        gone = cut > 0
+        out[gone] = points[:-1][gone][:, None, None, :]
         return out.reshape(-1, 3)
 
     @cached_property

@@ -58,7 +58,7 @@ class Tube:
         self.cut, self.flat = np.zeros(n, int), np.zeros(n + 1)
         self.across, self.held = np.array([0.0, 0.0, 1.0]), dict[int, Held]()
         self.reaction = np.zeros(3)
-        self._creeps = True
+        self._creeps, self._drawn = True, ((), np.zeros((0, 3)))
         self._stiff = vessel.young * np.pi * vessel.radius**2 / vessel.lengths
         self._drag = _DRAG * float(vessel.lengths.mean()) / period
 
@@ -156,4 +156,7 @@ class Tube:
 
     def nodes(self) -> Array:
         """Return the nodes (6 n, 3) of the deformable in the World in m."""
-        return self.vessel.rings(self.points, self.cut, self.flat, self.across)
+        state = tuple(x.tobytes() for x in (self.points, self.cut, self.flat, self.across))
+        if state != self._drawn[0]:
+            self._drawn = state, self.vessel.rings(self.points, self.cut, self.flat, self.across)
+        return self._drawn[1]
