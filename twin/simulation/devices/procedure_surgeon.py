@@ -262,6 +262,8 @@ class ProcedureSurgeon(Block):
 
     def _clip(self) -> Iterator[None]:
         p, manner, vessel = self.procedure, self.manner, self._vessels[self.procedure.vessel]
+        if self.mistake == "organ_punctured":
+            yield from self._puncture()
         if self.mistake == "wrong_vessel":
             other = next(v for v in self._vessels.values() if v.name != vessel.name)
             yield from self._close_at(other.name, 0.75 * other.arc[-1])
@@ -311,8 +313,6 @@ class ProcedureSurgeon(Block):
         """Free the bed cell by cell from the side of the instrument, while the organ is lifted; then take it out."""
         robot, holder, organ = self._worker, self._holder, self._organ.name
         yield from self._change(robot, "cautery")
-        if self.mistake == "organ_punctured":
-            yield from self._puncture()
         order = np.argsort(np.linalg.norm(self._bed() - self._arms[robot].port, axis=1))
         left = order[:-1] if self.mistake == "bed_left" else order
         for cell in left.tolist():

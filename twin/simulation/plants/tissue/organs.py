@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import mujoco
 import numpy as np
+from scipy.spatial import KDTree
 
 from twin.core import spatial
 from twin.core.errors import WorldError
@@ -176,6 +177,10 @@ class Organ:
         self._volume = _Volume(tissue.weights, self._triangles)
         self._content, by_node = self._volume.at(self._nodes_at_rest)
         self._area = self._content ** (2 / 3)
+        self._tree = KDTree(tissue.local)
+        corners = tissue.local[self._triangles]
+        edge = float(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max())
+        self._reach = 2 * _SAMPLE + edge / np.sqrt(3)  # no point of a triangle is further from all of its corners
         fixed = tissue.held if not operable else np.zeros(0, int)
         spec = mujoco.MjSpec.from_string(_xml(tissue, fixed, period))
         spec.attach(links.copy(), frame=spec.worldbody.add_frame(), prefix=_PREFIX)
@@ -225,7 +230,7 @@ class Organ:
         self._look(jumped)
         self._steps += 1
         led = self.hold is not None and self.hold.begin(self._nodes_at_rest, self._nodes, self.tissue.T_world_grid)
-        if self._rests and not led and not any(len(self._near(k)) for k in range(len(self._tools))):
+        if self._rests and not led and not self._approached():
             d.qpos[self._qpos] = self._wanted
             return False
         last, self._rests = self.nodes, False
@@ -309,6 +314,11 @@ class Organ:
             return np.zeros((0, 3))
         points = self._samples[k] @ T[:3, :3].T + T[:3, 3]
         return points[((points > low) & (points < high)).all(axis=1)]
+
+    def _approached(self) -> bool:
+        """Return whether a point of a link is so near to a vertex that it can touch the organ, which is at rest."""
+        near = [points for k in range(len(self._tools)) if len(points := self._near(k))]
+        return bool(near) and float(self._tree.query(np.concatenate(near))[0].min()) < self._reach
 
     def _is_inside(self, k: int) -> bool:
         near = self._near(k)
