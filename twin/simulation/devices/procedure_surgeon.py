@@ -336,11 +336,11 @@ class ProcedureSurgeon(Block):
         yield from self._wait(1.0)
 
     def _puncture(self) -> Iterator[None]:
-        """Push the tip into the first organ to be spared, twice as deep as allowed."""
+        """Push the tip into the first organ to be spared, far deeper than allowed."""
         robot, port = self._worker, self._arms[self._worker].port
         v = self._spared.surface.vertices
         top = v[v[:, 2] > v[:, 2].max() - 5 * MM].mean(axis=0)
-        deep = top + 2 * self.procedure.depth_mm * MM * (top - port) / np.linalg.norm(top - port)
+        deep = top + 3 * self.procedure.depth_mm * MM * (top - port) / np.linalg.norm(top - port)
         yield from self._move({robot: top - self.manner.before * self._inwards(robot, top)}, self.manner.quick)
         yield from self._move({robot: deep}, self.manner.slow)
         yield from self._back(robot)

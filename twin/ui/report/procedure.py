@@ -46,11 +46,12 @@ def figure(found: ProcedureSession) -> Figure:
             for check in found.measures.checks:
                 if check.t is not None:
                     ax.axvline(check.t, color=INK, lw=0.6)
-        for check in found.measures.checks:
-            if check.t is not None:
-                axes[0].annotate(
-                    check.name, (check.t, 1), xycoords=("data", "axes fraction"), fontsize=7, ha="center", va="bottom"
-                )
+        passed = [c for c in found.measures.checks if c.t is not None]
+        for k, check in enumerate(passed):  # at two heights, so that two stages soon after each other can be read
+            place = (check.t, 1.0 + 0.13 * (k % 2))
+            axes[0].annotate(
+                check.name, place, xycoords=("data", "axes fraction"), fontsize=7, ha="center", va="bottom"
+            )
         axes[-1].set_xlabel("time, s")
         who = "a person" if found.seed is None else f"simulated surgeon, seed {found.seed}"
         out.suptitle(f"{found.scene.name}: {found.task.name}, {who}", fontsize=10, fontweight="bold", x=0.01, ha="left")

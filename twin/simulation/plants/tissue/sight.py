@@ -22,21 +22,23 @@ class Sight:
         local = (points - T[:3, 3]) @ T[:3, :3]
         flat = np.abs(local[:, :2]).max(axis=1)
         visible = (local[:, 2] > 0) & (flat <= local[:, 2] * np.tan(self._view / 2))
-        for k in np.flatnonzero(visible).tolist():
-            visible[k] = not any(_blocked(T[:3, 3], points[k], v, f) for v, f in surfaces)
-        return float(visible.mean())
+        rays = points[visible] - T[:3, 3]
+        blocked = np.zeros(len(rays), bool)
+        for vertices, triangles in surfaces:
+            blocked |= _blocked(T[:3, 3], rays, vertices, triangles)
+        return float((visible.sum() - blocked.sum()) / len(points))
 
 
-def _blocked(a: Array, b: Array, vertices: Array, triangles: Index) -> bool:
-    """Return whether the line from a to b (3,) passes a triangle (T. Moeller and B. Trumbore, 1997)."""
+def _blocked(start: Array, rays: Array, vertices: Array, triangles: Index) -> np.ndarray:
+    """Return whether the lines from one start (3,) along rays (n, 3), to their ends, pass a triangle.
+
+    The method is that of T. Moeller and B. Trumbore (1997), with what is the same for all rays computed once.
+    """
     p, q, r = (vertices[triangles[:, k]] for k in range(3))
-    d, e, g = b - a, q - p, r - p
-    h = np.cross(d, g)
-    det = np.einsum("ij,ij->i", e, h)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        s = a - p
-        u = np.einsum("ij,ij->i", s, h) / det
-        w = np.cross(s, e)
-        v = w @ d / det
-        t = np.einsum("ij,ij->i", g, w) / det
-        return bool(((u >= 0) & (v >= 0) & (u + v <= 1) & (t > 0) & (t < 1)).any())
+    e, g, s = q - p, r - p, start - p
+    w = np.cross(s, e)
+    det, u, v = rays @ np.cross(g, e).T, rays @ np.cross(g, s).T, rays @ w.T
+    t = np.einsum("ij,ij->i", g, w)
+    sign = np.sign(det)
+    det, u, v, t = np.abs(det), u * sign, v * sign, t * sign
+    return ((det > 0) & (u >= 0) & (v >= 0) & (u + v <= det) & (t > 0) & (t < det)).any(axis=1)
