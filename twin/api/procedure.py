@@ -71,9 +71,7 @@ class ProcedureSession(Result):
     @cached_property
     def measures(self) -> ProcedureMeasures:
         """The checks and measures, from the signals of the World."""
-        ports: list[Array] = [
-            procedure_scene.port_of(p) for p in procedure_scene.robots_of(self.scene, self.procedure)
-        ]
+        ports: list[Array] = [procedure_scene.port_of(p) for p in procedure_scene.robots_of(self.scene, self.procedure)]
         return procedure_checks.measure(self.ran.kept, self.procedure, self.organ, self.scene.vessels, ports)
 
     @property
@@ -183,9 +181,7 @@ def operate_procedure(
     members, drawn, organ = _parts(scene, chosen)
     with Scratch() as folder:
         path = Path(folder) / NAME
-        ran = procedure_run.perform(
-            scene, members, chosen, drawn, path, seed=seed, mistake=mistake, progress=progress
-        )
+        ran = procedure_run.perform(scene, members, chosen, drawn, path, seed=seed, mistake=mistake, progress=progress)
         recorded = path.read_bytes()
     return ProcedureSession(scene, chosen, "", seed, mistake, ran, organ, recorded=recorded)
 

@@ -54,7 +54,10 @@ def operate(args: argparse.Namespace) -> int:
 
 
 def _at_console(file: Path, args: argparse.Namespace) -> int:
-    """Simulate a surgeon at the console of a scene, or at its instruments; write the session and the same files as `twin session --out`."""
+    """Simulate a surgeon at the console of a scene, or at its instruments.
+
+    Write the session, and the same files as `twin session --out`.
+    """
     from twin.api.session import FILE, operate_console
     from twin.simulation.session.run import task_of
     from twin.ui.report.files import write_result

@@ -1,4 +1,4 @@
-"""A surgical procedure as a task: which organ is taken out, which vessel is clipped and cut, and what counts as done."""
+"""A surgical procedure as a task: the organ that is taken out, the vessel that is cut, and what counts as done."""
 
 from __future__ import annotations
 

@@ -549,7 +549,9 @@ def _tools(path: Path, table: SceneTable, names: list[str]) -> None:
         for robot, first in p.start.items():
             if robot not in table.tool[first].robots:
                 raise error_at(
-                    path, (*keys, "start"), f"{robot} cannot carry '{first}', a tool of {', '.join(table.tool[first].robots)}"
+                    path,
+                    (*keys, "start"),
+                    f"{robot} cannot carry '{first}', a tool of {', '.join(table.tool[first].robots)}",
                 )
 
 

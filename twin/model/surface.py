@@ -166,7 +166,7 @@ def _halved(v: Array, f: Index, edge: float) -> tuple[Array, Index] | None:
 
 
 def nearest(p: Array, vertices: Array, triangles: Index) -> tuple[Array, int, Array]:
-    """Return the point (3,) of a surface nearest to p (3,), its triangle, and the shares (3,) of the triangle's corners.
+    """Return the point (3,) of a surface nearest to p (3,), its triangle, and the shares (3,) of its corners.
 
     The regions around a triangle are those of C. Ericson, "Real-Time Collision Detection" (2005), 5.1.5.
     """

@@ -44,7 +44,9 @@ class ToolTable(Table):
         needs = _NEEDS[self.kind]
         for key in ("open_mm", "pinch_n", "friction", "clips", "power_w"):
             if (getattr(self, key) is None) == (key in needs):
-                raise at("kind" if key in needs else key, f"a {self.kind} {'needs' if key in needs else 'takes no'} `{key}`")
+                raise at(
+                    "kind" if key in needs else key, f"a {self.kind} {'needs' if key in needs else 'takes no'} `{key}`"
+                )
         return self
 
     @property

@@ -94,7 +94,7 @@ class Vessel:
         u /= np.linalg.norm(u, axis=1)[:, None]
         v = np.column_stack([z[:, k - 2] * u[:, k - 1] - z[:, k - 1] * u[:, k - 2] for k in range(3)])  # z x u
         thin = 1.0 - 0.95 * flat
-        out = np.empty((self.segments, 2, 3, 3))
+        out = np.zeros((self.segments, 2, 3, 3))
         for side, p, t in ((0, points[:-1], thin[:-1]), (1, points[1:], thin[1:])):
             t = t[:, None]
             out[:, side] = np.stack([p, p + self.radius * t * u, p + self.radius * np.sqrt(2 - t) * v], axis=1)
@@ -142,7 +142,8 @@ def vessel(name: str, t: VesselTable, rgba: tuple[float, float, float, float]) -
     count = max(4, round(float(arc[-1]) / (t.segment_mm * MM)))
     if count > SEGMENTS:
         raise TwinError(
-            f"vessel '{name}' has {count} segments; at most {SEGMENTS} are allowed: increase segment_mm, {t.segment_mm:g}"
+            f"vessel '{name}' has {count} segments; at most {SEGMENTS} are allowed: "
+            f"increase segment_mm, {t.segment_mm:g}"
         )
     at = np.linspace(0, arc[-1], count + 1)
     points = np.column_stack([np.interp(at, arc, line[:, k]) for k in range(3)])

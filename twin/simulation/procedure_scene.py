@@ -144,8 +144,8 @@ def identity(scene: Scene, members: Mapping[str, Member], task: Task, organs: Se
         about.append([place.name, place.robot, plain(place.T_world_base), plain(start(place, mechanism))])
         about.append([plain(port_of(place)), plain(np.nan_to_num(mechanism.limits)), [*tissue_scene.touching(scene)]])
         about.append([[f.name, f.body, plain(f.T_body_frame)] for f in mechanism.frames])
-    for t in organs:
-        about.append([t.name, plain(t.nodes), len(t.surface.vertices), t.young, t.poisson, t.damping, t.friction])
-    for v in scene.vessels:
-        about.append([v.name, plain(v.points), v.organ, plain(v.radius), v.young])
+    about += [
+        [t.name, plain(t.nodes), len(t.surface.vertices), t.young, t.poisson, t.damping, t.friction] for t in organs
+    ]
+    about += [[v.name, plain(v.points), v.organ, plain(v.radius), v.young] for v in scene.vessels]
     return "sha256:" + hashlib.sha256(json.dumps(about).encode()).hexdigest()

@@ -15,7 +15,7 @@ _INSIDE = 10 * MM
 
 
 class ThroughPort(Block):
-    """Reads `<robot>.target` (3,), a place in the World in m; writes `<robot>.goal` (16,), the pose of the tool in base.
+    """Reads `<robot>.target` (3,), a place in the World in m; writes `<robot>.goal` (16,), the tool in base.
 
     The shaft is along the line from the port to the tip, without a bend of the wrist. It turns about itself as little
     as possible from its direction at the start.

@@ -7,7 +7,7 @@ bed and the vessels at the start of each movement, and repeats what did not succ
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal, get_args
 
 import numpy as np
@@ -49,7 +49,7 @@ class Manner:
             and go away from it, `apart` in m from each other.
     """
 
-    hand: Hand = Hand(tremor=0.1e-3)
+    hand: Hand = field(default_factory=lambda: Hand(tremor=0.1e-3))
     aim: float = 0.4e-3
     quick: float = 0.06
     slow: float = 0.03
@@ -98,7 +98,9 @@ class ProcedureSurgeon(Block):
         Args:
             arms: the robots with tools.
             camera: the robot of the endoscope.
-            organs, vessels, tools: those of the scene.
+            organs: the organs of the scene.
+            vessels: its vessels.
+            tools: its tools.
             procedure: the procedure.
             dt: duration of a tick in s.
             seed: seed of tremor and aim.
@@ -230,7 +232,9 @@ class ProcedureSurgeon(Block):
         out = port + 0.85 * self.procedure.change_mm * MM * self._inwards(robot, p)
         yield from self._move({robot: out}, self.manner.quick)
         names = [*self._tools]
-        self._tool[robot] = next(k for k, n in enumerate(names) if self._tools[n].kind == kind and robot in self._tools[n].robots)
+        self._tool[robot] = next(
+            k for k, n in enumerate(names) if self._tools[n].kind == kind and robot in self._tools[n].robots
+        )
         yield from self._wait(0.5)
 
     def _expose(self) -> Iterator[None]:

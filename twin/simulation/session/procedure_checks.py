@@ -84,17 +84,19 @@ def measure(
     """
     robots = [n for n in p.start if f"{n}.holds" in kept.sizes]
     number = next(k for k, v in enumerate(vessels) if v.name == p.vessel)
-    clips = [_Clip(kept, n.removesuffix(".on")) for n in sorted(kept.sizes) if n.startswith("clip_") and n.endswith(".on")]
-    first = min((c.t for c in clips if c.t is not None), default=None)
-    before = slice(0, len(kept.t)) if first is None else slice(0, int(np.searchsorted(kept.t, first)))
+    clips = [
+        _Clip(kept, n.removesuffix(".on")) for n in sorted(kept.sizes) if n.startswith("clip_") and n.endswith(".on")
+    ]
+    first = min((c.t for c in clips), default=np.inf)
+    before = slice(0, int(np.searchsorted(kept.t, first)))
     cut = kept[f"{p.vessel}.cut"]
     severed = np.flatnonzero(cut.any(axis=1))
-    t_cut = float(kept.t[severed[0]]) if len(severed) else None
+    t_cut = float(kept.t[severed[0]]) if len(severed) else np.inf
     shut = [c for c in clips if c.on == number and c.cover >= _SHUT]
     stages = [
         _expose(kept, p, robots, first, before),
         _show(kept, p, first, before),
-        _clip(p, [c for c in shut if t_cut is None or c.t <= t_cut], clips, number),
+        _clip(p, [c for c in shut if c.t <= t_cut], clips, number),
         _cut(vessels[number], cut[-1], shut, t_cut),
         _remove(kept, p, organ, ports),
     ]
@@ -105,7 +107,7 @@ def measure(
         [*stages, *whole],
         max(times) if len(times) == len(stages) else float(kept.t[-1]),
         paths,
-        sum(c.t is not None for c in clips),
+        sum(np.isfinite(c.t) for c in clips),
         float(kept[f"{organ.name}.energy"][-1].sum()),
         max((float(np.linalg.norm(kept[f"{n}.pull"], axis=1).max()) for n in robots), default=0.0),
         max((float(kept[f"{n}.slipped"].max()) for n in robots), default=0.0),
@@ -113,17 +115,17 @@ def measure(
 
 
 class _Clip:
-    """A clip at the end of a session: on which vessel (-1: none), where in m, its cover, and when in s it was closed."""
+    """A clip at the end: on which vessel (-1: none), where in m, its cover; when it was closed in s, infinite: unused."""
 
     def __init__(self, kept: Recording, name: str) -> None:
         on = kept[f"{name}.on"][:, 0]
         used = np.flatnonzero(on > -1.5)
-        self.t = float(kept.t[used[0]]) if len(used) else None
+        self.t = float(kept.t[used[0]]) if len(used) else np.inf
         self.on = round(float(on[-1]))
         self.at, self.cover = float(kept[f"{name}.at"][-1, 0]), float(kept[f"{name}.cover"][-1, 0])
 
 
-def _expose(kept: Recording, p: ProcedureTable, robots: Sequence[str], first: float | None, before: slice) -> Check:
+def _expose(kept: Recording, p: ProcedureTable, robots: Sequence[str], first: float, before: slice) -> Check:
     lifts = np.zeros(len(kept.t[before]))
     for n in robots:
         held = kept[f"{n}.holds"][before, 0] == 0
@@ -131,12 +133,12 @@ def _expose(kept: Recording, p: ProcedureTable, robots: Sequence[str], first: fl
     last = float(lifts[-1]) if len(lifts) else 0.0
     high = np.flatnonzero(lifts >= p.lift_mm * MM)
     done = last >= p.lift_mm * MM
-    when = "when the first clip was placed" if first is not None else "at the end"
+    when = "when the first clip was placed" if np.isfinite(first) else "at the end"
     text = f"the held point of the {p.organ} was {last / MM:.1f} mm above its place {when} (required: {p.lift_mm:g} mm)"
     return Check("expose", done, float(kept.t[high[0]]) if done else None, text)
 
 
-def _show(kept: Recording, p: ProcedureTable, first: float | None, before: slice) -> Check:
+def _show(kept: Recording, p: ProcedureTable, first: float, before: slice) -> Check:
     seen = kept[f"{p.vessel}.seen"][before, 0] >= p.seen
     run = best = 0
     t = None
@@ -147,7 +149,7 @@ def _show(kept: Recording, p: ProcedureTable, first: float | None, before: slice
             t = float(kept.t[k])
     text = (
         f"{p.camera} saw at least {p.seen:.0%} of the {p.vessel} for {best * kept.dt:.1f} s"
-        f"{' before the first clip' if first is not None else ''} (required: {p.seen_s:g} s)"
+        f"{' before the first clip' if np.isfinite(first) else ''} (required: {p.seen_s:g} s)"
     )
     return Check("show", t is not None, t, text)
 
@@ -160,14 +162,14 @@ def _clip(p: ProcedureTable, shut: Sequence[_Clip], clips: Sequence[_Clip], numb
         f"; {n} {what}" for n, what in ((part, "closed on a part of its width"), (beside, "closed beside it")) if n
     )
     text = f"{len(shut)} clips shut the {p.vessel} before it was cut (required: {wanted}){more}"
-    times = sorted(c.t for c in shut if c.t is not None)
+    times = sorted(c.t for c in shut)
     done = len(shut) >= wanted
     return Check("clip", done, times[wanted - 1] if done else None, text)
 
 
-def _cut(v: Vessel, cut: Array, shut: Sequence[_Clip], t: float | None) -> Check:
+def _cut(v: Vessel, cut: Array, shut: Sequence[_Clip], t: float) -> Check:
     gone = np.flatnonzero(cut)
-    if t is None or not len(gone):
+    if not len(gone):
         return Check("cut", False, None, f"the {v.name} is not cut")
     low, high = v.arc[gone[0]], v.arc[gone[-1] + 1]
     taken, kept = (sum(c.at < low for c in shut), sum(c.at > high for c in shut))
@@ -185,8 +187,8 @@ def _remove(kept: Recording, p: ProcedureTable, organ: Tissue, ports: Sequence[A
     far = np.min([np.linalg.norm(middle - port, axis=1) for port in ports], axis=0)
     done = freed.all(axis=1) & (energy.min(axis=1) >= p.bed_j) & (far <= p.out_mm * MM)
     text = (
-        f"{int(freed[-1].sum())} of {freed.shape[1]} cells of the bed are free, each with at least {p.bed_j:g} J; the middle "
-        f"of the {organ.name} is {far[-1] / MM:.0f} mm from the nearest port (allowed: {p.out_mm:g} mm)"
+        f"{int(freed[-1].sum())} of {freed.shape[1]} cells of the bed are free (at least {p.bed_j:g} J each); the "
+        f"middle of the {organ.name} is {far[-1] / MM:.0f} mm from the nearest port (allowed: {p.out_mm:g} mm)"
     )
     yes = bool(done[-1])
     return Check("remove", yes, float(kept.t[np.flatnonzero(done)[0]]) if yes else None, text)
@@ -195,7 +197,7 @@ def _remove(kept: Recording, p: ProcedureTable, organ: Tissue, ports: Sequence[A
 def _organs(kept: Recording, p: ProcedureTable) -> Check:
     depths = {name: float(kept[f"{name}.depth"].max()) for name in p.spare}
     worst = max(depths, key=lambda n: depths[n])
-    text = f"deepest tip {depths[worst] / MM:.1f} mm below the surface at rest of the {worst} (allowed: {p.depth_mm:g} mm)"
+    text = f"deepest tip {depths[worst] / MM:.1f} mm below the rest surface of the {worst} (allowed: {p.depth_mm:g} mm)"
     return Check("organs", depths[worst] <= p.depth_mm * MM, None, text)
 
 

@@ -118,7 +118,10 @@ def replay(
     Args:
         session: the session.
         path: its file, for messages.
-        scene, members, task, drawn: as in `perform`.
+        scene: its scene.
+        members: robots by the names of their places.
+        task: its task.
+        drawn: mechanism whose bodies are the organs.
         progress: called with "replay" and the fraction done.
 
     Raises:

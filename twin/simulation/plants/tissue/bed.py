@@ -25,6 +25,9 @@ for ever, because there is neither air nor gravity."""
 _SLIDE = 0.5 * MM
 """Distance in m by which the jaws slide in a step if the force is twice the limit; they slide in proportion."""
 
+_STIFF = [0.99, 0.999, 1e-4, 0.5, 2.0]
+"""Impedance of the constraints in MuJoCo."""
+
 _PULLS = 1e-4
 """Largest force in N that does not end the rest of an organ."""
 
@@ -59,7 +62,7 @@ def add(spec: mujoco.MjSpec, held: Index, joints: Sequence[str]) -> None:
         for axis in range(3):
             spec.add_equality(
                 name=f"bed_{node}_{axis}", type=mujoco.mjtEq.mjEQ_JOINT, objtype=mujoco.mjtObj.mjOBJ_JOINT,
-                name1=joints[3 * node + axis], solref=[2 * spec.option.timestep, 1.0], solimp=[0.99, 0.999, 1e-4, 0.5, 2.0],
+                name1=joints[3 * node + axis], solref=[2 * spec.option.timestep, 1.0], solimp=_STIFF,
             )  # fmt: skip
     for k in range(GRIPS):
         for axis in range(3):
@@ -68,7 +71,7 @@ def add(spec: mujoco.MjSpec, held: Index, joints: Sequence[str]) -> None:
                 tendon.wrap_joint(joint, 3.0 / len(joints))
             spec.add_equality(
                 name=f"grip_{k}_{axis}", type=mujoco.mjtEq.mjEQ_TENDON, objtype=mujoco.mjtObj.mjOBJ_TENDON,
-                name1=f"grip_{k}_{axis}", active=False, solref=[2 * spec.option.timestep, 1.0], solimp=[0.99, 0.999, 1e-4, 0.5, 2.0],
+                name1=f"grip_{k}_{axis}", active=False, solref=[2 * spec.option.timestep, 1.0], solimp=_STIFF,
             )  # fmt: skip
 
 

@@ -7,7 +7,7 @@ on a part of it; scissors cut what is between their blades; cautery heats the ce
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -23,7 +23,8 @@ from twin.model.surface import inside, nearest
 from twin.model.tissue import Tissue
 from twin.model.tool import ToolTable
 from twin.model.vessel import Vessel
-from twin.simulation.plants.tissue.organs import PERIOD
+from twin.simulation.plants.tissue.bed import Hold
+from twin.simulation.plants.tissue.organs import PERIOD, Organ
 from twin.simulation.plants.tissue.plant import Links, Tissues
 from twin.simulation.plants.tissue.sight import Sight
 from twin.simulation.plants.tissue.tubes import Held, Tube
@@ -76,10 +77,10 @@ class _State:
     """What an instrument does: the tool, whether its jaws are open, what they hold (0: the organ, k: vessel k - 1)."""
 
     tool: str
+    T: Array
     opened: bool = True
     holds: int = -1
-    rest: Array | None = None
-    T: Array | None = None
+    rest: Array = field(default_factory=lambda: np.zeros(3))
 
 
 @dataclass
@@ -145,13 +146,11 @@ class Operating(Tissues):
         self._energy, self._freed = (np.zeros(len(self._organ.held)) for _ in range(2))
         self._tubes = [Tube(v, period) for v in vessels]
         self._roots = [self._root(v) for v in vessels]
-        self._states = {i.robot: _State(i.tool) for i in instruments}
+        self._states = {i.robot: _State(i.tool, i.T_world_tip()) for i in instruments}
         self._clips = [_Clip() for _ in clips_of(tools)]
         self._depths = dict.fromkeys(procedure.spare, 0.0)
         self._seen, self.period = 0.0, period
         self._at = dict[int, Array]()
-        for i in instruments:
-            self._states[i.robot].T = i.T_world_tip()
         super().__init__(tissues, robots, period, procedure.organ)
 
     def step(self, signals: Signals, t: float, dt: float) -> Mapping[str, ArrayLike]:
@@ -176,9 +175,15 @@ class Operating(Tissues):
         return self._signals()
 
     @property
-    def _hold(self):
-        assert self.organs.operable is not None and self.organs.operable.hold is not None
-        return self.organs.operable.hold
+    def _operable(self) -> Organ:
+        assert self.organs.operable is not None
+        return self.organs.operable
+
+    @property
+    def _hold(self) -> Hold:
+        hold = self._operable.hold
+        assert hold is not None
+        return hold
 
     def _root(self, v: Vessel) -> Array | None:
         """Return the weights (k,) of the nodes at which a vessel is on the organ; None: it is not."""
@@ -234,7 +239,7 @@ class Operating(Tissues):
 
     def _grasp(self, k: int, state: _State, tool: ToolTable) -> None:
         """Hold the point of the organ or of a vessel that is nearest to the tip, within half the gap of the jaws."""
-        assert state.T is not None and tool.open_mm is not None
+        assert tool.open_mm is not None
         tip, reach = state.T[:3, 3], tool.open_mm / 2 * MM
         nodes = self.organs.nodes[self._organ.name]
         p, weights = self._surface_point(tip, nodes)
@@ -248,8 +253,7 @@ class Operating(Tissues):
         if holds == 0:
             self._hold.grasp(k, weights, p, tool.slips_at)
             state.rest = weights @ self._organ.nodes
-            assert self.organs.operable is not None
-            self.organs.operable.mute(self._instruments[k].robot, True)
+            self._operable.mute(self._instruments[k].robot, True)
         elif holds > 0:
             tube = self._tubes[holds - 1]
             tube.held[k] = Held(at, tube.points[at].copy(), tool.slips_at, np.zeros(3))
@@ -259,18 +263,17 @@ class Operating(Tissues):
     def _open(self, k: int, i: Instrument, state: _State) -> None:
         if state.holds == 0:
             self._hold.release(k)
-            assert self.organs.operable is not None
-            self.organs.operable.mute(i.robot, False)
+            self._operable.mute(i.robot, False)
         elif state.holds > 0:
             del self._tubes[state.holds - 1].held[k]
-        state.holds, state.rest = -1, None
+        state.holds = -1
 
     def _between(self, state: _State, tool: ToolTable) -> tuple[int, float, float]:
         """Return which vessel is between the jaws, where along it in m, and the fraction of its width between them.
 
         A vessel passes between them if its centre line is within half their gap of the line in their middle.
         """
-        assert state.T is not None and tool.open_mm is not None
+        assert tool.open_mm is not None
         tip, z, long = state.T[:3, 3], state.T[:3, 2], tool.jaw_mm * MM
         best = (ON_NOTHING, 0.0, 0.0)
         for v, tube in enumerate(self._tubes):
@@ -288,7 +291,6 @@ class Operating(Tissues):
         clip = next((c for c in self._clips if c.on == UNUSED), None)
         if clip is None:
             return
-        assert state.T is not None
         clip.on, clip.at, clip.cover = self._between(state, tool)
         clip.T = state.T @ spatial.pose(p=[0, 0, -tool.jaw_mm / 2 * MM])
         if clip.on >= 0:
@@ -323,7 +325,6 @@ class Operating(Tissues):
         state = self._states[i.robot]
         if self._slipped(k, state) > _TORN:
             self._open(k, i, state)
-        assert state.T is not None
         if k == 0:
             self._depths = dict.fromkeys(self._depths, 0.0)
         for t in self._spared:
@@ -344,7 +345,6 @@ class Operating(Tissues):
         nodes = self.organs.nodes[self._organ.name]
         for k, i in enumerate(self._instruments):
             state, name = self._states[i.robot], i.robot
-            assert state.T is not None
             pull, lifted = np.zeros(3), np.zeros(3)
             if state.holds == 0:
                 grip = self._hold.grips[k]
@@ -363,7 +363,9 @@ class Operating(Tissues):
             name = tube.vessel.name
             out |= {f"{name}.nodes": tube.nodes().ravel(), f"{name}.cut": tube.cut.astype(float)}
         out[f"{self._procedure.vessel}.seen"] = self._seen
-        applier = next((i for i in self._instruments if self._tools[self._states[i.robot].tool].kind == "clip_applier"), None)
+        applier = next(
+            (i for i in self._instruments if self._tools[self._states[i.robot].tool].kind == "clip_applier"), None
+        )
         left = 0
         for k, clip in enumerate(self._clips, 1):
             out |= {f"clip_{k}.on": float(clip.on), f"clip_{k}.at": clip.at, f"clip_{k}.cover": clip.cover}
@@ -373,7 +375,6 @@ class Operating(Tissues):
             if T is None:
                 i = applier or self._instruments[0]
                 state = self._states[i.robot]
-                assert state.T is not None
                 T = state.T @ spatial.pose(p=[0, 0, -(30 + 11 * left) * MM])  # in the tube of the applier
                 left += 1
             out[f"clip_{k}.pose"] = T.ravel()

@@ -211,9 +211,11 @@ class Organ:
 
     @property
     def within(self) -> tuple[str, ...]:
+        """Names of the links that do not touch the organ because they are inside."""
         return tuple(self._tools[k].name for k in sorted(self._within))
 
     def reset(self) -> None:
+        """Put the organ to rest where it was drawn."""
         mujoco.mj_resetData(self._model, self._data)
         self._data.qpos[self._qpos] = self._wanted
         if self.hold is not None:
@@ -222,6 +224,7 @@ class Organ:
         self.touch, self._rests = _NOTHING, True
 
     def step(self, poses: Sequence[Array]) -> bool:
+        """Move the links to T_world_link (4, 4), and the organ; return whether it moved."""
         m, d = self._model, self._data
         before, self._poses = self._poses, self._locate(poses)
         jumped = [k for k, T in enumerate(self._poses) if _moved(self._corners[k], before[k], T) > _JUMP]

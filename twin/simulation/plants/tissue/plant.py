@@ -72,7 +72,7 @@ class Tissues(Block):
     def __init__(
         self, tissues: Sequence[Tissue], robots: Sequence[Links], period: float = PERIOD, held: str = ""
     ) -> None:
-        """Build the organs; `period`: time in s between two steps, a multiple of the World's tick; `held`: see `Organs`.
+        """Build the organs; `period`: time in s between two steps, a multiple of the tick; `held`: see `Organs`.
 
         Raises:
             WorldError: a number is out of range, the period is longer than 20 ms, or a link is inside an organ.

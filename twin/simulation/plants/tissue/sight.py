@@ -13,7 +13,7 @@ class Sight:
     """The endoscope's view. Instruments are not in the way: they are thin and move."""
 
     def __init__(self, camera: Callable[[], Array], view: float) -> None:
-        """`camera` returns T_world_camera (4, 4), z along the view; `view`: height of the picture as an angle in rad."""
+        """`camera` returns T_world_camera (4, 4), z along the view; `view`: angle of the picture in rad."""
         self._camera, self._view = camera, view
 
     def seen(self, points: Array, surfaces: Sequence[tuple[Array, Index]]) -> float:

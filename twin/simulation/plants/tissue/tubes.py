@@ -1,7 +1,8 @@
 """Vessels in a World: elastic chains that jaws hold, clips shut, and blades cut.
 
-A chain has no inertia: it creeps to where its forces balance, against a drag. Each step is one of backward Euler, with
-the part of the springs' stiffness that is never negative (A. Witkin and D. Baraff, SIGGRAPH 1998), so that it is stable.
+A chain has no inertia: it creeps to where its forces balance, against a drag. Each step is one of backward Euler. Only
+the part of the springs' stiffness that is never negative is used, so that the step is stable (D. Baraff and A. Witkin,
+SIGGRAPH 1998).
 """
 
 from __future__ import annotations
