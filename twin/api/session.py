@@ -33,6 +33,7 @@ from twin.simulation.contact_scene import Peg
 from twin.simulation.session import camera_task, forces, measures, movement, rings
 from twin.simulation.session.camera_task import AlignMeasures, Sight
 from twin.simulation.session.condition import Condition
+from twin.simulation.session.file import NAME as FILE
 from twin.simulation.session.forces import ForceMeasures
 from twin.simulation.session.measures import ArmMeasures, ConsoleMeasures
 from twin.simulation.session.rings import BoardMeasures
@@ -41,9 +42,6 @@ from twin.simulation.session.touch import Touched, touched
 
 if TYPE_CHECKING:
     from twin.exchange.write.clip import Clip
-
-FILE = "hands.session"
-"""Name of the session file that a simulated surgeon writes."""
 
 _STRIDE = 4
 """Number of samples of `run.SAMPLE` (5 ms) between two keys of exported motions: 50 keys per second."""

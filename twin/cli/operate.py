@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from twin import api
 from twin.cli import show
 from twin.core import assets
 from twin.core.errors import TwinError
+
+if TYPE_CHECKING:
+    from twin.model.scene import Scene
 
 _SCALE = 0.1
 """Default motion scale of a robot's operator; a console has another default."""
@@ -26,7 +30,9 @@ def operate(args: argparse.Namespace) -> int:
     if args.haptics is not None:
         raise TwinError(f"--haptics applies to the console of a scene; {args.robot} is a robot")
     if args.task is not None:
-        raise TwinError(f"--task applies to the console of a scene; {args.robot} is a robot: give a protocol instead")
+        raise TwinError(f"--task applies to a scene; {args.robot} is a robot: give a protocol instead")
+    if args.mistake is not None:
+        raise TwinError(f"--mistake applies to a procedure of a scene; {args.robot} is a robot")
     robot = api.load(args.robot)
     protocol = robot.protocol(args.protocol)
     folder = Path(args.out) if args.out else Path("twin-out") / robot.name / f"{protocol.name}-operator"
@@ -48,7 +54,10 @@ def operate(args: argparse.Namespace) -> int:
 
 
 def _at_console(file: Path, args: argparse.Namespace) -> int:
-    """Simulate a surgeon at the console of a scene; write the session and the same files as `twin session --out`."""
+    """Simulate a surgeon at the console of a scene, or at its instruments.
+
+    Write the session, and the same files as `twin session --out`.
+    """
     from twin.api.session import FILE, operate_console
     from twin.simulation.session.run import task_of
     from twin.ui.report.files import write_result
@@ -64,9 +73,29 @@ def _at_console(file: Path, args: argparse.Namespace) -> int:
     task = task_of(scene, args.task)
     folder = Path(args.out) if args.out else Path("twin-out") / scene.name / f"{task.name}-operator"
     assets.require_writable(folder)
+    if task.procedure is not None:
+        return _procedure(scene, task.name, folder, args)
+    if args.mistake is not None:
+        raise TwinError(f"--mistake applies to a procedure; task '{task.name}' is performed at a console")
     with show.progress(args.quiet or args.json) as progress:
         haptics = None if args.haptics is None else args.haptics == "on"
         found = operate_console(scene, task.name, seed=args.seed, scale=args.scale, haptics=haptics, progress=progress)
     with assets.atomic_folder(folder) as work:
         pictures = write_result(found, work)
     return show.finish(found, args, folder, [*pictures, FILE])
+
+
+def _procedure(scene: Scene, task: str, folder: Path, args: argparse.Namespace) -> int:
+    """Simulate a surgeon who performs a procedure; write the session and the report."""
+    from twin.api.procedure import operate_procedure
+    from twin.simulation.session.file import NAME
+    from twin.ui.report.files import write_result
+
+    given = [n for n, v in (("scale", args.scale), ("haptics", args.haptics)) if v is not None]
+    if given:
+        raise TwinError(f"--{given[0]} applies to a console; the options of a procedure are --task, --seed, --mistake")
+    with show.progress(args.quiet or args.json) as progress:
+        found = operate_procedure(scene, task, seed=args.seed, mistake=args.mistake or "", progress=progress)
+    with assets.atomic_folder(folder) as work:
+        pictures = write_result(found, work)
+    return show.finish(found, args, folder, [*pictures, NAME])

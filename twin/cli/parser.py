@@ -335,11 +335,18 @@ def parser() -> argparse.ArgumentParser:
         "  twin operate sher phantom --clutch printed      the published clutch, with which the tool jumps\n"
         "  twin operate sils lowered_patient --scale 0.5\n"
         "  twin operate davinci --seed 3       a surgeon with two hands, clutch and camera at a scene's console\n"
-        "  twin operate davinci --task pegboard      rings from pegs to pegs, held by friction",
+        "  twin operate davinci --task pegboard      rings from pegs to pegs, held by friction\n"
+        "  twin operate vsrs --task cholecystectomy  a gallbladder taken out in five stages",
     )
-    sub.add_argument("robot", help="a built-in robot, the path of a robot folder, or a scene with a console")
+    sub.add_argument("robot", help="a built-in robot, the path of a robot folder, or a scene with a task")
     sub.add_argument("protocol", nargs="?", help="name or path of a protocol (default: the robot's default)")
-    sub.add_argument("--task", metavar="NAME", help="task at the console of a scene (default: its first task)")
+    sub.add_argument("--task", metavar="NAME", help="task of a scene (default: its first task)")
+    sub.add_argument(
+        "--mistake",
+        metavar="NAME",
+        help="mistake that the surgeon of a procedure makes: clip_missed, wrong_vessel, organ_punctured, cut_outside, "
+        "bed_left",
+    )
     sub.add_argument("--haptics", choices=("on", "off"), help="compute forces on the hands (nobody reacts to them)")
     out(sub, "./twin-out/<robot>/<protocol>-operator/")
     sub.add_argument(

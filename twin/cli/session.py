@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from twin.api.procedure import is_procedure, replay_procedure
 from twin.api.session import replay_session
 from twin.cli import show
 from twin.core import assets
@@ -24,7 +25,7 @@ def report(file: str, scene: str) -> bytes:
 def session(args: argparse.Namespace) -> int:
     """Replay the session and print its measures; with --out, write page, picture and data.
 
-    The exit code is 1 if the replay differs from the recording, or if a target was not touched.
+    The exit code is 1 if the replay differs from the recording, or if a target was not touched or a check failed.
     """
     from twin.ui.report.files import write_result
 
@@ -32,7 +33,8 @@ def session(args: argparse.Namespace) -> int:
     if folder is not None:
         assets.require_writable(folder)
     with show.progress(args.quiet or args.json) as progress:
-        found = replay_session(args.file, args.scene, progress)
+        replay = replay_procedure if is_procedure(args.file, args.scene) else replay_session
+        found = replay(args.file, args.scene, progress)
     if folder is None:
         return show.finish(found, args)
     with assets.atomic_folder(folder) as work:

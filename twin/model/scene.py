@@ -15,11 +15,13 @@ from twin.core.errors import TwinError, unknown
 from twin.core.provenance import Parameter
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM, linear
-from twin.model import alignment, anatomy
+from twin.model import alignment, anatomy, procedure, tool, vessel
 from twin.model.alignment import Alignment
 from twin.model.anatomy import AnatomyTable, TissueTable
 from twin.model.movable import Movable, ShapeName
+from twin.model.procedure import ProcedureTable
 from twin.model.tool import ToolTable
+from twin.model.vessel import Vessel, VesselTable
 from twin.schema import Identifier, Origin, Table, Vector, at, error_at, load_toml
 
 
@@ -249,10 +251,11 @@ class AlignTable(Table):
 
 
 class TaskTable(Table):
-    """A task at the console: targets to touch in this order, rings to bring to pegs, or a camera to align.
+    """A task: targets to touch in this order, rings to bring to pegs, a camera to align, or a surgical procedure.
 
     A target is touched when all its tips have been within the tolerance for `hold_s`, without interruption. A ring is
-    transferred when it lies around its peg and nothing holds it. For `align`, see `AlignTable`.
+    transferred when it lies around its peg and nothing holds it. For `align`, see `AlignTable`; for `procedure`, which
+    needs no console, `ProcedureTable`.
     """
 
     title: str = Field(min_length=1)
@@ -261,16 +264,19 @@ class TaskTable(Table):
     target: list[TargetTable] = Field(default_factory=list)
     transfer: list[TransferTable] = Field(default_factory=list)
     align: AlignTable | None = None
+    procedure: ProcedureTable | None = None
     provenance: Origin
     note: str = Field(min_length=1)
 
     @model_validator(mode="after")
     def _one_kind(self) -> TaskTable:
-        kinds = [name for name in ("target", "transfer", "align") if getattr(self, name)]
+        kinds = [name for name in ("target", "transfer", "align", "procedure") if getattr(self, name)]
         if len(kinds) != 1:
             found = " and ".join(f"`{k}`" for k in kinds) or "none of them"
             raise at(
-                "title", f"a task needs `target` or `transfer` with at least one entry, or `align`; it has {found}"
+                "title",
+                "a task needs a goal: `target` or `transfer` with at least one entry, `align` or `procedure`; it has "
+                f"{found}",
             )
         for key in ("tolerance_mm", "hold_s"):
             if (getattr(self, key) is None) == bool(self.target):
@@ -297,8 +303,9 @@ class SceneTable(Table):
     haptics: HapticsTable | None = None
     anatomy: AnatomyTable | None = None
     tissue: dict[Identifier, TissueTable] = Field(default_factory=dict)
-    task: dict[Identifier, TaskTable] = Field(default_factory=dict)
+    vessel: dict[Identifier, VesselTable] = Field(default_factory=dict)
     tool: dict[Identifier, ToolTable] = Field(default_factory=dict)
+    task: dict[Identifier, TaskTable] = Field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -319,7 +326,7 @@ class Transfer:
 
 @dataclass(frozen=True)
 class Task:
-    """A task at a console; it has targets, transfers or an alignment.
+    """A task; it has targets, transfers, an alignment or a procedure. All but the last are for a console.
 
     Attributes:
         name, title: name and title.
@@ -328,6 +335,7 @@ class Task:
         targets: the targets, in order.
         transfers: rings to bring to pegs.
         alignment: what the camera is to align, or None.
+        procedure: the procedure, or None.
     """
 
     name: str
@@ -337,6 +345,7 @@ class Task:
     targets: tuple[Target, ...]
     transfers: tuple[Transfer, ...] = ()
     alignment: Alignment | None = None
+    procedure: ProcedureTable | None = None
 
 
 @dataclass(frozen=True)
@@ -379,8 +388,9 @@ class Scene:
         haptics: numbers of the forces on the hands; None: the defaults.
         anatomy: where the organs are drawn and what touches them, or None.
         tissues: material of the organs by name.
-        tasks: tasks at the console, by name.
-        tools: tools of the instruments, by name.
+        vessels: the vessels.
+        tools: tools that the instruments can carry, by name.
+        tasks: tasks, by name.
         parameters: every number with its provenance.
     """
 
@@ -399,8 +409,9 @@ class Scene:
     haptics: HapticsTable | None
     anatomy: AnatomyTable | None
     tissues: Mapping[str, TissueTable]
-    tasks: Mapping[str, Task]
+    vessels: tuple[Vessel, ...]
     tools: Mapping[str, ToolTable]
+    tasks: Mapping[str, Task]
     parameters: tuple[Parameter, ...]
 
     @property
@@ -446,14 +457,16 @@ def load_scene(path: Path) -> Scene:
             raise error_at(path, ("camera", name, "robot"), unknown("robot", camera.robot, names))
     if (console := table.console) is not None:
         _console(path, console, table, names)
-    for name in table.task if console is None else ():
-        raise error_at(path, ("task", name), "a task needs a console: add the table [console]")
+    for name, task in table.task.items() if console is None else ():
+        if task.procedure is None:
+            raise error_at(path, ("task", name), "a task needs a console: add the table [console]")
     for name, task in table.task.items():
         _transfers(path, name, task, table)
     props = None if table.props is None else path.parent / table.props
     if props is not None and not props.is_file():
         raise error_at(path, ("props",), f"there is no file {props.name} in the folder of the scene")
     _organs(path, table, names)
+    _tools(path, table, names)
     return Scene(
         table.name,
         table.title,
@@ -470,8 +483,9 @@ def load_scene(path: Path) -> Scene:
         table.haptics,
         table.anatomy,
         dict(table.tissue),
-        {name: _task(name, task) for name, task in table.task.items()},
+        tuple(vessel.vessel(name, v, _rgba(v.color)) for name, v in table.vessel.items()),
         dict(table.tool),
+        {name: _task(name, task) for name, task in table.task.items()},
         tuple(_parameters(table)),
     )
 
@@ -497,6 +511,7 @@ def _task(name: str, task: TaskTable) -> Task:
         tuple(targets),
         transfers,
         None if task.align is None else _alignment(task.align),
+        task.procedure,
     )
 
 
@@ -537,6 +552,38 @@ def _organs(path: Path, table: SceneTable, names: list[str]) -> None:
     for name in table.anatomy.touching:
         if name.split("/")[0] not in names:
             raise error_at(path, ("anatomy", "touching"), unknown("robot", name.split("/")[0], names))
+
+
+def _tools(path: Path, table: SceneTable, names: list[str]) -> None:
+    """Raise if a vessel, a tool or a procedure names something that the scene does not have."""
+    for name, v in table.vessel.items():
+        if v.organ is not None and v.organ not in table.tissue:
+            raise error_at(path, ("vessel", name, "organ"), unknown("tissue", v.organ, table.tissue))
+    for name, t in table.tool.items():
+        for robot in t.robots:
+            if robot not in names:
+                raise error_at(path, ("tool", name, "robots"), unknown("robot", robot, names))
+    for name, task in table.task.items():
+        if (p := task.procedure) is None:
+            continue
+        keys = ("task", name, "procedure")
+        for key, what, value, known in (
+            ("organ", "tissue", p.organ, table.tissue),
+            ("vessel", "vessel", p.vessel, table.vessel),
+            ("camera", "camera", p.camera, table.camera),
+            *(("spare", "tissue", organ, table.tissue) for organ in p.spare),
+            *(("start", "robot", robot, names) for robot in p.start),
+            *(("start", "tool", first, table.tool) for first in p.start.values()),
+        ):
+            if value not in known:
+                raise error_at(path, (*keys, key), unknown(what, value, known))
+        for robot, first in p.start.items():
+            if robot not in table.tool[first].robots:
+                raise error_at(
+                    path,
+                    (*keys, "start"),
+                    f"{robot} cannot carry '{first}', a tool of {', '.join(table.tool[first].robots)}",
+                )
 
 
 def _object(name: str, o: ObjectTable) -> Movable:
@@ -622,6 +669,10 @@ def _parameters(table: SceneTable) -> list[Parameter]:
         ):
             out.append(Parameter(f"haptics {what}", v, unit, v, h.provenance, h.note))
     out += anatomy.parameters(table.tissue)
+    for name, v in table.vessel.items():
+        out += vessel.parameters(name, v)
+    for name, t in table.tool.items():
+        out += tool.parameters(name, t)
     for name, task in table.task.items():
         origin = (task.provenance, task.note)
         if task.tolerance_mm is not None and task.hold_s is not None:
@@ -629,6 +680,8 @@ def _parameters(table: SceneTable) -> list[Parameter]:
             out.append(Parameter(f"task {name} hold", task.hold_s, "s", task.hold_s, *origin))
         if (a := task.align) is not None:
             out += _align_parameters(name, a, *origin)
+        if (p := task.procedure) is not None:
+            out += procedure.parameters(name, p, *origin)
         for target in task.target:
             for hand, point in (("right", target.right_mm), ("left", target.left_mm)):
                 for axis, v in zip("xyz", point or (), strict=False):

@@ -163,3 +163,36 @@ def _halved(v: Array, f: Index, edge: float) -> tuple[Array, Index] | None:
     ]  # fmt: skip
     triangles = np.concatenate([np.stack([x[which] for x in corners], axis=1) for which, corners in parts])
     return np.concatenate([v, (v[unique[long, 0]] + v[unique[long, 1]]) / 2]), triangles
+
+
+def nearest(p: Array, vertices: Array, triangles: Index) -> tuple[Array, int, Array]:
+    """Return the point (3,) of a surface nearest to p (3,), its triangle, and the shares (3,) of its corners.
+
+    The regions around a triangle are those of C. Ericson, "Real-Time Collision Detection" (2005), 5.1.5.
+    """
+    a, b, c = (vertices[triangles[:, k]] for k in range(3))
+    ab, ac, ap = b - a, c - a, p - a
+
+    def dot(x: Array, y: Array) -> Array:
+        return np.einsum("ij,ij->i", x, y)
+
+    d1, d2 = dot(ab, ap), dot(ac, ap)
+    d3, d4 = dot(ab, p - b), dot(ac, p - b)
+    d5, d6 = dot(ab, p - c), dot(ac, p - c)
+    va, vb, vc = d3 * d6 - d5 * d4, d5 * d2 - d1 * d6, d1 * d4 - d3 * d2
+    with np.errstate(divide="ignore", invalid="ignore"):
+        v, w = vb / (va + vb + vc), vc / (va + vb + vc)
+        on_ab, on_ac, on_bc = d1 / (d1 - d3), d2 / (d2 - d6), (d4 - d3) / ((d4 - d3) + (d5 - d6))
+    shares = np.column_stack([1 - v - w, v, w])
+    for where, own in (
+        ((va <= 0) & (d4 - d3 >= 0) & (d5 - d6 >= 0), np.column_stack([0 * v, 1 - on_bc, on_bc])),
+        ((vb <= 0) & (d2 >= 0) & (d6 <= 0), np.column_stack([1 - on_ac, 0 * v, on_ac])),
+        ((vc <= 0) & (d1 >= 0) & (d3 <= 0), np.column_stack([1 - on_ab, on_ab, 0 * v])),
+        ((d6 >= 0) & (d5 <= d6), np.array([0.0, 0, 1])),
+        ((d3 >= 0) & (d4 <= d3), np.array([0.0, 1, 0])),
+        ((d1 <= 0) & (d2 <= 0), np.array([1.0, 0, 0])),
+    ):
+        shares = np.where(where[:, None], own, shares)
+    points = shares[:, :1] * a + shares[:, 1:2] * b + shares[:, 2:] * c
+    k = int(np.argmin(np.linalg.norm(points - p, axis=1)))
+    return points[k], k, shares[k]

@@ -1,19 +1,29 @@
-"""Tools of the instruments of a scene: which of them a hand holds is chosen in the window of tools."""
+"""Tools that an instrument can carry: grasper, clip applier, scissors, scalpel, cautery."""
 
 from __future__ import annotations
 
 from typing import Literal
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
-from twin.schema import Origin, Table
+from twin.core.provenance import Parameter
+from twin.schema import Identifier, Origin, Table, at
 
-ToolKind = Literal["grasper", "scissors", "clip", "scalpel", "cautery"]
+Kind = Literal["grasper", "clip_applier", "scissors", "scalpel", "cautery"]
 
-DOES: dict[ToolKind, str] = {
+_NEEDS: dict[str, tuple[str, ...]] = {
+    "grasper": ("open_mm", "pinch_n", "friction"),
+    "clip_applier": ("open_mm", "clips"),
+    "scissors": ("open_mm",),
+    "scalpel": ("open_mm",),
+    "cautery": ("power_w",),
+}
+
+
+DOES: dict[Kind, str] = {
     "grasper": "holds tissue and pulls it aside",
+    "clip_applier": "closes a duct or a vessel with a clip",
     "scissors": "cuts tissue between its two blades",
-    "clip": "closes a duct or a vessel with a clip",
     "scalpel": "cuts along the path of its blade",
     "cautery": "separates tissue by heat and stops bleeding",
 }
@@ -21,9 +31,51 @@ DOES: dict[ToolKind, str] = {
 
 
 class ToolTable(Table):
-    """A tool that an instrument can hold; the signal `<robot>.tool` is its number in the order of the scene file."""
+    """A tool, and the robots of the scene that can carry it.
+
+    The signal `<robot>.tool` of a console is its number in the order of the scene file.
+
+    Its jaws, legs or blades are `jaw_mm` long, end at the tip of the instrument, and are along its shaft; `open_mm` is
+    the gap between them, or the width of the stroke of a scalpel. A grasper pinches with `pinch_n`; what it holds slips
+    at the force 2 `friction` `pinch_n`. Cautery heats what is within `jaw_mm` of its tip with `power_w`.
+    """
 
     title: str = Field(min_length=1)
-    kind: ToolKind
+    kind: Kind
+    robots: list[Identifier] = Field(min_length=1)
+    jaw_mm: float = Field(gt=0, le=50)
+    open_mm: float | None = Field(None, gt=0, le=50)
+    pinch_n: float | None = Field(None, gt=0, le=100)
+    friction: float | None = Field(None, gt=0, le=2)
+    clips: int | None = Field(None, ge=1, le=12)
+    power_w: float | None = Field(None, gt=0, le=200)
     provenance: Origin
     note: str = Field(min_length=1)
+
+    @model_validator(mode="after")
+    def _whole(self) -> ToolTable:
+        needs = _NEEDS[self.kind]
+        for key in ("open_mm", "pinch_n", "friction", "clips", "power_w"):
+            if (getattr(self, key) is None) == (key in needs):
+                raise at(
+                    "kind" if key in needs else key, f"a {self.kind} {'needs' if key in needs else 'takes no'} `{key}`"
+                )
+        return self
+
+    @property
+    def slips_at(self) -> float:
+        """Force in N at which what a grasper holds slips: friction at both jaws."""
+        return 2.0 * (self.friction or 0.0) * (self.pinch_n or 0.0)
+
+
+def parameters(name: str, t: ToolTable) -> list[Parameter]:
+    """Return the numbers of a tool with their provenance."""
+    rows = (
+        ("jaw", t.jaw_mm, "mm", 1e-3), ("open", t.open_mm, "mm", 1e-3), ("pinch", t.pinch_n, "N", 1.0),
+        ("friction", t.friction, "1", 1.0), ("clips", t.clips, "1", 1.0), ("power", t.power_w, "W", 1.0),
+    )  # fmt: skip
+    return [
+        Parameter(f"tool {name} {what}", v * unit, text, float(v), t.provenance, t.note)
+        for what, v, text, unit in rows
+        if v is not None
+    ]

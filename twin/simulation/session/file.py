@@ -30,6 +30,9 @@ from twin.simulation.session.condition import Condition
 from twin.simulation.world.recording import SignalTable
 from twin.simulation.world.signals import columns
 
+NAME = "hands.session"
+"""Name of the session file that a simulated surgeon writes."""
+
 CHUNK = 1000
 """Number of ticks in a chunk: one second at the usual 1 ms. A crash loses at most one chunk."""
 

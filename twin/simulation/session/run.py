@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -78,13 +78,13 @@ class Ran:
         return self.ticks * self.dt
 
 
-class _Keep:
+class Keep:
     """Collects every n-th row of the kept signals."""
 
-    def __init__(self, world: World) -> None:
-        self._dt, self._every, self._next = world.dt, max(1, round(SAMPLE / world.dt)), 0
+    def __init__(self, world: World, names: Sequence[str], sample: float = SAMPLE) -> None:
+        """Begin with no row; `sample`: time in s between two rows."""
+        self._dt, self._every, self._next = world.dt, max(1, round(sample / world.dt)), 0
         all_sizes = world.signals.sizes
-        names = [n for n in all_sizes if n.endswith(_KEPT) or n.startswith(_KEPT_OF)]
         self._sizes = {n: all_sizes[n] for n in names}
         ends = dict(zip(all_sizes, np.cumsum([*all_sizes.values()]).tolist(), strict=True))
         self._columns = np.concatenate([np.arange(ends[n] - all_sizes[n], ends[n]) for n in names])
@@ -92,12 +92,18 @@ class _Keep:
         self.ticks = 0
 
     def add(self, rows: Array) -> None:
+        """Add rows (k, m) of all signals."""
         self._rows.append(rows[self._next :: self._every, self._columns])
         self._next = (self._next - len(rows)) % self._every
         self.ticks += len(rows)
 
     def recording(self) -> Recording:
+        """Return the kept rows."""
         return Recording(self._every * self._dt, self._sizes, np.concatenate(self._rows))
+
+
+def _kept(world: World) -> list[str]:
+    return [n for n in world.signals.sizes if n.endswith(_KEPT) or n.startswith(_KEPT_OF)]
 
 
 def task_of(scene: Scene, name: str | None) -> Task:
@@ -189,7 +195,7 @@ def perform(
         scene, members, device, records=False, watch=[tape], task=task, props=props, haptics=_switch(condition)
     )
     writer = SessionWriter(path, head_of(scene, members, world, device, task, seed, props, condition))
-    keep = _Keep(world)
+    keep = Keep(world, _kept(world))
     names = [*(t.name for t in task.targets), *(t.ring for t in task.transfers)] or [task.name]
     try:
         while not world.ended and not writer.full:
@@ -283,20 +289,21 @@ def replay(
         raise WorldError(
             f"the session was written by twin {start.twin}, whose World has other signals: replay it with that version"
         )
-    keep, difference, t = _Keep(world), None, 0.0
+    keep, difference, t = Keep(world, _kept(world)), None, 0.0
     for chunk in session.chunks:
         world.step(len(chunk.device))
         rows = tape.take()
         keep.add(rows)
         t1 = t + len(rows) * start.dt
         if difference is None and file.digest(rows) != chunk.digest:
-            difference = _difference(t, t1, rows[-1], chunk.last, world)
+            difference = difference_of(t, t1, rows[-1], chunk.last, world)
         t = t1
         progress("replay", keep.ticks / len(device))
     return Ran(keep.recording(), keep.ticks, start.dt, difference, condition=start.condition)
 
 
-def _difference(t0: float, t1: float, row: Array, last: Array, world: World) -> Difference:
+def difference_of(t0: float, t1: float, row: Array, last: Array, world: World) -> Difference:
+    """Return the difference of a chunk from t0 to t1 in s, with its last row and that of the recording."""
     off = np.abs(row - last)
     k = int(np.argmax(off))
     if off[k] == 0:

@@ -361,12 +361,15 @@ class LiveConsole:
 
         Raises:
             HeldError: another client controls the hands.
-            TwinError: the scene has no such tool.
+            TwinError: the scene has no such tool, or this robot cannot carry it.
         """
         self.require_free(client)
-        if tool not in self.scene.tools:
-            raise TwinError(f"scene '{self.scene.name}': {unknown('tool', tool, self.scene.tools)}")
-        self.device.set(f"{self.arm(hand)}.tool", list(self.scene.tools).index(tool))
+        tools, robot = self.scene.tools, self.arm(hand)
+        if tool not in tools:
+            raise TwinError(f"scene '{self.scene.name}': {unknown('tool', tool, tools)}")
+        if robot not in tools[tool].robots:
+            raise TwinError(f"{robot} cannot carry '{tool}', a tool of {', '.join(tools[tool].robots)}")
+        self.device.set(f"{robot}.tool", list(tools).index(tool))
 
     def release(self, client: str) -> None:
         """End the control by this client's hands, if this client has control."""

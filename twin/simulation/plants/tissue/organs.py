@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import mujoco
 import numpy as np
+from scipy.spatial import KDTree
 
 from twin.core import spatial
 from twin.core.errors import WorldError
@@ -16,6 +17,7 @@ from twin.model.mechanism import Body
 from twin.model.surface import inside
 from twin.model.tissue import Tissue
 from twin.simulation.plants.contact.shapes import add_part
+from twin.simulation.plants.tissue import bed
 
 PERIOD = 8e-3
 """Time in s between two steps."""
@@ -89,10 +91,16 @@ class Organs:
         tissues: the organs.
         tools: the links.
         period: time in s between two steps.
+        operable: the organ that can be grasped and freed, or None.
     """
 
     def __init__(
-        self, tissues: Sequence[Tissue], tools: Sequence[Tool], poses: Sequence[Array], period: float = PERIOD
+        self,
+        tissues: Sequence[Tissue],
+        tools: Sequence[Tool],
+        poses: Sequence[Array],
+        period: float = PERIOD,
+        held: str = "",
     ) -> None:
         """Build the MuJoCo models.
 
@@ -101,6 +109,7 @@ class Organs:
             tools: the links that touch them.
             poses: T_world_link (4, 4) of each link at the start.
             period: time in s between two steps.
+            held: name of the organ that can be grasped, and whose pins can let go one by one; see `operable`.
 
         Raises:
             TwinError: the pins of an organ do not hold it.
@@ -111,7 +120,8 @@ class Organs:
         links = mujoco.MjSpec()
         for tool in tools:
             _add(links, tool, period)
-        self._organs = {t.name: _Organ(t, tools, links, samples, poses, period) for t in tissues}
+        self._organs = {t.name: Organ(t, tools, links, samples, poses, period, t.name == held) for t in tissues}
+        self.operable = self._organs[held] if held else None
 
     @property
     def nodes(self) -> dict[str, Array]:
@@ -143,7 +153,7 @@ class Organs:
             organ.reset()
 
 
-class _Organ:
+class Organ:
     """An organ and the links, in a model whose World is the frame of the organ's grid.
 
     MuJoCo is fastest if the nodes move along the axes of its World.
@@ -157,6 +167,7 @@ class _Organ:
         samples: Sequence[Array],
         poses: Sequence[Array],
         period: float,
+        operable: bool,
     ) -> None:
         _require_valid(tissue)
         self.tissue, self._tools, self._samples, self._period = tissue, tools, samples, period
@@ -166,9 +177,16 @@ class _Organ:
         self._volume = _Volume(tissue.weights, self._triangles)
         self._content, by_node = self._volume.at(self._nodes_at_rest)
         self._area = self._content ** (2 / 3)
-        spec = mujoco.MjSpec.from_string(_xml(tissue, period))
+        self._tree = KDTree(tissue.local)
+        corners = tissue.local[self._triangles]
+        edge = float(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max())
+        self._reach = 2 * _SAMPLE + edge / np.sqrt(3)  # no point of a triangle is further from all of its corners
+        fixed = tissue.held if not operable else np.zeros(0, int)
+        spec = mujoco.MjSpec.from_string(_xml(tissue, fixed, period))
         spec.attach(links.copy(), frame=spec.worldbody.add_frame(), prefix=_PREFIX)
-        joints = _keep_volume(spec, tissue, by_node / self._area)
+        joints = _keep_volume(spec, tissue, fixed, by_node / self._area)
+        if operable:
+            bed.add(spec, tissue.held, joints)
         m = self._model = spec.compile()
         d = self._data = mujoco.MjData(m)
         self._bodies = m.flex_nodebodyid.copy()
@@ -181,6 +199,8 @@ class _Organ:
         self._geoms = [np.flatnonzero(m.geom_bodyid == m.body(_PREFIX + tool.name).id) for tool in tools]
         self._wanted, self._v, self._all = np.zeros(len(self._qpos)), np.zeros(m.nv), d.qpos.copy()
         self._within: set[int] = set()
+        self._muted: set[int] = set()
+        self.hold = bed.Hold(m, d, tissue.held, self._soft, self._free) if operable else None
         self._steps, self._poses = 0, self._locate(poses)
         self.reset()
         for k, tool in enumerate(tools):
@@ -191,15 +211,20 @@ class _Organ:
 
     @property
     def within(self) -> tuple[str, ...]:
+        """Names of the links that do not touch the organ because they are inside."""
         return tuple(self._tools[k].name for k in sorted(self._within))
 
     def reset(self) -> None:
+        """Put the organ to rest where it was drawn."""
         mujoco.mj_resetData(self._model, self._data)
         self._data.qpos[self._qpos] = self._wanted
+        if self.hold is not None:
+            self.hold.reset()
         self._read()
         self.touch, self._rests = _NOTHING, True
 
     def step(self, poses: Sequence[Array]) -> bool:
+        """Move the links to T_world_link (4, 4), and the organ; return whether it moved."""
         m, d = self._model, self._data
         before, self._poses = self._poses, self._locate(poses)
         jumped = [k for k, T in enumerate(self._poses) if _moved(self._corners[k], before[k], T) > _JUMP]
@@ -207,7 +232,8 @@ class _Organ:
             d.qpos[self._qpos[7 * k : 7 * k + 7]] = self._wanted[7 * k : 7 * k + 7]
         self._look(jumped)
         self._steps += 1
-        if self._rests and not any(len(self._near(k)) for k in range(len(self._tools))):
+        led = self.hold is not None and self.hold.begin(self._nodes_at_rest, self._nodes, self.tissue.T_world_grid)
+        if self._rests and not led and not self._approached():
             d.qpos[self._qpos] = self._wanted
             return False
         last, self._rests = self.nodes, False
@@ -217,10 +243,12 @@ class _Organ:
         d.qvel[self._dofs] = self._v[self._dofs]
         self._set_volume()
         mujoco.mj_step(m, d)
+        if self.hold is not None:
+            self.hold.end()
         self.touch = self._touch()
         d.qpos[self._qpos] = self._wanted
         off, speed = np.abs(d.qpos[self._at]).max(), np.abs(d.qvel[self._soft]).max()
-        if d.ncon == 0 and max(float(off), float(speed) * self._period) < _STILL:
+        if d.ncon == 0 and not led and max(float(off), float(speed) * self._period) < _STILL:
             self.reset()
         else:
             self._read()
@@ -259,7 +287,7 @@ class _Organ:
         content, by_node = self._volume.at(self._nodes)
         coefficients = by_node[self._free].ravel() / self._area
         change = (content - self._content) / self._area
-        m.wrap_prm[:] = coefficients
+        m.wrap_prm[: len(coefficients)] = coefficients
         m.eq_data[0, 0] = coefficients @ d.qpos[self._at] - change
 
     def _correct_volume(self) -> None:
@@ -290,6 +318,11 @@ class _Organ:
         points = self._samples[k] @ T[:3, :3].T + T[:3, 3]
         return points[((points > low) & (points < high)).all(axis=1)]
 
+    def _approached(self) -> bool:
+        """Return whether a point of a link is so near to a vertex that it can touch the organ, which is at rest."""
+        near = [points for k in range(len(self._tools)) if len(points := self._near(k))]
+        return bool(near) and float(self._tree.query(np.concatenate(near))[0].min()) < self._reach
+
     def _is_inside(self, k: int) -> bool:
         near = self._near(k)
         return len(near) > 0 and bool(inside(near, self.tissue.weights @ self._nodes, self._triangles).any())
@@ -298,10 +331,24 @@ class _Organ:
         """Let links that jumped into the organ touch nothing, until they are outside."""
         again = self._within if self._steps % _LOOK == 0 else ()
         for k in {*jumped, *again}:
-            within = self._is_inside(k)
-            (self._within.add if within else self._within.discard)(k)
-            self._model.geom_contype[self._geoms[k]] = 0 if within else 1
-            self._model.geom_conaffinity[self._geoms[k]] = 0 if within else 2
+            (self._within.add if self._is_inside(k) else self._within.discard)(k)
+            self._let_touch(k)
+
+    def mute(self, robot: str, on: bool) -> None:
+        """Let the links of a robot not touch the organ that its jaws hold (`on`), or touch it again once outside."""
+        for k in [k for k, tool in enumerate(self._tools) if tool.robot == robot]:
+            if on:
+                self._muted.add(k)
+            elif k in self._muted:
+                self._muted.remove(k)
+                if self._is_inside(k):
+                    self._within.add(k)
+            self._let_touch(k)
+
+    def _let_touch(self, k: int) -> None:
+        off = k in self._within or k in self._muted
+        self._model.geom_contype[self._geoms[k]] = 0 if off else 1
+        self._model.geom_conaffinity[self._geoms[k]] = 0 if off else 2
 
 
 class _Volume:
@@ -328,7 +375,7 @@ class _Volume:
         return float(np.vdot(nodes, by_node)) / 3, by_node
 
 
-def _xml(t: Tissue, period: float) -> str:
+def _xml(t: Tissue, fixed: Index, period: float) -> str:
     return (
         f'<mujoco><option timestep="{period!r}" integrator="discrete" gravity="0 0 0"/><worldbody>'
         f'<flexcomp name="organ" type="direct" dim="2" dof="trilinear" cellcount="{_numbers(t.cells)}" '
@@ -337,7 +384,8 @@ def _xml(t: Tissue, period: float) -> str:
         f'<elasticity young="{t.young!r}" poisson="{t.poisson!r}" damping="{t.damping!r}"/>'
         f'<contact selfcollide="none" contype="2" conaffinity="1" condim="3" friction="{t.friction!r} 0 0" '
         f'solref="{2 * period!r} 1" solimp="0.95 0.99 0.0005"/>'
-        f'<pin id="{_numbers(t.held)}"/></flexcomp></worldbody></mujoco>'
+        + (f'<pin id="{_numbers(fixed)}"/>' if len(fixed) else "")
+        + "</flexcomp></worldbody></mujoco>"
     )
 
 
@@ -353,17 +401,18 @@ def _add(spec: mujoco.MjSpec, tool: Tool, period: float) -> None:
         )  # fmt: skip
 
 
-def _keep_volume(spec: mujoco.MjSpec, t: Tissue, by_node: Array) -> list[str]:
+def _keep_volume(spec: mujoco.MjSpec, t: Tissue, fixed: Index, by_node: Array) -> list[str]:
     """Add a constraint that is linear in the joints of the nodes; return the names of the joints, by node.
 
     Args:
         spec: the model with the organ.
         t: the organ.
+        fixed: indices of the nodes without joints.
         by_node: (k, 3) factors of the joints at rest; MuJoCo scales the constraint by them.
     """
     names = []
     tendon = spec.add_tendon(name="volume")
-    for index in np.setdiff1d(np.arange(len(t.nodes)), t.held).tolist():
+    for index in np.setdiff1d(np.arange(len(t.nodes)), fixed).tolist():
         cells = np.unravel_index(index, [c + 1 for c in t.cells])
         body = spec.body("organ_" + "_".join(map(str, cells)))
         if body is None:

@@ -9,9 +9,9 @@ from numpy.typing import ArrayLike
 
 from twin.core.errors import WorldError, unknown
 from twin.core.spatial import Array
+from twin.kinematics.closed_loops import LoopSolver
 from twin.model.mechanism import Mechanism
 from twin.model.tissue import Tissue
-from twin.reference import ReferenceModel
 from twin.simulation.plants.tissue.organs import PERIOD, SLOWEST, Organs, Tool
 from twin.simulation.world import Block, Signals
 
@@ -32,14 +32,30 @@ class Links:
                 raise WorldError(unknown(f"body of {robot}", name, known))
         self.signal = f"{robot}.q"
         self.tools = [Tool(robot, known[name]) for name in bodies]
-        self._T_world_base, self._model = np.array(T_world_base, float), ReferenceModel(mechanism)
-        self._last = self._model.solve(np.asarray(q, float))
+        self._T_world_base, self._loops = np.array(T_world_base, float), LoopSolver(mechanism)
+        self._q, self._states = np.zeros(0), np.zeros(0)
+        self._solve(np.array(q, float))
 
     def poses(self, q: Array | None = None) -> list[Array]:
         """Return T_world_link (4, 4) of each link at joint values q (n,); None: at the latest ones."""
-        if q is not None and not np.array_equal(q, self._last.q):
-            self._last = self._model.solve(q.copy(), self._last)
-        return [self._T_world_base @ self._last.link_poses[tool.body.name] for tool in self.tools]
+        if q is not None and not np.array_equal(q, self._q):
+            self._solve(q.copy())
+        return [self.pose(tool.body.name) for tool in self.tools]
+
+    def pose(self, body: str) -> Array:
+        """Return T_world_body (4, 4) of any body at the latest joint values."""
+        return self._T_world_base @ self._links[body][0]
+
+    def _solve(self, q: Array) -> None:
+        """Close the loops from the latest state; if that fails, from the rest poses."""
+        states = self._loops.close(q, self._states) if len(self._q) else None
+        if states is None:
+            found = self._loops.forward_many(q[None])
+            if not np.isfinite(found.Ts_base_tool).all():
+                self._loops.forward(q)  # raises, with the joint values
+            states = found.states[:, 0]
+        self._q, self._states = q, states
+        self._links = self._loops.link_poses(q[None], states[:, None])
 
 
 class Tissues(Block):
@@ -53,8 +69,10 @@ class Tissues(Block):
         `<organ>.force` (3,): total contact force on the organ in the World in N.
     """
 
-    def __init__(self, tissues: Sequence[Tissue], robots: Sequence[Links], period: float = PERIOD) -> None:
-        """Build the organs; `period`: time in s between two steps, a multiple of the World's tick.
+    def __init__(
+        self, tissues: Sequence[Tissue], robots: Sequence[Links], period: float = PERIOD, held: str = ""
+    ) -> None:
+        """Build the organs; `period`: time in s between two steps, a multiple of the tick; `held`: see `Organs`.
 
         Raises:
             WorldError: a number is out of range, the period is longer than 20 ms, or a link is inside an organ.
@@ -63,7 +81,7 @@ class Tissues(Block):
         if not period <= SLOWEST:
             raise WorldError(f"organs step every {period * 1e3:g} ms; at most {SLOWEST * 1e3:g} ms is allowed")
         poses = [T for r in robots for T in r.poses()]
-        self.organs = Organs(tissues, [t for r in robots for t in r.tools], poses, period)
+        self.organs = Organs(tissues, [t for r in robots for t in r.tools], poses, period, held)
         self.outputs = self._signals()
 
     def step(self, signals: Signals, t: float, dt: float) -> Mapping[str, ArrayLike]:

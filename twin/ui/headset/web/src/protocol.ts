@@ -94,7 +94,7 @@ export interface ConsoleInfo {
 export interface ToolInfo {
   name: string;
   title: string;
-  kind: 'grasper' | 'scissors' | 'clip' | 'scalpel' | 'cautery';
+  kind: 'grasper' | 'scissors' | 'clip_applier' | 'scalpel' | 'cautery';
   does: string;
 }
 

@@ -1,0 +1,226 @@
+"""Sessions of a procedure: simulate a surgeon who performs it, replay a session, and judge both."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from twin.api.act import anatomy_of, load_scene, robots_at
+from twin.api.robot import Progress, silent
+from twin.core.atomic import Scratch
+from twin.core.errors import TwinError
+from twin.core.findings import Finding, by_severity, disagreement, warning
+from twin.core.result import Part, Result, Table
+from twin.core.spatial import Array
+from twin.core.units import MM
+from twin.model.mechanism import Mechanism
+from twin.model.procedure import ProcedureTable
+from twin.model.scene import Scene, Task
+from twin.model.tissue import Tissue
+from twin.simulation import procedure_scene, tissue_scene
+from twin.simulation.console_scene import Member
+from twin.simulation.devices.procedure_surgeon import Mistake
+from twin.simulation.session import procedure_checks, procedure_run
+from twin.simulation.session.file import NAME, read_session
+from twin.simulation.session.procedure_checks import ProcedureMeasures
+from twin.simulation.session.run import Ran, task_of
+
+
+@dataclass(frozen=True)
+class ProcedureSession(Result):
+    """Result of a procedure.
+
+    Attributes:
+        scene, task: the scene, and its task.
+        source: the replayed file; "" for a new simulation.
+        seed: random seed of a simulated surgeon; None: a person.
+        mistake: the mistake that the simulated surgeon was asked to make; "": none, or unknown.
+        ran: signals of the session.
+        organ: the organ that is taken out.
+        lost: sentence that says where the file ends; "" if the file is complete.
+        recorded: content of the session file of a simulated surgeon; None for a replayed file.
+    """
+
+    scene: Scene
+    task: Task
+    source: str
+    seed: int | None
+    mistake: str
+    ran: Ran
+    organ: Tissue
+    lost: str = ""
+    recorded: bytes | None = None
+
+    kind = "procedure"
+
+    @property
+    def word(self) -> str:
+        """The verdict as text."""
+        return "All stages are done" if self.verdict == "agree" else super().word
+
+    @property
+    def procedure(self) -> ProcedureTable:
+        """The procedure."""
+        return procedure_scene.procedure_of(self.scene, self.task)
+
+    @cached_property
+    def measures(self) -> ProcedureMeasures:
+        """The checks and measures, from the signals of the World."""
+        ports: list[Array] = [procedure_scene.port_of(p) for p in procedure_scene.robots_of(self.scene, self.procedure)]
+        return procedure_checks.measure(self.ran.kept, self.procedure, self.organ, self.scene.vessels, ports)
+
+    @property
+    def findings(self) -> Sequence[Finding]:
+        """Findings on checks that are not passed, differences of the replay, and a missing end of the file."""
+        out = [disagreement(f"procedure.{c.name}", self.task.name, c.text) for c in self.measures.checks if not c.done]
+        if (d := self.ran.difference) is not None:
+            out.append(
+                disagreement(
+                    "session.differs", d.signal, f"the replay gives different bytes from {d.t0:g} .. {d.t1:g} s on",
+                    suggestion="replay with the twin version and the processor type of the recording",
+                )
+            )  # fmt: skip
+        if self.lost:
+            out.append(warning("session.interrupted", self.source, self.lost))
+        return out
+
+    def content(self) -> dict[str, Any]:
+        """Return the checks and measures; keys end with their unit."""
+        m = self.measures
+        return {
+            "scene": self.scene.name,
+            "task": self.task.name,
+            "surgeon": "person" if self.seed is None else "simulated",
+            "seed": self.seed,
+            "mistake": self.mistake or None,
+            "replay": None if not self.source else "same" if self.ran.difference is None else "differs",
+            "duration_s": self.ran.duration,
+            "time_s": m.time,
+            "checks": [{"name": c.name, "done": c.done, "t_s": c.t, "text": c.text} for c in m.checks],
+            "paths_mm": {n: p / MM for n, p in m.paths.items()},
+            "clips": m.clips,
+            "energy_j": m.energy,
+            "largest_pull_n": m.largest_pull,
+            "slipped_mm": m.slipped / MM,
+            "given_up": list(self.ran.missed),
+        }
+
+    def text(self) -> Iterator[Part]:
+        """Yield the checks, the measures and the findings."""
+        m = self.measures
+        who = "a person" if self.seed is None else f"a simulated surgeon, seed {self.seed} (its habits are ASSUMED)"
+        yield f"{self.scene.name} · {self.task.title} · {who}\n"
+        rows = [
+            (c.name, "done" if c.done else "NOT DONE", "" if c.t is None else f"{c.t:.1f} s", c.text) for c in m.checks
+        ]
+        yield Table(("check", "", "at", "measured"), rows, fit=True)
+        yield ""
+        measured = [("time", f"{m.time:.1f} s of {self.ran.duration:.1f} s")]
+        measured += [(f"path of {n}", f"{p / MM:.0f} mm") for n, p in m.paths.items()]
+        measured += [("clips used", str(m.clips)), ("energy in the bed", f"{m.energy:.0f} J")]
+        measured += [("largest pull of a grasper", f"{m.largest_pull:.1f} N"), ("slipped", f"{m.slipped / MM:.1f} mm")]
+        if self.source:
+            measured.append(("replay", "the same bytes" if self.ran.difference is None else "different bytes"))
+        yield Table(("measure", "value"), measured)
+        yield ""
+        yield from by_severity(self.findings)
+
+    def write(self, folder: Path) -> None:
+        """Write procedure.csv (what the checks use, over time), and the session file of a simulated surgeon."""
+        kept, p = self.ran.kept, self.procedure
+        columns = {"t_s": kept.t, "seen": kept[f"{p.vessel}.seen"][:, 0]}
+        columns["freed"] = kept[f"{p.organ}.freed"].sum(axis=1)
+        columns |= {f"{n}_depth_m": kept[f"{n}.depth"][:, 0] for n in p.spare}
+        for n in self.measures.paths:
+            columns |= {f"{n}_tip_{axis}_m": kept[f"{n}.tip"][:, k] for k, axis in enumerate("xyz")}
+            columns |= {f"{n}_{what}": kept[f"{n}.{what}"][:, 0] for what in ("carries", "holds")}
+            columns[f"{n}_pull_n"] = np.linalg.norm(kept[f"{n}.pull"], axis=1)
+        body = np.column_stack([*columns.values()])
+        np.savetxt(folder / "procedure.csv", body, "%.6g", ",", header=",".join(columns), comments="")
+        if self.recorded is not None:
+            (folder / NAME).write_bytes(self.recorded)
+
+
+def _parts(scene: Scene, task: Task) -> tuple[dict[str, Member], Mechanism | None, Tissue]:
+    procedure = procedure_scene.procedure_of(scene, task)
+    robots = robots_at(procedure_scene.robots_of(scene, procedure))
+    drawn = anatomy_of(scene)
+    organ = next(t for t in tissue_scene.tissues(scene, drawn) if t.name == procedure.organ)
+    return {n: Member(r.mechanism, r.kinematics()) for n, r in robots.items()}, drawn, organ
+
+
+def operate_procedure(
+    scene: Scene,
+    task: str | None = None,
+    *,
+    seed: int = 0,
+    mistake: Mistake = "",
+    progress: Progress = silent,
+) -> ProcedureSession:
+    """Simulate a surgeon who performs a procedure with the robots of a scene; the surgeon's habits are ASSUMED.
+
+    Args:
+        scene: a scene with organs, vessels and tools.
+        task: a task with a procedure; default: the first task of the scene.
+        seed: random seed; the same seed gives the same session.
+        mistake: a mistake that the surgeon makes; "": none.
+        progress: see `Progress`.
+
+    Raises:
+        TwinError: the scene has no such task, or the task is no procedure.
+        WorldError: there is no such mistake, no robot can carry a tool, or a link is inside an organ at the start.
+    """
+    chosen = task_of(scene, task)
+    procedure_scene.procedure_of(scene, chosen)
+    progress("read CAD", 0.0)
+    members, drawn, organ = _parts(scene, chosen)
+    with Scratch() as folder:
+        path = Path(folder) / NAME
+        ran = procedure_run.perform(scene, members, chosen, drawn, path, seed=seed, mistake=mistake, progress=progress)
+        recorded = path.read_bytes()
+    return ProcedureSession(scene, chosen, "", seed, mistake, ran, organ, recorded=recorded)
+
+
+def replay_procedure(
+    path: str | Path, scene: Scene | str | Path | None = None, progress: Progress = silent
+) -> ProcedureSession:
+    """Replay the session of a procedure in a new World, compare it with the recording bit by bit, and judge it.
+
+    Args:
+        path: a session file.
+        scene: the scene of the session, as name, path or loaded scene; default: the built-in scene that the file names.
+        progress: see `Progress`.
+
+    Raises:
+        WorldError: the file is damaged, of another version or of another scene.
+        TwinError: there is no such scene, or the session is not of a procedure.
+    """
+    path = Path(path)
+    session = read_session(path)
+    placed = scene if isinstance(scene, Scene) else load_scene(scene or session.head.scene)
+    if session.head.task is None:
+        raise TwinError(f"{path}: the session has no task")
+    task = task_of(placed, session.head.task)
+    progress("read CAD", 0.0)
+    members, drawn, organ = _parts(placed, task)
+    ran = procedure_run.replay(session, path, placed, members, task, drawn, progress)
+    return ProcedureSession(placed, task, str(path), session.head.seed, "", ran, organ, session.lost)
+
+
+def is_procedure(path: str | Path, scene: str | Path | None = None) -> bool:
+    """Return whether a session file is of a procedure.
+
+    Raises:
+        WorldError: the file is damaged.
+        TwinError: there is no such scene.
+    """
+    head = read_session(Path(path)).head
+    if head.task is None:
+        return False
+    found = load_scene(scene or head.scene).tasks.get(head.task)
+    return found is not None and found.procedure is not None

@@ -1,0 +1,166 @@
+"""A vessel: a thin, closed tube along a line, whose segments are closed bodies of their own, so that it can be cut."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from pydantic import Field
+
+from twin.core.errors import TwinError
+from twin.core.provenance import Parameter
+from twin.core.spatial import Array, Index
+from twin.core.units import MM
+from twin.model.deformable import Deformable
+from twin.model.mechanism import Mesh
+from twin.schema import Identifier, Origin, Table, Vector
+
+SEGMENTS = 60
+"""Largest number of segments of a vessel; the time of a step grows with it."""
+
+_SIDES = 8
+"""Number of sides of a drawn segment."""
+
+
+class VesselTable(Table):
+    """A vessel along a line in the world frame, in segments of about `segment_mm`.
+
+    The first point is on the surface of `organ` and moves with it; without `organ` it is fixed, as the last point is.
+    """
+
+    line_mm: list[Vector] = Field(min_length=2, max_length=20)
+    organ: Identifier | None = None
+    radius_mm: float = Field(ge=0.2, le=20)
+    segment_mm: float = Field(ge=0.5, le=20)
+    young_kpa: float = Field(ge=0.1, le=1000)
+    color: str = Field("#b0a060", pattern="^#[0-9a-f]{6}$", description="sRGB")
+    provenance: Origin
+    note: str = Field(min_length=1)
+
+
+@dataclass(frozen=True, eq=False)
+class Vessel:
+    """A vessel at rest. Its nodes are on its centre line; a segment is between two nodes.
+
+    Attributes:
+        name: identifier, unique among deformables, robots, props and objects.
+        points: (n + 1, 3) nodes at rest in the World in m.
+        organ: organ on which the first node is; "": the first node is fixed.
+        radius: in m.
+        young: Young's modulus in Pa.
+        color_rgba: linear, 0..1.
+    """
+
+    name: str
+    points: Array
+    organ: str
+    radius: float
+    young: float
+    color_rgba: tuple[float, float, float, float] = (0.4, 0.35, 0.1, 1.0)
+
+    @property
+    def segments(self) -> int:
+        """Number of segments."""
+        return len(self.points) - 1
+
+    @cached_property
+    def lengths(self) -> Array:
+        """Lengths (n,) of the segments at rest in m."""
+        return np.linalg.norm(np.diff(self.points, axis=0), axis=1)
+
+    @cached_property
+    def arc(self) -> Array:
+        """Distances (n + 1,) of the nodes from the first one along the vessel at rest in m."""
+        return np.concatenate([[0.0], np.cumsum(self.lengths)])
+
+    def rings(self, points: Array, cut: Index, flat: Array, across: Array) -> Array:
+        """Return the nodes (6 n, 3) of the deformable: three for each of the two ends of each segment.
+
+        The three nodes are the centre, and the ends of two radii. A segment that is cut away has no volume.
+
+        Args:
+            points: (n + 1, 3) nodes of the centre line in the World in m.
+            cut: (n,) 1: the segment is cut away.
+            flat: (n + 1,) fraction by which a clip flattens the vessel at each node.
+            across: (3,) direction in which a clip flattens it.
+        """
+        along = np.diff(points, axis=0)
+        z = along / np.maximum(np.linalg.norm(along, axis=1), 1e-9)[:, None]
+        u = across - z * (z @ across)[:, None]
+        parallel = np.linalg.norm(u, axis=1) < 1e-3
+        other = np.eye(3)[np.argmin(np.abs(z), axis=1)]
+        u = np.where(parallel[:, None], other - z * np.einsum("ij,ij->i", z, other)[:, None], u)
+        u /= np.linalg.norm(u, axis=1)[:, None]
+        v = np.column_stack([z[:, k - 2] * u[:, k - 1] - z[:, k - 1] * u[:, k - 2] for k in range(3)])  # z x u
+        thin = 1.0 - 0.95 * flat
+        out = np.zeros((self.segments, 2, 3, 3))
+        for side, p, t in ((0, points[:-1], thin[:-1]), (1, points[1:], thin[1:])):
+            t = t[:, None]
+            out[:, side] = np.stack([p, p + self.radius * t * u, p + self.radius * np.sqrt(2 - t) * v], axis=1)
+        gone = cut > 0
+        out[gone] = points[:-1][gone][:, None, None, :]
+        return out.reshape(-1, 3)
+
+    @cached_property
+    def deformable(self) -> Deformable:
+        """The deformable of the World: one closed prism for each segment, with the signal `<name>.nodes`."""
+        turn = 2 * np.pi * np.arange(_SIDES) / _SIDES
+        c, s = np.cos(turn), np.sin(turn)
+        ring = np.column_stack([1 - c - s, c, s])  # of the centre and the ends of the two radii
+        ring = np.vstack([ring, [1.0, 0.0, 0.0]])
+        n, m = self.segments, _SIDES + 1
+        weights = np.zeros((2 * n * m, 6 * n))
+        for k in range(2 * n):
+            weights[k * m : (k + 1) * m, 3 * k : 3 * k + 3] = ring
+        i, j = np.arange(_SIDES), (np.arange(_SIDES) + 1) % _SIDES
+        first, last = np.full(_SIDES, _SIDES), np.full(_SIDES, m + _SIDES)
+        prism = np.concatenate(
+            [
+                np.column_stack([i, j, m + j]),
+                np.column_stack([i, m + j, m + i]),
+                np.column_stack([first, j, i]),
+                np.column_stack([last, m + i, m + j]),
+            ]
+        )
+        triangles = np.concatenate([prism + 2 * m * k for k in range(n)]).astype(np.int32)
+        nodes = self.rings(self.points, np.zeros(n, int), np.zeros(n + 1), np.array([0.0, 0.0, 1.0]))
+        return Deformable(self.name, Mesh(self.name, weights @ nodes, triangles, self.color_rgba), weights=weights)
+
+
+def vessel(name: str, t: VesselTable, rgba: tuple[float, float, float, float]) -> Vessel:
+    """Return the vessel of a table.
+
+    Raises:
+        TwinError: it would have too many segments, or two points of its line are equal.
+    """
+    line = np.array(t.line_mm) * MM
+    ways = np.linalg.norm(np.diff(line, axis=0), axis=1)
+    if not ways.min() > 0:
+        raise TwinError(f"vessel '{name}': two points of line_mm are equal; remove one")
+    arc = np.concatenate([[0.0], np.cumsum(ways)])
+    count = max(4, round(float(arc[-1]) / (t.segment_mm * MM)))
+    if count > SEGMENTS:
+        raise TwinError(
+            f"vessel '{name}' has {count} segments; at most {SEGMENTS} are allowed: "
+            f"increase segment_mm, {t.segment_mm:g}"
+        )
+    at = np.linspace(0, arc[-1], count + 1)
+    points = np.column_stack([np.interp(at, arc, line[:, k]) for k in range(3)])
+    return Vessel(name, points, t.organ or "", t.radius_mm * MM, t.young_kpa * 1e3, rgba)
+
+
+def parameters(name: str, t: VesselTable) -> list[Parameter]:
+    """Return the numbers of a vessel with their provenance."""
+    origin = (t.provenance, t.note)
+    out = [
+        Parameter(f"vessel {name} radius", t.radius_mm * MM, "mm", t.radius_mm, *origin),
+        Parameter(f"vessel {name} segment", t.segment_mm * MM, "mm", t.segment_mm, *origin),
+        Parameter(f"vessel {name} Young's modulus", t.young_kpa * 1e3, "kPa", t.young_kpa, *origin),
+    ]
+    for k, point in enumerate(t.line_mm, 1):
+        out += [
+            Parameter(f"vessel {name} {k} {axis}", v * MM, "mm", v, *origin)
+            for axis, v in zip("xyz", point, strict=True)
+        ]
+    return out

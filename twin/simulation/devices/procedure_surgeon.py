@@ -1,0 +1,351 @@
+"""A simulated surgeon who takes out an organ in five stages, with an assistant at the grasper and one at the endoscope.
+
+The hands move along straight lines with minimum jerk, aim with an error, and tremble. The surgeon sees the organ, its
+bed and the vessels at the start of each movement, and repeats what did not succeed. All habits are ASSUMED.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Literal, get_args
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from twin.core.errors import WorldError, unknown
+from twin.core.spatial import Array
+from twin.core.units import MM
+from twin.model.procedure import ProcedureTable
+from twin.model.tissue import Tissue
+from twin.model.tool import Kind, ToolTable
+from twin.model.vessel import Vessel
+from twin.simulation.devices.hand import Hand, Tremor, minimum_jerk
+from twin.simulation.world import Block, Signals
+
+Mistake = Literal["", "clip_missed", "wrong_vessel", "organ_punctured", "cut_outside", "bed_left"]
+"""Mistakes on request: a clip beside the vessel; a clip on another vessel; a tip pushed into an organ that is to be
+spared; a cut outside the clips; a cell of the bed that is not freed."""
+
+_TRIES = 3
+"""Number of attempts at a grasp, a clip, a cut or a cell of the bed before the surgeon goes on."""
+
+
+@dataclass(frozen=True)
+class Manner:
+    """Habits of the surgeon, SI; all ASSUMED.
+
+    Attributes:
+        hand: tremor of a hand; the trocar reduces it by nothing.
+        aim: standard deviation of the aim in m, along each axis.
+        quick, slow: mean speeds in m/s far from and near to tissue.
+        before: distance from which a tool approaches.
+        lift: (3,) by which the organ is lifted before clipping, in m.
+        peel: (3,) by which it is lifted further for each freed cell of the bed, in m.
+        view: distance of the endoscope from the vessel in m.
+        press: time in s for which jaws stay closed.
+        taken, cut, kept: where the vessel is clipped and cut, as fractions of its length from the organ: the clips of
+            the side that is taken out begin at `taken` and go towards the organ, those that are kept begin at `kept`
+            and go away from it, `apart` in m from each other.
+    """
+
+    hand: Hand = field(default_factory=lambda: Hand(tremor=0.1e-3))
+    aim: float = 0.4e-3
+    quick: float = 0.06
+    slow: float = 0.03
+    before: float = 20e-3
+    lift: tuple[float, float, float] = (-0.010, -0.006, 0.022)
+    peel: tuple[float, float, float] = (-0.004, -0.001, 0.006)
+    view: float = 0.09
+    press: float = 0.2
+    taken: float = 0.3
+    cut: float = 0.46
+    kept: float = 0.62
+    apart: float = 4e-3
+
+
+@dataclass(frozen=True)
+class Arm:
+    """A robot in the surgeon's hands: its name, its port (3,) in the World in m, and the tip (3,) at the start."""
+
+    robot: str
+    port: Array
+    tip: Array
+
+
+class ProcedureSurgeon(Block):
+    """Writes `<robot>.target` of all robots, `<robot>.opening`, `.tool`, `.pedal` of those with tools, `surgeon.stage`.
+
+    Attributes:
+        missed: names of the steps that the surgeon gave up.
+    """
+
+    def __init__(
+        self,
+        arms: Sequence[Arm],
+        camera: Arm,
+        organs: Sequence[Tissue],
+        vessels: Sequence[Vessel],
+        tools: Mapping[str, ToolTable],
+        procedure: ProcedureTable,
+        dt: float,
+        seed: int = 0,
+        mistake: Mistake = "",
+        manner: Manner | None = None,
+    ) -> None:
+        """Take the instruments.
+
+        Args:
+            arms: the robots with tools.
+            camera: the robot of the endoscope.
+            organs: the organs of the scene.
+            vessels: its vessels.
+            tools: its tools.
+            procedure: the procedure.
+            dt: duration of a tick in s.
+            seed: seed of tremor and aim.
+            mistake: a mistake to make, "": none.
+            manner: habits; None: the defaults.
+
+        Raises:
+            WorldError: there is no such mistake, or no robot can carry a tool that is needed.
+        """
+        if mistake not in get_args(Mistake):
+            raise WorldError(unknown("mistake", mistake, [m for m in get_args(Mistake) if m]))
+        self.procedure, self.manner, self.mistake = procedure, manner or Manner(), mistake
+        self._dt, self._rng = dt, np.random.default_rng(seed)
+        self._arms, self._camera, self._tools = {a.robot: a for a in arms}, camera, dict(tools)
+        self._organ = next(o for o in organs if o.name == procedure.organ)
+        self._spared = next(o for o in organs if o.name == procedure.spare[0])
+        self._vessels = {v.name: v for v in vessels}
+        self._holder = self._carrier("grasper", [*self._arms])
+        others = [n for n in self._arms if n != self._holder]
+        self._worker = self._carrier("clip_applier", others)
+        for kind in ("scissors", "cautery"):
+            if self._carrier(kind, others) != self._worker:
+                raise WorldError(f"{self._worker} cannot carry {kind}; add it to `robots` of the tool")
+        everyone = [*self._arms.values(), camera]
+        self._at = {a.robot: a.tip.copy() for a in everyone}
+        self._shake = {a.robot: Tremor(self._rng, self.manner.hand, dt) for a in everyone}
+        names = [*self._tools]
+        self._tool = {n: names.index(procedure.start[n]) for n in self._arms}
+        self._opening, self._pedal = dict.fromkeys(self._arms, 1.0), dict.fromkeys(self._arms, 0.0)
+        self._stage, self._k, self.missed = 0, 0, list[str]()
+        self._script = self._work()
+        self.outputs = self._said(still=True)
+
+    def _carrier(self, kind: Kind, among: Sequence[str]) -> str:
+        """Return the robot with a tool of a kind: the one that starts with it, or else the first that can carry it."""
+        p = self.procedure
+        able = [n for n in among if any(t.kind == kind and n in t.robots for t in self._tools.values())]
+        if not able:
+            raise WorldError(f"none of {', '.join(among) or 'the robots'} can carry a {kind}: add a table [tool.NAME]")
+        return next((n for n in able if self._tools[p.start[n]].kind == kind), able[0])
+
+    def step(self, signals: Signals, t: float, dt: float) -> dict[str, ArrayLike] | None:
+        """Return the signals of this tick; None after the last stage."""
+        self._now = signals.now
+        if next(self._script, "end") == "end":
+            return None
+        self._k += 1
+        return self._said()
+
+    def _said(self, still: bool = False) -> dict[str, ArrayLike]:
+        out: dict[str, ArrayLike] = {"surgeon.stage": float(self._stage)}
+        for name, p in self._at.items():
+            out[f"{name}.target"] = p.copy() if still else p + self._shake[name].output(self._k)
+        for name in self._arms:
+            out |= {f"{name}.opening": self._opening[name], f"{name}.tool": float(self._tool[name])}
+            out[f"{name}.pedal"] = self._pedal[name]
+        return out
+
+    # -- what the surgeon sees ---------------------------------------------------------------------------------
+
+    def _line(self, vessel: str) -> Array:
+        """Return the nodes (n + 1, 3) of a vessel's centre line as they are now."""
+        rings = self._now[f"{vessel}.nodes"].reshape(-1, 2, 3, 3)
+        return np.vstack([rings[:, 0, 0], rings[-1:, 1, 0]])
+
+    def _place(self, vessel: str, s: float) -> tuple[Array, Array]:
+        """Return the point (3,) at a distance s in m along a vessel at rest, and the direction (3,) of the vessel."""
+        line, v = self._line(vessel), self._vessels[vessel]
+        k = int(np.clip(np.searchsorted(v.arc, s) - 1, 0, v.segments - 1))
+        part = (s - v.arc[k]) / v.lengths[k]
+        along = line[k + 1] - line[k]
+        return line[k] + part * along, along / max(float(np.linalg.norm(along)), 1e-9)
+
+    def _bed(self) -> Array:
+        """Return the cells (n, 3) of the bed as they are now."""
+        return self._now[f"{self._organ.name}.nodes"].reshape(-1, 3)[self._organ.held]
+
+    def _inwards(self, robot: str, p: Array) -> Array:
+        """Return the direction (3,) of the shaft of a robot whose tip is at p (3,)."""
+        way = p - (self._arms[robot].port if robot in self._arms else self._camera.port)
+        return way / np.linalg.norm(way)
+
+    def _aimed(self, p: Array) -> Array:
+        return p + self.manner.aim * self._rng.normal(size=3)
+
+    # -- actions: each generator yields once per tick ------------------------------------------------------------
+
+    def _work(self) -> Iterator[None]:
+        yield from self._wait(0.2)
+        for k, stage in enumerate((self._expose, self._show, self._clip, self._cut, self._remove), 1):
+            self._stage = k
+            yield from stage()
+        yield from self._wait(0.5)
+
+    def _wait(self, seconds: float) -> Iterator[None]:
+        for _ in range(max(1, round(seconds / self._dt))):
+            yield
+
+    def _move(self, to: Mapping[str, Array], speed: float) -> Iterator[None]:
+        """Move the tips to places (3,) in the World along straight lines, all in the same time."""
+        start = {n: self._at[n] for n in to}
+        long = max(float(np.linalg.norm(p - start[n])) for n, p in to.items())
+        k = max(1, round(max(0.2, long / speed) / self._dt))
+        for s in minimum_jerk(np.arange(1, k + 1) / k):
+            for n, p in to.items():
+                self._at[n] = start[n] + s * (p - start[n])
+            yield
+
+    def _to(self, robot: str, p: Array) -> Iterator[None]:
+        """Approach a place along the shaft: quickly to a place before it, then slowly."""
+        yield from self._move({robot: p - self.manner.before * self._inwards(robot, p)}, self.manner.quick)
+        yield from self._move({robot: p}, self.manner.slow)
+
+    def _back(self, robot: str) -> Iterator[None]:
+        p = self._at[robot]
+        yield from self._move({robot: p - self.manner.before * self._inwards(robot, p)}, self.manner.quick)
+
+    def _snap(self, robot: str) -> Iterator[None]:
+        """Close the jaws and open them again."""
+        self._opening[robot] = 0.0
+        yield from self._wait(self.manner.press)
+        self._opening[robot] = 1.0
+        yield from self._wait(self.manner.press)
+
+    def _change(self, robot: str, kind: Kind) -> Iterator[None]:
+        """Draw the tip back towards the port, and change the tool."""
+        port, p = self._arms[robot].port, self._at[robot]
+        yield from self._back(robot)
+        out = port + 0.85 * self.procedure.change_mm * MM * self._inwards(robot, p)
+        yield from self._move({robot: out}, self.manner.quick)
+        names = [*self._tools]
+        self._tool[robot] = next(
+            k for k, n in enumerate(names) if self._tools[n].kind == kind and robot in self._tools[n].robots
+        )
+        yield from self._wait(0.5)
+
+    def _expose(self) -> Iterator[None]:
+        """Grasp the organ at its end away from the vessel, and lift it."""
+        organ, holder, root = self._organ, self._holder, self._line(self.procedure.vessel)[0]
+        for _ in range(_TRIES):
+            now = organ.weights @ self._now[f"{organ.name}.nodes"].reshape(-1, 3)
+            far = now - root
+            high = now[:, 2] > np.quantile(now[:, 2], 0.8)  # from above, where the port is
+            point = now[np.flatnonzero(high)[np.argmax(np.linalg.norm(far[high], axis=1))]]
+            yield from self._to(holder, self._aimed(point))
+            self._opening[holder] = 0.0
+            yield from self._wait(self.manner.press)
+            if self._now[f"{holder}.holds"][0] == 0:
+                break
+            self._opening[holder] = 1.0
+            yield from self._back(holder)
+        else:
+            self.missed.append("grasp")
+        yield from self._move({holder: self._at[holder] + self.manner.lift}, self.manner.slow)
+
+    def _show(self) -> Iterator[None]:
+        """Bring the endoscope to the vessel, and look."""
+        vessel = self._vessels[self.procedure.vessel]
+        p, _ = self._place(vessel.name, vessel.arc[-1] / 2)
+        name = self._camera.robot
+        yield from self._move({name: p - self.manner.view * self._inwards(name, p)}, self.manner.quick)
+        yield from self._wait(self.procedure.seen_s + 0.5)
+
+    def _clip(self) -> Iterator[None]:
+        p, manner, vessel = self.procedure, self.manner, self._vessels[self.procedure.vessel]
+        if self.mistake == "organ_punctured":
+            yield from self._puncture()
+        if self.mistake == "wrong_vessel":
+            other = next(v for v in self._vessels.values() if v.name != vessel.name)
+            yield from self._close_at(other.name, 0.75 * other.arc[-1])
+        places = [manner.kept * vessel.arc[-1] + k * manner.apart for k in range(p.clips_kept)]
+        places += [manner.taken * vessel.arc[-1] - k * manner.apart for k in range(p.clips_taken)]
+        for k, s in enumerate(places):
+            if k == 0 and self.mistake == "clip_missed":
+                yield from self._close_at(vessel.name, s, aside=9e-3)
+                continue
+            for _ in range(_TRIES):
+                shut = self._shut()
+                yield from self._close_at(vessel.name, s)
+                if self._shut() > shut:
+                    break
+            else:
+                self.missed.append(f"clip {k + 1}")
+
+    def _shut(self) -> int:
+        """Return the number of clips that shut a vessel."""
+        names = [n for n in self._now if n.endswith(".cover")]
+        return sum(float(self._now[n][0]) >= 1 - 1e-9 for n in names)
+
+    def _close_at(self, vessel: str, s: float, aside: float = 0.0) -> Iterator[None]:
+        """Bring the middle of the jaws to a place along a vessel, `aside` in m beside it, close and open them."""
+        robot = self._worker
+        point, along = self._place(vessel, s)
+        tool = self._tools[[*self._tools][self._tool[robot]]]
+        ahead = self._inwards(robot, point)
+        beside = np.cross(ahead, along)
+        tip = point + ahead * tool.jaw_mm / 2 * MM + aside * beside / np.linalg.norm(beside)
+        yield from self._to(robot, self._aimed(tip))
+        yield from self._snap(robot)
+        yield from self._back(robot)
+
+    def _cut(self) -> Iterator[None]:
+        vessel, manner = self._vessels[self.procedure.vessel], self.manner
+        yield from self._change(self._worker, "scissors")
+        outside = manner.kept * vessel.arc[-1] + self.procedure.clips_kept * manner.apart
+        s = outside if self.mistake == "cut_outside" else manner.cut * vessel.arc[-1]
+        for _ in range(_TRIES):
+            yield from self._close_at(vessel.name, s)
+            if self._now[f"{vessel.name}.cut"].any():
+                return
+        self.missed.append("cut")
+
+    def _remove(self) -> Iterator[None]:
+        """Free the bed cell by cell from the side of the instrument, while the organ is lifted; then take it out."""
+        robot, holder, organ = self._worker, self._holder, self._organ.name
+        yield from self._change(robot, "cautery")
+        order = np.argsort(np.linalg.norm(self._bed() - self._arms[robot].port, axis=1))
+        left = order[:-1] if self.mistake == "bed_left" else order
+        for cell in left.tolist():
+            for _ in range(_TRIES):
+                yield from self._to(robot, self._aimed(self._bed()[cell]))
+                self._pedal[robot] = 1.0
+                long = self.procedure.bed_j / max(t.power_w or 0.0 for t in self._tools.values())
+                yield from self._wait(long + 0.2)
+                self._pedal[robot] = 0.0
+                yield from self._wait(self._dt)
+                if self._now[f"{organ}.freed"][cell] > 0.5:
+                    break
+            else:
+                self.missed.append(f"cell {cell + 1} of the bed")
+            yield from self._move({holder: self._at[holder] + self.manner.peel}, self.manner.slow)
+            yield from self._back(robot)
+        yield from self._back(robot)
+        port = self._arms[holder].port
+        out = port + 0.5 * self.procedure.out_mm * MM * self._inwards(holder, self._at[holder])
+        yield from self._move({holder: out}, self.manner.quick)
+        yield from self._wait(1.0)
+
+    def _puncture(self) -> Iterator[None]:
+        """Push the tip into the first organ to be spared, far deeper than allowed."""
+        robot, port = self._worker, self._arms[self._worker].port
+        v = self._spared.surface.vertices
+        top = v[v[:, 2] > v[:, 2].max() - 5 * MM].mean(axis=0)
+        deep = top + 3 * self.procedure.depth_mm * MM * (top - port) / np.linalg.norm(top - port)
+        yield from self._move({robot: top - self.manner.before * self._inwards(robot, top)}, self.manner.quick)
+        yield from self._move({robot: deep}, self.manner.slow)
+        yield from self._back(robot)
+        yield from self._back(robot)

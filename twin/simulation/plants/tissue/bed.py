@@ -1,0 +1,150 @@
+"""What holds an organ that is operated on: a bed that lets go node by node, and jaws that hold a point of it.
+
+Both are constraints of MuJoCo on the joints of the organ's nodes. A material point is a weighted sum of nodes, so that
+its place is linear in the joints: a tendon.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from twin.core.spatial import Array, Index
+from twin.core.units import MM
+
+GRIPS = 2
+"""Number of jaws that can hold the organ at once."""
+
+_DRAG = 2.0
+"""Resistance of what surrounds the organ, divided by its mass, in 1/s; ASSUMED. Without it, a freed organ would swing
+for ever, because there is neither air nor gravity."""
+
+_SLIDE = 0.5 * MM
+"""Distance in m by which the jaws slide in a step if the force is twice the limit; they slide in proportion."""
+
+_STIFF = [0.99, 0.999, 1e-4, 0.5, 2.0]
+"""Impedance of the constraints in MuJoCo."""
+
+_PULLS = 1e-4
+"""Largest force in N that does not end the rest of an organ."""
+
+
+@dataclass
+class Grip:
+    """Jaws that hold a material point.
+
+    Attributes:
+        weights: (k,) the point is weights @ nodes.
+        limit: friction of the jaws in N.
+        p: (3,) where the jaws hold the point, in the World in m.
+        offset: (3,) by which the point has slipped from the jaws, in m.
+        force: (3,) force on the organ in the last step in N.
+    """
+
+    weights: Array
+    limit: float
+    p: Array
+    offset: Array
+    force: Array
+
+    @property
+    def slipped(self) -> float:
+        """Distance in m by which the point has slipped."""
+        return float(np.linalg.norm(self.offset))
+
+
+def add(spec: mujoco.MjSpec, held: Index, joints: Sequence[str]) -> None:
+    """Add the constraints of the bed's nodes and of the jaws; `joints` are named by node, three each."""
+    for node in held.tolist():
+        for axis in range(3):
+            spec.add_equality(
+                name=f"bed_{node}_{axis}", type=mujoco.mjtEq.mjEQ_JOINT, objtype=mujoco.mjtObj.mjOBJ_JOINT,
+                name1=joints[3 * node + axis], solref=[2 * spec.option.timestep, 1.0], solimp=_STIFF,
+            )  # fmt: skip
+    for k in range(GRIPS):
+        for axis in range(3):
+            tendon = spec.add_tendon(name=f"grip_{k}_{axis}")
+            for joint in joints[axis::3]:
+                tendon.wrap_joint(joint, 3.0 / len(joints))
+            spec.add_equality(
+                name=f"grip_{k}_{axis}", type=mujoco.mjtEq.mjEQ_TENDON, objtype=mujoco.mjtObj.mjOBJ_TENDON,
+                name1=f"grip_{k}_{axis}", active=False, solref=[2 * spec.option.timestep, 1.0], solimp=_STIFF,
+            )  # fmt: skip
+
+
+class Hold:
+    """The bed and the jaws of an organ.
+
+    Attributes:
+        grips: the jaws that hold the organ, by number.
+        held: nodes of the bed that still hold it.
+    """
+
+    def __init__(self, m: mujoco.MjModel, d: mujoco.MjData, held: Index, dofs: Index, free: Index) -> None:
+        """Connect to the model; `dofs` (3 k,) and `free` (k,): velocities and indices of the free nodes."""
+        self._m, self._d, self._dofs, self._free = m, d, dofs, free
+        self._bed = held
+        self._mass = m.body_mass[m.dof_bodyid[dofs[::3]]]
+        m.dof_damping[dofs] = _DRAG * np.repeat(self._mass, 3)
+        self._equality = [[m.equality(f"grip_{k}_{axis}").id for axis in range(3)] for k in range(GRIPS)]
+        self._tendon = [[m.tendon(f"grip_{k}_{axis}").id for axis in range(3)] for k in range(GRIPS)]
+        self.reset()
+
+    def reset(self) -> None:
+        """Let all nodes of the bed hold, and no jaws."""
+        self.grips: dict[int, Grip] = {}
+        self.held = set(self._bed.tolist())
+        self._pull = np.zeros((len(self._free), 3))
+        self._R = np.eye(3)
+        self._d.eq_active[:] = self._m.eq_active0
+
+    def let_go(self, node: int) -> None:
+        """Free a node of the bed."""
+        self.held.discard(node)
+        for axis in range(3):
+            self._d.eq_active[self._m.equality(f"bed_{node}_{axis}").id] = 0
+
+    def grasp(self, k: int, weights: Array, p_world: Array, limit: float) -> None:
+        """Let the jaws with number k hold a material point at p_world (3,) in m, up to a force in N."""
+        self.grips[k] = Grip(weights, limit, p_world.copy(), np.zeros(3), np.zeros(3))
+        w = weights[self._free]
+        for axis in range(3):
+            tendon = self._tendon[k][axis]
+            start = self._m.tendon_adr[tendon]
+            self._m.wrap_prm[start : start + len(w)] = w
+            self._m.tendon_invweight0[tendon] = float((w * w / self._mass).sum())
+            self._d.eq_active[self._equality[k][axis]] = 1
+
+    def release(self, k: int) -> None:
+        """Open the jaws with number k."""
+        if self.grips.pop(k, None) is not None:
+            self._d.eq_active[self._equality[k]] = 0
+
+    def pull(self, weights: Array, force_world: Array) -> None:
+        """Add a force (3,) in N in the World on a material point, in the next step."""
+        self._pull += np.outer(weights[self._free], force_world)
+
+    def begin(self, rest: Array, nodes: Array, T_world_grid: Array) -> bool:
+        """Set the constraints of the jaws and the pulls before a step; return whether something moves the organ."""
+        self._R = T_world_grid[:3, :3]
+        for k, grip in self.grips.items():
+            wanted = (grip.p + grip.offset - T_world_grid[:3, 3]) @ self._R - grip.weights @ rest
+            self._m.eq_data[self._equality[k], 0] = wanted
+        pulled = float(np.abs(self._pull).sum()) > _PULLS
+        self._d.qfrc_applied[self._dofs] = (self._pull @ self._R).ravel()
+        self._pull[:] = 0.0
+        return bool(self.grips) or pulled or len(self.held) < len(self._bed)
+
+    def end(self) -> None:
+        """Read the forces of the jaws after a step, and let them slide where friction does not hold."""
+        d = self._d
+        rows = np.flatnonzero(d.efc_type[: d.nefc] == mujoco.mjtConstraint.mjCNSTR_EQUALITY)
+        by_id = dict(zip(d.efc_id[rows].tolist(), d.efc_force[rows].tolist(), strict=True))
+        for k, grip in self.grips.items():
+            grip.force = self._R @ np.array([by_id.get(e, 0.0) for e in self._equality[k]])
+            size = float(np.linalg.norm(grip.force))
+            if size > grip.limit:
+                grip.offset = grip.offset - grip.force / size * min(size / grip.limit - 1.0, 2.0) * _SLIDE

@@ -1,0 +1,156 @@
+"""Run a procedure with a simulated surgeon and write its session, or replay a session in a new World."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from twin.core.errors import WorldError
+from twin.model.mechanism import Mechanism
+from twin.model.scene import Place, Scene, Task
+from twin.simulation import procedure_scene, tissue_scene
+from twin.simulation.console_scene import Member, start
+from twin.simulation.devices.procedure_surgeon import Arm, Mistake, ProcedureSurgeon
+from twin.simulation.devices.recorded import Recorded
+from twin.simulation.procedure_scene import TICK
+from twin.simulation.session import file
+from twin.simulation.session.file import Session, SessionWriter
+from twin.simulation.session.run import Keep, Progress, Ran, difference_of
+from twin.simulation.session.tape import Tape
+from twin.simulation.world import Recording, World
+
+_SAMPLE = 8e-3
+"""Time in s between two kept rows: that between two steps of the organs."""
+
+_STAGES = ("begin", "expose", "show", "clip", "cut", "remove")
+
+
+def _arm(place: Place, member: Member) -> Arm:
+    T = place.T_world_base @ member.kin.forward(start(place, member.mechanism))
+    return Arm(place.name, procedure_scene.port_of(place), T[:3, 3])
+
+
+def surgeon(
+    scene: Scene, members: Mapping[str, Member], task: Task, drawn: Mechanism | None, seed: int, mistake: Mistake = ""
+) -> ProcedureSurgeon:
+    """Return the simulated surgeon of a procedure.
+
+    Raises:
+        TwinError: the task is no procedure, or an organ cannot be built.
+        WorldError: there is no such mistake, or no robot can carry a tool that is needed.
+    """
+    procedure = procedure_scene.procedure_of(scene, task)
+    *arms, camera = (_arm(p, members[p.name]) for p in procedure_scene.robots_of(scene, procedure))
+    organs = tissue_scene.tissues(scene, drawn)
+    return ProcedureSurgeon(arms, camera, organs, scene.vessels, scene.tools, procedure, TICK, seed, mistake)
+
+
+def _keep(world: World, task: Task) -> Keep:
+    """Keep all signals but the nodes of vessels and of organs that stay, which no measure uses."""
+    assert task.procedure is not None
+    own = f"{task.procedure.organ}.nodes"
+    names = [n for n in world.signals.sizes if n == own or not n.endswith((".nodes", ".pose", ".goal", ".command"))]
+    return Keep(world, names, _SAMPLE)
+
+
+def perform(
+    scene: Scene,
+    members: Mapping[str, Member],
+    task: Task,
+    drawn: Mechanism | None,
+    path: Path,
+    *,
+    seed: int = 0,
+    mistake: Mistake = "",
+    progress: Progress,
+) -> Ran:
+    """Simulate a surgeon who performs a procedure, and write the session.
+
+    Args:
+        scene: a scene with organs.
+        members: robots by the names of their places.
+        task: a task with a procedure.
+        drawn: mechanism whose bodies are the organs.
+        path: the session file.
+        seed: random seed of the surgeon.
+        mistake: a mistake that the surgeon makes; "": none.
+        progress: called with the name of the stage, and the fraction of stages done.
+
+    Raises:
+        OutputError: the file cannot be written.
+        TwinError: the task is no procedure, or an organ cannot be built.
+        WorldError: there is no such mistake, no robot can carry a tool, or a link is inside an organ at the start.
+    """
+    device, tape = surgeon(scene, members, task, drawn, seed, mistake), Tape()
+    world = procedure_scene.world(scene, members, task, drawn, device, records=False, watch=[tape])
+    sizes = world.signals.sizes
+    own = {n: s for n, s in sizes.items() if n in device.outputs}
+    identity = procedure_scene.identity(scene, members, task, tissue_scene.tissues(scene, drawn))
+    writer = SessionWriter(path, file.head(scene.name, identity, world.dt, own, sizes, task.name, seed))
+    keep = _keep(world, task)
+    try:
+        while not world.ended and not writer.full:
+            world.step(file.CHUNK // 4)
+            rows = tape.take()
+            writer.add(rows)
+            keep.add(rows)
+            stage = int(world.signals["surgeon.stage"][0])
+            progress(_STAGES[stage], stage / len(_STAGES))
+        writer.close()
+    finally:
+        writer.abandon()
+    return Ran(keep.recording(), keep.ticks, world.dt, missed=tuple(device.missed))
+
+
+def replay(
+    session: Session,
+    path: Path,
+    scene: Scene,
+    members: Mapping[str, Member],
+    task: Task,
+    drawn: Mechanism | None,
+    progress: Progress,
+) -> Ran:
+    """Replay a session in a new World, and compare all signals of every tick.
+
+    Args:
+        session: the session.
+        path: its file, for messages.
+        scene: its scene.
+        members: robots by the names of their places.
+        task: its task.
+        drawn: mechanism whose bodies are the organs.
+        progress: called with "replay" and the fraction done.
+
+    Raises:
+        WorldError: the session is of another scene, of one that has changed since, or of a World with other signals.
+    """
+    begin = session.head
+    identity = procedure_scene.identity(scene, members, task, tissue_scene.tissues(scene, drawn))
+    if begin.scene != scene.name or begin.identity != identity:
+        raise WorldError(
+            f"{path}: the session was recorded in scene '{begin.scene}', which is another one or has changed since: "
+            "restore the earlier scene to replay the session"
+        )
+    own, device = file.sizes(begin.device), session.device
+    tape = Tape()
+    recorded = Recorded(Recording(begin.dt, own, device), *own)
+    world = procedure_scene.world(scene, members, task, drawn, recorded, records=False, watch=[tape])
+    if world.signals.sizes != file.sizes(begin.world) or not np.isclose(begin.dt, world.dt):
+        raise WorldError(
+            f"{path}: the session was written by twin {begin.twin}, whose World has other signals: replay it with that "
+            "version"
+        )
+    keep, difference, t = _keep(world, task), None, 0.0
+    for chunk in session.chunks:
+        world.step(len(chunk.device))
+        rows = tape.take()
+        keep.add(rows)
+        t1 = t + len(rows) * begin.dt
+        if difference is None and file.digest(rows) != chunk.digest:
+            difference = difference_of(t, t1, rows[-1], chunk.last, world)
+        t = t1
+        progress("replay", keep.ticks / len(device))
+    return Ran(keep.recording(), keep.ticks, begin.dt, difference)
