@@ -1,4 +1,4 @@
-"""Audit the deformables of an exported scene: compare organs.glb, played here, with the points of usd/organs.usdc."""
+"""Audit the deformables of an exported scene: compare the motion in organs.glb with the points in usd/organs.usdc."""
 
 from __future__ import annotations
 
