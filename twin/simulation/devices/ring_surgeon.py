@@ -235,7 +235,7 @@ class RingSurgeon(SurgeonHands):
         return spatial.pose(R, ring.end + height * up - R @ middle)
 
     def _reach(self, goals: Mapping[str, Array], near: float) -> Generator[None, None, bool]:
-        """Move the tools to poses (4, 4) in the World by strokes; return whether they are there."""
+        """Move the tools to poses (4, 4) in the World by strokes; return whether the poses are reached."""
         best, stalled = np.inf, 0
         while goals and stalled < _STALLED:
             R_view = self._view()[:3, :3]
