@@ -32,9 +32,9 @@ def smoothing(dt: float) -> float:
 def needed_damping(stiffness: float, damping: float, dt: float) -> float:
     """Return the smallest damping in N s/m of a device on which a surface is passive.
 
-    The condition of Colgate and Schenkel (J. Robotic Systems 14(1), 1997), for a surface H(z) sampled and held every T:
-    b > T / (2 (1 - cos w T)) Re[(1 - exp(-j w T)) H(exp(j w T))] at all frequencies w up to pi / T. It is K T / 2 + |B|
-    without a filter.
+    The condition of Colgate and Schenkel (J. Robotic Systems 14(1), 1997) is for a surface with the transfer function
+    H(z), sampled and held every T = dt: b > T / (2 (1 - cos w T)) Re[(1 - exp(-j w T)) H(exp(j w T))] at all
+    frequencies w up to pi / T. Without a filter, it is b > K T / 2 + |B| (K: stiffness, B: damping).
 
     Args:
         stiffness: of the surface in N/m.

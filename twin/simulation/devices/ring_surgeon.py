@@ -51,7 +51,7 @@ class Ring:
 
 @dataclass(frozen=True)
 class Manner:
-    """How the surgeon handles a ring, SI; all ASSUMED.
+    """Parameters of the handling of a ring, in m and rad; all ASSUMED.
 
     Attributes:
         beyond: length of the jaws' tips beyond the wire that they hold.
