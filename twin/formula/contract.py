@@ -136,8 +136,8 @@ class Formula:
         aspects: signs that distinguish assemblies.
         branches: function of (q, parameters, variants) that returns the poses (4, 4) of all assemblies; or None.
         seeds: starting values for solvers in SI: coordinates, or joints for a formula without inverse equations.
-        numbers: function of a pose and the parameters. If a line of the file gives NaN or infinity at this pose, the
-            function returns a text that names the line, otherwise "".
+        numbers: function of a pose and the parameters. If a line of the file gives NaN or infinity at this pose, it
+            returns a text that names the line, otherwise "".
     """
 
     name: str
