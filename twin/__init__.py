@@ -1,6 +1,6 @@
 """twin: bring your CAD and your equations; it tells you where they disagree.
 
-The public names are those of `__all__`; they are loaded when first used, so that `import twin` is light.
+The public names are those of `__all__`; they are loaded when first used, so that `import twin` is fast.
 """
 
 from __future__ import annotations

@@ -88,7 +88,7 @@ def factor(robot: api.Robot, text: str) -> Factor:
     """Return the factor for the text NAME=LOW..HIGH[unit]; default unit: the unit of the parameter, or mm.
 
     Raises:
-        TwinError: the text has another form, or the name does not exist.
+        TwinError: the text does not have this form, or the name does not exist.
     """
     name, mark, range_ = text.partition("=")
     low, dots, high = range_.partition("..")
@@ -116,7 +116,7 @@ def factor(robot: api.Robot, text: str) -> Factor:
 
 
 def distance(mechanism: Mechanism, name: str) -> float:
-    """Return the distance in m for `body:joint-joint`; for parallel pins, it is perpendicular to their axes."""
+    """Return the distance in m for `body:joint-joint`; for parallel pins, perpendicular to their axes."""
     return float(np.linalg.norm(_between(mechanism, name)[0]))
 
 

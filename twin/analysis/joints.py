@@ -107,9 +107,9 @@ def _root(n: int) -> float:
 
 
 def _sampler(robot: Robot, ranges: Array) -> Callable[[int, int], tuple[Array, Array]]:
-    """Return a function that computes the samples from index `first` to before `last`.
+    """Return a function of (first, last) that computes the samples with indices first to last - 1.
 
-    It returns their values (k, 4), with the columns `measure.NAMES`, and their positions (k, 3) in m.
+    The function returns their values (k, 4), with the columns `measure.NAMES`, and their positions (k, 3) in m.
     """
     n = len(ranges)
     steps = _root(n) ** -np.arange(1, n + 1)

@@ -82,7 +82,7 @@ def load_scene(scene: str | Path) -> Scene:
 def world(scene: Scene, dt: float = 1e-3, progress: Progress = silent) -> World:
     """Return a World in which every robot of a scene plays its protocol, with the props and organs.
 
-    Organs step about every 8 ms, at a multiple of `dt`.
+    The time step of the organs is the multiple of `dt` nearest to 8 ms.
 
     Args:
         scene: the scene.

@@ -25,7 +25,7 @@ def plan(robot: Robot, protocol: str | Path | Protocol | None = None, progress: 
     """Return the timed trajectory of a protocol, checked at 1 kHz.
 
     Raises:
-        ProtocolError: the protocol cannot be carried out; the message names phase, path position and excess.
+        ProtocolError: the protocol cannot be carried out; the message names phase, path position and limit.
         TimingError: no timing satisfies the limits.
     """
     from twin.planning.plan import plan as plan_

@@ -17,12 +17,12 @@ def study_sessions(groups: Mapping[str, Sequence[str | Path]], progress: Progres
     """Compare groups of sessions of one task, such as first and last ones, or those with and without haptics.
 
     Args:
-        groups: by name of the group, files in the order in which the sessions took place: sessions (replayed) or the
-            session.json of `twin session --out` and `twin operate`.
+        groups: files of each group in the order in which the sessions took place, by name of the group. A file is a
+            session, which is replayed, or the session.json of `twin session --out` or `twin operate`.
         progress: see `Progress`.
 
     Raises:
-        DescriptionError: there are fewer than two groups, a file is no session, or the sessions have different tasks.
+        DescriptionError: there are fewer than two groups, a file is not a session, or tasks differ.
         WorldError: a session is damaged, or its replay gives different bytes.
     """
     if len(groups) < 2:

@@ -76,7 +76,7 @@ class ConsoleSession(Result):
         task: the task; None: no task.
         ran: signals of the session.
         arms: all robots that the console moves, by name.
-        lost: sentence that says where the file ends; "" if the file is complete.
+        lost: sentence that states where the file ends; "" if the file is complete.
         recorded: content of the session file of a simulated surgeon; None for a replayed file.
         pegs: pegs of a task with rings, by name.
         aligned: measures of a task with an alignment; None for another task.
@@ -468,7 +468,7 @@ def operate_console(
         task: a task of the scene; default: its first one.
         seed: random seed; the same seed gives the same session.
         scale: motion scale, 0.05 to 1; default: that of the console.
-        haptics: whether forces act on the hands, to which this surgeon does not react; default: none are computed.
+        haptics: whether to compute forces on the hands, to which this surgeon does not react; default: no.
         progress: see `Progress`.
 
     Raises:

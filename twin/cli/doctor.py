@@ -1,4 +1,4 @@
-"""`twin doctor`: show what is installed, and which checks are possible."""
+"""`twin doctor`: list the required and optional packages and programs, with installed versions and purposes."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from twin.core import assets
 
 
 def doctor(args: argparse.Namespace) -> int:
-    """Print what is installed and which checks are possible."""
+    """Print the required and optional packages and programs; return 2 if a required package is missing, else 0."""
     packages = _needed()
     extras = {
         "distributed": "sweeps, on several processors or machines (extra: cluster)",

@@ -235,7 +235,7 @@ def parser() -> argparse.ArgumentParser:
         type=float,
         default=8.0,
         metavar="S",
-        help="time limit in seconds of the search for two edits in one row (one equation) (default 8)",
+        help="time limit in seconds of the search for two edits in one row (assignment) of an equation (default 8)",
     )
 
     sub = add(
@@ -289,7 +289,7 @@ def parser() -> argparse.ArgumentParser:
     host(sub)
     sub.add_argument("--no-browser", action="store_true", help="do not open a browser")
     sub.add_argument("--record", metavar="FILE", help="record the session: requests, states and frames, as JSON")
-    sub.add_argument("--replay", metavar="FILE", help="replay a recorded session instead, frame by frame")
+    sub.add_argument("--replay", metavar="FILE", help="replay a session recorded by --record, frame by frame")
     sub.add_argument("--task", metavar="NAME", help="task at the console of a scene: its rings can be grasped")
     sub.add_argument(
         "--packets",
@@ -324,9 +324,9 @@ def parser() -> argparse.ArgumentParser:
     )
     sub.add_argument("--protocols", action="store_true", help="play the protocols of a scene that has a console")
     sub.add_argument(
-        "--participant", type=int, metavar="N", help="number of a participant in a study; sets the order of --haptics"
+        "--participant", type=int, metavar="N", help="number of a participant in a study; chooses the run with forces"
     )
-    sub.add_argument("--run", type=int, metavar="1|2", help="run of the participant: one has forces, the other not")
+    sub.add_argument("--run", type=int, metavar="1|2", help="number of the participant's run: only one has forces")
 
     sub = add(
         "operate",
@@ -347,7 +347,9 @@ def parser() -> argparse.ArgumentParser:
         help="mistake that the surgeon of a procedure makes: clip_missed, wrong_vessel, organ_punctured, cut_outside, "
         "bed_left",
     )
-    sub.add_argument("--haptics", choices=("on", "off"), help="compute forces on the hands (nobody reacts to them)")
+    sub.add_argument(
+        "--haptics", choices=("on", "off"), help="compute forces on the hands (the operator does not react)"
+    )
     out(sub, "./twin-out/<robot>/<protocol>-operator/")
     sub.add_argument(
         "--seed", type=int, default=0, help="random seed of the simulated hand (default 0); each further trial adds 1"
@@ -419,7 +421,7 @@ def parser() -> argparse.ArgumentParser:
         "  twin study sher\n  twin study pa10                 inertia tables: are they physically possible?\n"
         "  twin study davinci              groups of users, and the accuracy of a console\n"
         "  twin study my_study.toml --json\n  twin study users.csv            your own groups, with rank tests\n"
-        "  twin study users.csv --out study/           also page, boxes and learning curves\n"
+        "  twin study users.csv --out study/           also a page with box plots and learning curves\n"
         "  twin study first=a.session first=b.session last=c.session last=d.session    sessions at a console",
     )
     sub.add_argument(
@@ -427,7 +429,7 @@ def parser() -> argparse.ArgumentParser:
         nargs="+",
         help="a built-in robot or study, a robot folder, a study file, a CSV of users, or sessions as GROUP=FILE",
     )
-    sub.add_argument("--out", metavar="FOLDER", help="write page, picture and data of groups into this folder")
+    sub.add_argument("--out", metavar="FOLDER", help="write a page, a figure and the data of groups into this folder")
 
     sub = add(
         "console",
@@ -531,5 +533,5 @@ def parser() -> argparse.ArgumentParser:
 
     add_sweeps(add, robot, out)
 
-    add("doctor", "show what can be checked on this machine", "  twin doctor")
+    add("doctor", "list the installed packages and programs, and their purposes", "  twin doctor")
     return root

@@ -115,7 +115,7 @@ def add_sweeps(
     sub.add_argument(
         "--samples", type=_count, default=64, metavar="N", help="number of samples of the Latin hypercube (default 64)"
     )
-    sub.add_argument("--grid", type=int, metavar="N", help="use a grid with this many levels of each factor instead")
+    sub.add_argument("--grid", type=int, metavar="N", help="number of levels of each factor: a full grid, no samples")
     sub.add_argument(
         "--objective", metavar="NAMES", help="comma-separated list of volume, conditioning, margin, tolerance"
     )
@@ -126,7 +126,7 @@ def add_sweeps(
         "--workers", type=int, metavar="N", help="number of worker processes (default one for each processor)"
     )
     sub.add_argument("--parquet", action="store_true", help="also write sweep.parquet")
-    sub.add_argument("--fresh", action="store_true", help="start from the beginning instead of reusing stored results")
+    sub.add_argument("--fresh", action="store_true", help="evaluate all designs again instead of reusing results")
     out(sub, "./twin-out/<robot>/sweep-<key>/, one for each sweep")
 
 

@@ -23,7 +23,7 @@ def run(robot: api.Robot, args: argparse.Namespace) -> int:
     joints = () if args.sweep in (None, "all") else tuple(args.sweep.split(","))
     variants = asked(args.variant)
     if isinstance(variants, str):
-        raise TwinError("--sweep uses one choice of variants: give EQ=NAME pairs")
+        raise TwinError("--sweep accepts no variant name alone; give EQ=NAME pairs")
     folder = (Path(args.out) if args.out else Path("twin-out") / robot.name) / "sweep"
     assets.require_writable(folder)
     with show.progress(args.quiet or args.json) as progress:

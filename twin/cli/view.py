@@ -146,7 +146,7 @@ def _page(front: Front, path: Path, quiet: bool) -> int:
             time.sleep(0.05)
         failed = [a.name for a in front.actors if a.playback is None]
         if failed:
-            raise TwinError(f"{', '.join(failed)}: nothing to record: {front.panels.why}")
+            raise TwinError(f"{', '.join(failed)}: no recording is possible: {front.panels.why}")
         html = recording.page(front, lambda part: progress("record", part))
     with assets.atomic_folder(path.parent) as work:
         (work / path.name).write_text(html, encoding="utf-8")

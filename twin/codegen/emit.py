@@ -61,8 +61,8 @@ class Stage:
         function: CasADi function with dense arguments and results.
         takes: names of its arguments: inputs of the kernel, or results of earlier stages.
         gives: names of its results.
-        repeat: maximum number of calls. If above 1, results with the names of arguments are the arguments of the next
-            call, until the result `error` is at most `tolerance` (or NaN) in every lane.
+        repeat: maximum number of calls. If above 1, a result with the name of an argument is that argument in the next
+            call. The calls end when the result `error` is at most `tolerance` (or NaN) in every lane.
         tolerance: see `repeat`.
         reciprocals: whether several divisions by the same number are replaced by multiplications with its reciprocal.
             This adds a rounding error, which iterations correct in the next step.

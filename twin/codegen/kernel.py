@@ -19,7 +19,7 @@ from twin.codegen.machine import compiled, lanes
 from twin.core.spatial import Array
 
 _CHUNK, _PIECES = 4096, 64
-"""Minimum number of samples in a chunk, and maximum number of chunks; each chunk acquires Python's lock once."""
+"""Minimum number of samples in a chunk, and maximum number of chunks; each chunk acquires Python's global lock once."""
 _BLOCK = 1024
 """Number of samples that are transposed at once; two blocks of 20 numbers fit into the cache of a core."""
 _WORTH = 2e-4

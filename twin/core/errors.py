@@ -72,7 +72,7 @@ class AssemblyError(TwinError):
 
 
 class ProtocolError(TwinError):
-    """A protocol cannot be carried out; the message names the phase, the position on its path, and the excess."""
+    """A protocol cannot be carried out; the message names phase, path position and exceeded limit."""
 
 
 class TimingError(TwinError):

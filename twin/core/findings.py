@@ -61,7 +61,9 @@ def finding(
     cause: str = "",
     word: str = "limit",
 ) -> Finding:
-    """Return a finding whose message is "<what>: <size> (limit <limit>)"; `disagreement` and others set the severity.
+    """Return a finding whose message is "<what>: <size> (limit <limit>)".
+
+    The functions `info`, `warning`, `disagreement` and `error` call this function with their severity.
 
     Args:
         severity: see `Finding`.

@@ -1,6 +1,6 @@
 """Run work in another process: one call with one result, or a stream of pieces that can be cancelled.
 
-The process ends when its object is deleted or this program ends; it ignores Ctrl-C.
+The process ends when its `Call` or `Stream` is deleted, or when this program ends; it ignores Ctrl-C.
 """
 
 from __future__ import annotations

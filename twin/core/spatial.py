@@ -100,10 +100,10 @@ def matrix_from_quat_wxyz(q: ArrayLike) -> Array:
 
 
 def continuous_signs(q: ArrayLike) -> Array:
-    """Return quaternions (k, 4) with signs chosen so that neighbours are less than half a turn apart.
+    """Return quaternions (k, 4) with signs chosen so that the dot product of consecutive quaternions is at least 0.
 
-    Many players interpolate the four numbers regardless of their signs; a change of sign is then visible as a 180
-    degree glitch.
+    Many motion players interpolate the four numbers regardless of their signs; a change of sign would then be visible
+    as a jump of up to 180 degrees.
     """
     q = np.asarray(q, float)
     flips = np.sum(q[1:] * q[:-1], axis=1) < 0

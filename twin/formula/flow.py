@@ -1,4 +1,4 @@
-"""Evaluate the equations of a formula on symbols, and the resulting expressions fast with NumPy."""
+"""Evaluate the equations of a formula on symbols, and evaluate the resulting expressions on NumPy arrays."""
 
 from __future__ import annotations
 

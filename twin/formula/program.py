@@ -72,7 +72,7 @@ class Program:
 
     @cached_property
     def inverse(self) -> Evaluator:
-        """Function of the pose (16,): q (n), and the distance (a norm) of the pose from that of its coordinates."""
+        """Function of the pose (16,): q (n), and the norm of the pose minus the pose rebuilt from its coordinates."""
         T = symbolic.unflat(self._z, 4, 4)
         misfit = _length(ca.vec(flow.to_pose(self.formula, self._symbols) - T))
         return Evaluator("inverse", self._z, ca.vertcat(self._q, misfit))

@@ -18,7 +18,7 @@ class Symbol(Scalar):
 
 
 def from_sx(x: Any) -> Any:
-    """Convert a CasADi symbol to a NumPy scalar, or array (n,) or (m, n), of symbols."""
+    """Convert a CasADi SX to a `Symbol` or a NumPy array (n,) or (m, n) of symbols; return other values unchanged."""
     if not isinstance(x, ca.SX):
         return x
     rows, columns = x.shape

@@ -220,7 +220,7 @@ class Compiled(ABC):
         return bool(np.abs(back - Ts).max() <= POSE_TOL)
 
     def need_six_joints(self) -> None:
-        """Raise `KinematicsError` if q does not determine the pose: not six joints and no forward equation."""
+        """Raise `KinematicsError` if the formula has no forward equation and a number of joints other than six."""
         if not self.closed_forward and len(self.formula.joints) != 6:
             raise KinematicsError(
                 f"{self.formula.name}: {len(self.formula.joints)} joints do not determine the 6 numbers of a pose; "

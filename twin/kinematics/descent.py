@@ -1,6 +1,6 @@
 """One compiled Levenberg-Marquardt iteration for a robot and a kind of task, and the loop that runs the iteration.
 
-The damping is by Nielsen: a step dx minimises |J dx + r|^2 + mu |dx|^2. The damping mu decreases if the linear model
+A step dx minimises |J dx + r|^2 + mu |dx|^2. The damping mu follows Nielsen's rule: it decreases if the linear model
 predicts the decrease of the cost well; successive failed steps multiply mu by 2, 4, 8, ... Residual, Jacobian, step and
 damping are one CasADi function, because separate NumPy calls would take five times as long.
 """

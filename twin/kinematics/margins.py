@@ -101,7 +101,7 @@ class Margins:
         return np.asarray(good, bool)
 
     def refuses(self, Ts_base_tool: Array) -> Array:
-        """Return the reach margins (k, reach) in m from the equations, at poses that the mechanism cannot reach."""
+        """Return the r reach margins (k, r) in m from the equations, at poses that the mechanism cannot reach."""
         with np.errstate(all="ignore"):
             found = self._kin.reach(Ts_base_tool)
         return np.stack([found[n] for n in self._kin.formula.reach], axis=1)

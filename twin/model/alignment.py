@@ -1,4 +1,4 @@
-"""What the camera task aligns: a grey line, fixed in the picture, and a green rectangle on a plate in the World."""
+"""Objects of the camera task: a grey line, fixed in the picture, and a green rectangle on a plate in the World."""
 
 from __future__ import annotations
 
@@ -99,7 +99,7 @@ def frame(middle: Array, facing: Array, roll: float) -> Array:
     Args:
         middle: (3,) middle of the rectangle in m.
         facing: (3,) direction out of the plate; not vertical.
-        roll: angle in rad, counter-clockwise for who looks at the plate.
+        roll: angle in rad, counter-clockwise as seen from in front of the plate.
     """
     z = facing / np.linalg.norm(facing)
     x = np.cross([0.0, 0.0, 1.0], z)

@@ -1,4 +1,4 @@
-"""Tables of a scene file on its organs: where they are drawn, what they are made of, and which links touch them."""
+"""Tables of a scene file on its organs: their drawing, their material, and the links that touch them."""
 
 from __future__ import annotations
 

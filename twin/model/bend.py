@@ -1,4 +1,4 @@
-"""The motion of a deformable: its nodes at times, and the few shapes of which its vertices are sums."""
+"""The motion of a deformable: its nodes over time, or a few shapes whose weighted sums are its vertices."""
 
 from __future__ import annotations
 
@@ -36,11 +36,11 @@ class Bend:
         return self.mesh.name
 
     def vertices(self, k: int) -> Array:
-        """Return the vertices (n, 3) in m at the time k."""
+        """Return the vertices (n, 3) in m at the time with index k."""
         return self.weights @ self.nodes[k]
 
     def changes(self) -> Index:
-        """Return the indices of the times at which the nodes differ from those before or behind; first and last too."""
+        """Return the indices of the times at which nodes differ from a neighbouring time, and first and last."""
         moved = np.abs(np.diff(self.nodes, axis=0)).max(axis=(1, 2)) > 0
         keep = np.ones(len(self.times), bool)
         keep[1:-1] = moved[:-1] | moved[1:]
@@ -50,7 +50,7 @@ class Bend:
         """Return shapes (s, n, 3) in m and factors (k, s): vertices = vertices at rest + sum of factors times shapes.
 
         The shapes are the principal ones of the motion and their opposites, so that all factors are 0 to 1, because
-        some players clip others. Shapes that move no node by more than 0.1 µm are left out.
+        some players clip other factors. Shapes that move no node by more than 0.1 µm are left out.
         """
         off = self.nodes - self.nodes[0]
         U, S, Vt = np.linalg.svd(off.reshape(len(off), -1), full_matrices=False)

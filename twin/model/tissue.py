@@ -1,4 +1,4 @@
-"""A soft organ: a closed surface in a grid of cells, whose nodes move; its material, and what holds it."""
+"""A soft organ: a closed surface in a grid of cells, whose nodes move; its material and its pins."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class Tissue:
         damping: ratio of viscous to elastic stress in s.
         density: in kg/m3.
         friction: coefficient of sliding friction.
-        pins: what holds it.
+        pins: boxes in which nodes are fixed.
         color_rgba: linear, 0..1.
     """
 

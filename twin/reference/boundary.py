@@ -68,7 +68,7 @@ class Stated(Protocol):
         ...
 
     def refuses(self, Ts_base_tool: Array) -> Array:
-        """Return the reach margins (k, reach) at tool poses, from the equations alone."""
+        """Return the r reach margins (k, r) in m at tool poses, from the equations alone."""
         ...
 
     def fails(self, s: Run) -> Array:
@@ -76,7 +76,7 @@ class Stated(Protocol):
         ...
 
     def homogeneous(self, s: Run, by: float) -> bool:
-        """Return whether the equations of a robot scaled by `by` give equal angles: all lengths are parameters."""
+        """Return whether scaling all length parameters by `by` leaves the angles unchanged."""
         ...
 
 

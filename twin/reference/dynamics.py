@@ -4,8 +4,9 @@
 
 Pinocchio computes the equations of the spanning tree in its velocities V (composite rigid bodies, recursive
 Newton-Euler). Loops and couplings, A V = 0, are included by projection on the active joints: V = G qd and dV/dt = G qdd
-- A_p^+ (dA/dt V). By virtual work, tau = G^T tau_tree, because the forces in the loops do no work. Rotors turn with the
-motors, m = T^-1 q, so their inertia at the joints is T^-T J_m T^-1.
+- A_p^+ (dA/dt V), where A_p are the columns of A for the passive joints. By virtual work, tau = G^T tau_tree, because
+the forces in the loops do no work. Rotors turn with the motors, m = T^-1 q, where T is the matrix of the transmission;
+the rotor inertias J_m thus have the inertia T^-T J_m T^-1 at the joints.
 
 Sources: R. Featherstone, Rigid Body Dynamics Algorithms, Springer 2008, chapters 5, 6 and 8; R. M. Murray, Z. Li,
 S. S. Sastry, A Mathematical Introduction to Robotic Manipulation, CRC Press 1994, sections 4.3 and 6.1; Y. Nakamura,

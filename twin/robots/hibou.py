@@ -26,7 +26,7 @@ equation = Equations(DERIVED, variant="derived")
 
 @equation("inverse", "pose and trocar -> end of the shaft, its direction, outer point W", gives="P_7 u W")
 def shaft(T_base_tool, r6, r8, trocar_x, trocar_y, trocar_z):
-    """Return the end P_7 of the shaft, the direction from P_7 to the trocar, and W; NaN if the shaft is too short."""
+    """Return shaft end P_7, direction from P_7 to the trocar, and outer point W; NaN if the shaft is too short."""
     P_7 = T_base_tool[0:3, 3] - r8 * T_base_tool[0:3, 2]
     to = vertcat(trocar_x, trocar_y, trocar_z) - P_7
     length = norm_2(to)

@@ -25,7 +25,7 @@ equation = Equations(DERIVED, variant="derived")
 
 @equation("inverse", "pose and trocar -> inner wrist, shaft, outer point W", gives="P_in u W")
 def shaft(T_base_tool, r7, r10, trocar_x, trocar_y, trocar_z):
-    """Return the inner wrist P_in, the direction from P_in to the trocar, and W; NaN if the shaft is too short."""
+    """Return inner wrist P_in, direction from P_in to the trocar, and outer point W; NaN if the shaft is too short."""
     P_in = T_base_tool[0:3, 3] - r10 * T_base_tool[0:3, 2]
     to = vertcat(trocar_x, trocar_y, trocar_z) - P_in
     length = norm_2(to)

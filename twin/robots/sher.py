@@ -36,7 +36,7 @@ equation = Equations()
 
 
 def hypot(a, b):
-    """Return the length of (a, b)."""
+    """Return the length of the vector (a, b)."""
     return sqrt(a**2 + b**2)
 
 

@@ -1,10 +1,10 @@
 # ruff: noqa: E501 - each published row is one line, so that it can be read, and edited by tools, as printed
 """SILS: 6-DOF parallel robot for single-incision laparoscopic surgery, three limbs R-PRR-PRS.
 
-Paper: Ro. J. Techn. Sci. - Appl. Mech. 68(1), 3-18, 2023, DOI 10.59277/RJTS-AM.2023.1.01, equations
-(1) platform points, (2) inverse model, (3) lengths. Base frame O-XYZ: O on rail 1, Z up along it, Y
-towards rail 3, X out of the portal towards the patient. Tool frame: centroid of the three ball centres,
-z_p up from the platform, R = Rz(psi) Ry(theta) Rx(phi).
+The equations are (1) platform points, (2) inverse model and (3) lengths of the paper: Ro. J. Techn. Sci. - Appl. Mech.
+68(1), 3-18, 2023, DOI 10.59277/RJTS-AM.2023.1.01. In the base frame O-XYZ, O is on rail 1, Z points up along this rail,
+Y towards rail 3, and X out of the portal towards the patient. The tool frame is at the centroid of the three ball
+centres, z_p points up from the platform, and the rotation is R = Rz(psi) Ry(theta) Rx(phi).
 
 Every printed row is one assignment with the symbols of the paper. The odd and even rows of eq. (2) refer to each
 other (q1 is on both sides of its row); they are written in this form, and the compiler solves them.
@@ -123,12 +123,12 @@ def eq2_printed(Z_S1, Y_S2, Z_S3, q1, q2, q3, q4, q5, q6, l_1, l_2):
 @equation.variant(
     "literal",
     of=eq2_printed,
-    why="The radicals are exactly as in our text of the paper: the root ends before 2 l_0 sqrt(...) (q2, q4, q6) and before "
+    why="The radicals are exactly as in our transcription of the paper: the root ends before 2 l_0 sqrt(...) (q2, q4, q6) and before "
     "-(L_V - Z_S2)^2, -(L_H - Y_S3)^2 (q4, q6). Carriage gaps are then wrong by up to 0.55 m. This may be an error "
-    "of transcription; therefore this is a separate variant.",
+    "of the transcription; therefore this is a separate variant.",
 )
 def eq2_literal(X_S1, Y_S1, X_S2, Z_S2, X_S3, Y_S3, q1, q3, q5, l_0, l_1, l_2, L_H, L_V):
-    """Return the joints with the radicals exactly as in our text of the paper, where the roots end too early."""
+    """Return the joints with the radicals as in our transcription of the paper: the root signs cover too few terms."""
     q2 = 1 / (l_1 + l_2) * ((l_1 + l_2) * q1 + 2 * l_1 * sqrt(-X_S1**2 - Y_S1**2 - l_0**2 + (l_1 + l_2)**2) + 2 * l_0 * sqrt(X_S1**2 + Y_S1**2))  # fmt: skip  # (2)
     q4 = 1 / (l_1 + l_2) * ((l_1 + l_2) * q3 - 2 * l_1 * sqrt(-X_S2**2 - l_0**2 + (l_1 + l_2)**2) - (L_V - Z_S2)**2 + 2 * l_0 * sqrt((L_V - Z_S2)**2 + X_S2**2))  # fmt: skip  # (2)
     q6 = 1 / (l_1 + l_2) * ((l_1 + l_2) * q5 + 2 * l_1 * sqrt(-X_S3**2 - l_0**2 + (l_1 + l_2)**2) - (L_H - Y_S3)**2 + 2 * l_0 * sqrt((L_H - Y_S3)**2 + X_S3**2))  # fmt: skip  # (2)

@@ -1,4 +1,4 @@
-"""Strict pydantic models for hand-written TOML, with errors that name line and fix."""
+"""Strict pydantic models for hand-written TOML; their errors name the line and suggest a fix."""
 
 from twin.schema.lines import Key as Key
 from twin.schema.lines import Keys as Keys

@@ -1,4 +1,4 @@
-"""Local planes: what a tool feels of surfaces between two updates of the simulation that finds the contacts.
+"""Local planes: surfaces at a tool, approximated between two updates of the simulation that finds the contacts.
 
 A simulation of contact or tissue updates a few planes whenever it steps: every 2 ms, or at 60 Hz. A plane moves with
 neither: between two updates, the depth of the tool in the plane follows from the tool's pose alone. The hand at 1 kHz

@@ -54,7 +54,7 @@ def links(scene: Scene, mechanisms: Mapping[str, Mechanism], q: Mapping[str, Arr
 
 
 def followed(tissues: Sequence[Tissue], tools: Sequence[Tool], poses: Sequence[Array], period: float) -> list[Bend]:
-    """Return how the organs move while the links do.
+    """Return the motions of the organs during a motion of the links.
 
     Args:
         tissues: the organs.

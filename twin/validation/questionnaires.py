@@ -32,7 +32,7 @@ class Item(Table):
 
 
 class Total(Table):
-    """A score of all scales: the sum of their sums without weights, times a weight."""
+    """A score of all scales: the unweighted sums of all scales are added and multiplied by `weight`."""
 
     name: Identifier
     weight: float = Field(gt=0)

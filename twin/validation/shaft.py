@@ -101,7 +101,7 @@ def passages(model: ReferenceModel, trajectory: Trajectory) -> list[Passage]:
 
 
 def _suspects(trajectory: Trajectory, span: PhaseSpan) -> Index:
-    """Return the first sample of each measured interval: those with the largest expected distance or bending."""
+    """Return the first samples of the intervals to measure: all, or those with the largest distances and curvatures."""
     assert span.rcm is not None
     rows = np.arange(span.start, span.stop + 1)
     if len(rows) <= ALL:

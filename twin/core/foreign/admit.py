@@ -50,9 +50,10 @@ def admit(path: Path) -> None:
 
 
 def admit_together(paths: Iterable[Path]) -> set[Path]:
-    """Check several stages in one process; return all stages with acceptable counts if all can be parsed, else none.
+    """Check several USD stages in one process.
 
-    Stages that are not returned must be checked with `admit`.
+    Return the stages with acceptable counts if the parser can read all of these, else an empty set. Stages that are not
+    returned must be checked with `admit`.
     """
     likely = []
     for path in paths:

@@ -85,7 +85,9 @@ def try_first(path: Path, kind: str) -> None:
 
 
 def run(path: Path, kind: str, *arguments: str, given: Path | None = None) -> int:
-    """Run a format's parser on a file within its limits, and return its exit code; `given`: a copy to parse instead.
+    """Run a format's parser on a file within its limits, and return its exit code.
+
+    If `given` is not None, this copy of the file is parsed instead of `path`.
 
     Raises:
         BudgetError: the parser exceeds its time or memory, or the file has too many parts.

@@ -1,4 +1,4 @@
-"""Audit the deformables of an exported scene: compare organs.glb, played here, with the points of usd/organs.usdc."""
+"""Audit the deformables of an exported scene: compare the motion in organs.glb with the points in usd/organs.usdc."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def audit_bends(folder: Path) -> list[Ledger]:
                 raise ValueError(f"{USD}: {broken}")
             _compare(shown, Usd.Stage.Open(str(usd)), ledger)
         else:
-            ledger.row("against the points in USD", None, "m", TOLERANCE)
+            ledger.row("vertices against the points in USD", None, "m", TOLERANCE)
         for name in shown.names:
             shown.vertices(name, 0.0)
             open_edges = _unpaired(shown.triangles(name))
@@ -52,7 +52,9 @@ def audit_bends(folder: Path) -> list[Ledger]:
                 text = f"'{name}' is open: {open_edges} edges do not join two triangles."
                 ledger.add("bend.open", "disagreement", text, where=name, size=float(open_edges), limit=0.0)
     except (GltfError, Tf.ErrorException, KeyError, TypeError, ValueError, IndexError) as error:
-        ledger.add("bend.unreadable", "error", f"it cannot be read: {type(error).__name__}, {str(error)[:200]}.")
+        ledger.add(
+            "bend.unreadable", "error", f"the deformables cannot be read: {type(error).__name__}, {str(error)[:200]}."
+        )
     return [ledger]
 
 
@@ -102,7 +104,7 @@ def _compare(shown: _Played, stage: Usd.Stage, ledger: Ledger) -> None:
     rate = stage.GetTimeCodesPerSecond()
     meshes = {p.GetName(): UsdGeom.Mesh(p) for p in stage.Traverse() if p.IsA(UsdGeom.Mesh)}
     for name in sorted({*shown.names} ^ {*meshes}):
-        text = f"'{name}' is in one of {GLB} and {USD} only."
+        text = f"'{name}' is in only one of {GLB} and {USD}."
         ledger.add("bend.missing", "disagreement", text, where=name)
     for name in shown.names:
         if name not in meshes:
@@ -120,7 +122,11 @@ def _compare(shown: _Played, stage: Usd.Stage, ledger: Ledger) -> None:
             worst, when = np.inf, "triangles"
         ledger.row(f"vertices of '{name}' against {USD}", worst, "m", TOLERANCE, where=name, when=when)
         if not worst <= TOLERANCE:
-            off = f"differ by {quantity(worst, 'm')}" if np.isfinite(worst) else "have other vertices or triangles"
+            off = (
+                f"differ by {quantity(worst, 'm')}"
+                if np.isfinite(worst)
+                else "have different vertex counts or triangles"
+            )
             text = f"'{name}': {GLB} and {USD} {off}."
             ledger.add("bend.vertices", "disagreement", text, where=name, when=when, size=worst, unit="m",
                        limit=TOLERANCE)  # fmt: skip

@@ -38,7 +38,7 @@ class Reference:
 def references(contents: Sequence[Content], truth: Mapping[str, tuple[Array, Mapping[str, Array]]]) -> dict:
     """Return the `Reference` of each clip, by name.
 
-    It is from `truth` if that has the clip, otherwise from its track or, if there are no tracks, from the first file.
+    The source is `truth` if it has the clip, otherwise the clip's track or, if there are no tracks, the first file.
     """
     out = {
         name: Reference(Clip(name, np.asarray(t, float), links), "the mechanism") for name, (t, links) in truth.items()

@@ -1,7 +1,7 @@
 """Compare the mechanism data of files, with one table of quantities and their tolerances.
 
 Each format counts as one independent source, because several files of a format may share data (five stages may share
-one layer). The value in most sources is taken as correct. If a mechanism is given, its value is taken as correct.
+one layer). The value that most sources state counts as correct; if a mechanism is given, its value counts as correct.
 """
 
 from __future__ import annotations
@@ -269,7 +269,8 @@ def _canonical(views: Sequence[View], known: set[str]) -> dict[str, Joint]:
 def _stem(joint: Joint) -> str:
     """Return the joint's name, from the names of its parts such as <joint>_0 (a tie) or <joint>_x (hinge of a ball).
 
-    The number at the end of a single name is removed only if the joint is a tie; `setup_1` is a joint's own name.
+    A tie is a pair of coinciding points. The number at the end of a single name is removed only if the joint is a tie;
+    `setup_1` is a joint's own name.
     """
     names = joint.names
     if len(names) == 1:

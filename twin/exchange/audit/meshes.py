@@ -65,7 +65,7 @@ def check_mesh(
             size=volume,
             unit="m3",
             limit=0.0,
-            suggestion="reverse its faces: counter-clockwise seen from outside",
+            suggestion="reverse its faces, so that they are counter-clockwise seen from outside",
         )
     if normals is not None:
         _check_normals(ledger, where, vertices, triangles, normals, code)

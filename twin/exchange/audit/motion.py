@@ -125,7 +125,7 @@ class Content:
 
     @property
     def links(self) -> tuple[str, ...] | None:
-        """Names of the links declared in this file, else of its nodes declared as links elsewhere; None if unknown."""
+        """Names of the links declared in this file, else of its nodes declared as links in other files, or None."""
         if self.declared is not None:
             return self.declared
         return None if self.known is None else tuple(n for n in self.rest if n in self.known)

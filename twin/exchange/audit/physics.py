@@ -214,7 +214,7 @@ class Physics:
     complete: bool = False
 
     def reduced(self, known: Collection[str]) -> list[Joint]:
-        """Return the joints between known links; chains over other links and ties of one pair of links are joined."""
+        """Return the joints between known links; chains over other links, and ties of two links, become one joint."""
         joints = [j for j in self.joints if not j.tied]
         pending = [n for n in dict.fromkeys(n for j in joints for n in (j.parent, j.child)) if n and n not in known]
         while pending:

@@ -78,7 +78,7 @@ def angle(A: ArrayLike, B: ArrayLike) -> Array:
 
 
 def split(M: ArrayLike) -> tuple[Array, Array]:
-    """Return (poses (..., 4, 4), scales (..., 3)) of affine matrices (..., 4, 4); mirrored: the x scale is negative."""
+    """Return (poses (..., 4, 4), scales (..., 3)) of affine matrices (..., 4, 4); if mirrored, the x scale is < 0."""
     M = np.asarray(M, float)
     A = M[..., :3, :3]
     size = np.linalg.norm(A, axis=-2)

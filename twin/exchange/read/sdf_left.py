@@ -33,7 +33,7 @@ def left_out(model: Element, xml: Xml) -> list[Finding]:
     if xml.root.find("world") is not None:
         others = sorted({str(e.tag) for w in xml.root.findall("world") for e in w} - {"model"})
         if others:
-            found.append(note("unread", f"only the model of the world is read, not {', '.join(others)}.", "world"))
+            found.append(note("unread", f"the elements {', '.join(others)} of the world are not read.", "world"))
     pose = model.find("pose")
     if pose is not None and (pose.text or "").strip():
         found.append(

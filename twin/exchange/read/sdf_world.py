@@ -130,7 +130,7 @@ def _included(xml: Xml, include: Element, depth: int, taken: list[Path]) -> Elem
 def _file(uri: str, beside: Path) -> Path | None:
     """Return the SDF file of an address: the file itself, or model.sdf in the folder of that name; None if missing.
 
-    The folder is searched beside and above the file.
+    The folder is searched in the folder `beside` and in up to four folders above it.
     """
     if uri.startswith(("http://", "https://")):
         uri = uri.rstrip("/").rpartition("/")[2]  # nothing is downloaded; search a local copy instead

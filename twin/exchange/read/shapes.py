@@ -69,7 +69,7 @@ def placed(name: str, vertices: Array, triangles: np.ndarray, T_body_mesh: Array
 def find(uri: str, beside: Path) -> Path | None:
     """Return the file of a `package://`, `model://` or `file://` address or a plain path; None if it is not found.
 
-    A package is searched in the folders beside and above the description; environment variables are not used.
+    A package is searched in the folder `beside` and in up to four folders above it; environment variables are not used.
     """
     scheme, mark, rest = uri.partition("://")
     rest = rest if mark else scheme

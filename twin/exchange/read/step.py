@@ -120,7 +120,8 @@ def read_skeleton(path: Path) -> Skeleton:
     text = (
         f"{len(proposals)} joints are proposed, as comments: all bodies are fixed to '{base}' until you name their "
         "joints. "
-        f"Axes count as coincident up to {GROSS[0] / MM:g} mm (and below the radius) and {GROSS[1] / DEG:g}° apart."
+        f"Axes count as coincident below a distance of {GROSS[0] / MM:g} mm (or the smaller radius, if less) and "
+        f"an angle of {GROSS[1] / DEG:g}°."
     )
     findings.append(warning("joints", text, base))
     if step.placement_error > 0:

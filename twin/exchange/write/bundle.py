@@ -185,7 +185,7 @@ def _tree(folder: Path) -> set[str]:
 
 
 def _unjudged(written: Mapping[str, set[str]], judged: set[str]) -> list[Finding]:
-    """Return an error for each format whose files the audit did not read, so that unread formats fail."""
+    """Return an error for each format whose files the audit did not read, so that the export fails."""
     return [
         error(
             "export.unjudged",

@@ -186,7 +186,7 @@ def make_clip(
                     mechanism.trocar_places,
                 )
             bad = found.position_at[0]
-    raise AssertionError("the last sample rate is suitable for the last key rate")
+    raise AssertionError("no sample rate is suitable for the last key rate")
 
 
 def _first_grid(rate: int) -> int:
@@ -350,7 +350,9 @@ def model_hash(mechanism: Mechanism) -> str:
 
 
 def between_keys(keys: Array, Ts: Array, times: Array) -> Array:
-    """Return poses (n, 4, 4) at times (n,) in s as a player shows them; before and behind the keys, those at the ends.
+    """Return the poses (n, 4, 4) that a player shows at times (n,) in s.
+
+    Before the first key, the pose is that of the first key; after the last key, that of the last key.
 
     Args:
         keys: (k,) in s.

@@ -66,7 +66,7 @@ class Order:
     Attributes:
         mechanism: the robot as in the CAD, with masses.
         scenes: a clip and its mechanism for each protocol.
-        quick_looks: names of the clips with a .usdz: <robot>_ar.usdz plays the first, <robot>_<clip>_ar.usdz another.
+        quick_looks: names of the clips with a .usdz; the first file is <robot>_ar.usdz, others <robot>_<clip>_ar.usdz.
         inputs: (displayed path, sha256) of every source file.
         assumed: "name: reason" of every assumed (unpublished) number of the robot; clips have those of protocols.
         title, source: title and source of the robot.

@@ -97,7 +97,7 @@ def write_simulated(name: str, folder: Path) -> Path:
     layer = new_layer(path := folder / f"{name}_sim.usda")
     describe(layer, name)
     layer.comment = (
-        f"{name} in a physics scene with {STEPS_PER_SECOND} steps a second, as measured with PhysX on a CPU."
+        f"{name} in a physics scene with {STEPS_PER_SECOND} time steps per second, the rate tested with PhysX on a CPU."
     )
     _add_scene(layer)
     # Set the sublayers last, when no stage is open: USD resolves them at once, but this layer has no path yet.

@@ -38,8 +38,8 @@ _THERE, _PASSED = 1e-10, 1e-7
 _GAIN, _LAST_GAIN = 1e-3, 1e-5
 """Relative reduction of the distance by a step, below which the motion ends (to a goal on the line, to the target).
 
-A point that slides along limits at distance d from the target approaches the target slowly: the last x of its path
-reduce the distance by only x²/2d, which is 1 µm over the last 45 µm at d = 1 mm.
+A point that slides along limits at distance d from the target approaches the target slowly: the last length x of its
+path reduces the distance by only x²/2d, which is 1 µm over the last 45 µm at d = 1 mm.
 """
 
 _DAMPINGS = (1e-8, 1e-6, 1e-4, 1e-2, 1.0, 1e2)

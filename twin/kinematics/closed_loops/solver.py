@@ -204,7 +204,10 @@ class LoopSolver:
 
     @cached_property
     def stages(self) -> list[Stage]:
-        """Stages of the compiled function of q and the unknowns that returns "pose" (12,), "gaps" (3,) and "states"."""
+        """Stages of the compiled function of q and the unknowns that returns "pose", "gaps" and "states".
+
+        "pose" (12,) are the first three rows of T_base_tool, "gaps" (3,) are offset, tilt and margin; see `Closed`.
+        """
         e, names = self.equations, [p.name for p in self.equations.passive]
         determinants = [ca.SX.sym(n) for n in self._signs]
         margin = ca.SX(1)

@@ -191,7 +191,7 @@ class HandsToCamera(Block):
         self.outputs = self._signals()
 
     def attach(self, signals: Signals, memory: Mapping[str, Array]) -> None:
-        """Keep a view of the mode."""
+        """Store a view of the signal `console.mode`."""
         self._mode = signals.now["console.mode"].item
 
     def step(self, signals: Signals, t: float, dt: float) -> dict[str, Array]:

@@ -1,6 +1,6 @@
 """The force on one hand in one tick, as one compiled function.
 
-Eq. (5) of `console` acts along the way from the tool to its proxy, the nearest point outside of all planes that the
+Eq. (5) of `console` acts along the line from the tool to its proxy, the nearest point outside of all planes that the
 tool touches; the energy observer of the hand bounds the force (`passive`).
 """
 
@@ -97,7 +97,7 @@ def hand_force(
 def _wall(base: ca.SX, T: ca.SX, goal: ca.SX, q: ca.SX, limits: Limits, moves: np.ndarray) -> ca.SX:
     """Return the row of the plane that holds the tool while a joint is at its limit; zeros if none is.
 
-    The tool stays behind its goal, which the hand leads on: the way back to the tool is the depth.
+    The goal follows the hand, but the tool stays behind: the distance from the goal to the tool is the depth.
     """
     wanted = (base @ goal)[:3, 3]
     back = T[:3, 3] - wanted

@@ -116,7 +116,7 @@ class HapticHand(Block):
         self.outputs = {self._force: np.zeros(3), self._energy: 0.0}
 
     def attach(self, signals: Signals, memory: Mapping[str, Array]) -> None:
-        """Compile the force of each arm for the memory of its signals."""
+        """Compile the force of each arm; the compiled function reads its signals directly from their memory."""
         now = signals.now
         self._taps, self._encoders = now["console.taps"].item, [now[f"{a.robot}.encoder"] for a in self._arms]
         self._holders = [now[f"{name}.holder"] for name in self._objects]

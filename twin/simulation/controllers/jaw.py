@@ -72,7 +72,7 @@ class GripToJaw(Block):
         self.outputs = {self._jaw: jaw.angle}
 
     def attach(self, signals: Signals, memory: Mapping[str, Array]) -> None:
-        """Keep views of the signals."""
+        """Store views of the signals that this block reads."""
         self._gripped, self._followed = signals.now[self._grip].item, signals.now[self._follows].item
         self._angle = memory[self._jaw]
 

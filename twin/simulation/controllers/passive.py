@@ -1,11 +1,11 @@
-"""Passivity of a sampled surface: which damping the device needs, and a force that can never feed energy to the hand.
+"""Passivity of a sampled surface: the required damping of the device, and a force that never feeds energy to the hand.
 
-A force that is held for a tick while the hand moves is a source of energy. The energy observer of a hand adds up what
-the hand has put in: E += b |dh|^2 / T - F . dh in every tick, where dh in m is the motion of the hand, F in N the force
-that was held, T in s the tick, and b in N s/m the damping of the device with the fingers that hold it (a lower bound of
-what the damping takes: equality is at constant speed). In one tick a force F can lose at most |F|^2 T / (4 b) for any
-dh. A force of at most sqrt(4 b E / T) therefore never makes the observer negative, whatever the hand does and however
-old the surface is.
+A force that is held for a tick while the hand moves is a source of energy. The energy observer of a hand adds up the
+energy that the hand has put in: E += b |dh|^2 / T - F . dh in every tick. Here dh in m is the motion of the hand, F in
+N the held force, T in s the tick, and b in N s/m the damping of the device with the fingers that hold it. The first
+term is a lower bound of the energy that the damping dissipates (exact at constant speed). In one tick, a force F
+reduces E by at most |F|^2 T / (4 b), for any dh. Therefore a force of at most sqrt(4 b E / T) never makes E negative,
+for any motion of the hand and any age of the surface.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ FILTER_HZ = 30.0
 """Cut-off frequency in Hz of the rate at which a tool enters a surface; ASSUMED, above the motions of a hand."""
 
 _MARGIN = 0.99
-"""Fraction of the observed energy that a force may lose in one tick, so that rounding is covered."""
+"""Fraction of the observed energy that a force may use in one tick; the rest allows for rounding."""
 
 
 def smoothing(dt: float) -> float:
@@ -32,9 +32,9 @@ def smoothing(dt: float) -> float:
 def needed_damping(stiffness: float, damping: float, dt: float) -> float:
     """Return the smallest damping in N s/m of a device on which a surface is passive.
 
-    The condition of Colgate and Schenkel (J. Robotic Systems 14(1), 1997), for a surface H(z) sampled and held every T:
-    b > T / (2 (1 - cos w T)) Re[(1 - exp(-j w T)) H(exp(j w T))] at all frequencies w up to pi / T. It is K T / 2 + |B|
-    without a filter.
+    The condition of Colgate and Schenkel (J. Robotic Systems 14(1), 1997) is for a surface with the transfer function
+    H(z), sampled and held every T = dt: b > T / (2 (1 - cos w T)) Re[(1 - exp(-j w T)) H(exp(j w T))] at all
+    frequencies w up to pi / T. Without a filter, it is b > K T / 2 + |B| (K: stiffness, B: damping).
 
     Args:
         stiffness: of the surface in N/m.
@@ -53,7 +53,7 @@ def require_passive(stiffness: float, damping: float, largest: float, device_dam
     Args:
         stiffness: of the surface in N/m.
         damping: of the surface in N s/m.
-        largest: force in N at which it is clipped.
+        largest: force in N at which the force of the surface is clipped.
         device_damping: damping in N s/m of the device with the fingers that hold it.
         dt: duration of a tick in s.
 
@@ -86,7 +86,7 @@ def observed(energy: ca.SX, force: ca.SX, dh: ca.SX, device_damping: float, dt: 
 
 
 def stored(depth: ca.SX, stiffness: float, largest: float) -> ca.SX:
-    """Return the energy in J that a surface holds at a depth in m."""
+    """Return the energy in J that a surface stores at a depth in m."""
     full = largest / stiffness
     return ca.if_else(depth < full, 0.5 * stiffness * depth**2, largest * (depth - full / 2))
 

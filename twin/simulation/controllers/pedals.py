@@ -31,7 +31,7 @@ class Pedals(Block):
         self.outputs = {"console.mode": TOOLS, "console.taps": 0.0}
 
     def attach(self, signals: Signals, memory: Mapping[str, Array]) -> None:
-        """Keep views of the signals."""
+        """Store views of the signals that this block reads."""
         now = signals.now
         self._clutched, self._camera_down = now[self._clutch].item, now[self._camera].item
         self._is_silent = now[self._silent].item if self._silent in now else None

@@ -41,7 +41,7 @@ class PoseToJoints(Block):
         self.outputs = {self._command: q}
 
     def attach(self, signals: Signals, memory: Mapping[str, Array]) -> None:
-        """Compile the step for the memory of its signals."""
+        """Compile the step, which reads its signals directly from their memory."""
         self._out, self._given, self._inverse = memory[self._command], (b"", b"", b""), None
         self._goal, self._encoder = (signals.now[f"{self.robot}.{name}"] for name in ("goal", "encoder"))
         self._rests, self._tick = f"{self.robot}.jaw" not in signals, np.zeros(1)

@@ -22,7 +22,7 @@ _STROKES, _PRESSES = 25, 12
 """Maximum number of strokes in a press of the pedal, and of presses; then the surgeon gives up."""
 
 HABITS = Habits(hand=Hand(misjudge=0.05))
-"""Habits at the camera: a stroke of both hands is judged less well than one of a hand."""
+"""Habits at the camera: a stroke of both hands has a larger error of judgement than a stroke of one hand."""
 
 
 class CameraSurgeon(SurgeonHands):
@@ -107,7 +107,7 @@ class CameraSurgeon(SurgeonHands):
             yield from self._stroke({right: together + apart, left: together - apart}, self.habits.settle)
 
     def _near(self, way: Array, turn: float) -> bool:
-        """Return whether the surgeon accepts a picture that is still `way` and `turn` from the wanted one."""
+        """Return whether the surgeon accepts the remaining displacement `way` (3,) in m and rotation `turn` in rad."""
         length = float(np.linalg.norm(self.upper[1] - self.upper[0]))
         far = self._goal_depth()
         return abs(turn) < self.turned and float(np.abs(way / [length, length, far]).max()) < self.aside

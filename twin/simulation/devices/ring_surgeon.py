@@ -51,7 +51,7 @@ class Ring:
 
 @dataclass(frozen=True)
 class Manner:
-    """How the surgeon handles a ring, SI; all ASSUMED.
+    """Parameters of the handling of a ring, in m and rad; all ASSUMED.
 
     Attributes:
         beyond: length of the jaws' tips beyond the wire that they hold.
@@ -235,7 +235,7 @@ class RingSurgeon(SurgeonHands):
         return spatial.pose(R, ring.end + height * up - R @ middle)
 
     def _reach(self, goals: Mapping[str, Array], near: float) -> Generator[None, None, bool]:
-        """Move the tools to poses (4, 4) in the World by strokes; return whether they are there."""
+        """Move the tools to poses (4, 4) in the World by strokes; return whether the poses are reached."""
         best, stalled = np.inf, 0
         while goals and stalled < _STALLED:
             R_view = self._view()[:3, :3]

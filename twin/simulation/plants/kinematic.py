@@ -27,7 +27,7 @@ class Kinematic(Block):
         self.outputs = {self._q: self.q.copy(), self._encoder: self.q.copy()}
 
     def attach(self, signals: Signals, memory: Mapping[str, Array]) -> None:
-        """Compile the step for the memory of the command."""
+        """Compile the step, which reads the command directly from the memory of its signal."""
         self._next, self._follow = attach(self._limits.follow, self.q, signals.now[self._command], self._tick)
         self._copies = memory[self._q], memory[self._encoder]
 

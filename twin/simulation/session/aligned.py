@@ -1,4 +1,4 @@
-"""The camera task by projection: angle and place of the rectangle's upper side against the line in the picture."""
+"""The camera task by projection: angle and position of the rectangle's upper side relative to the picture's line."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def seen_ends(alignment: Alignment, T_world_picture: Array, view: float) -> Arra
 
 
 def angle(ends: Array) -> float:
-    """Return the angle in rad of the upper side against the line, counter-clockwise positive; `ends` (2, 2)."""
+    """Return the angle in rad of the upper side relative to the line, counter-clockwise positive; `ends` (2, 2)."""
     x, y = ends[1] - ends[0]
     return float(np.arctan2(y, x))
 

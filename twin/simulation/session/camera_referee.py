@@ -1,6 +1,6 @@
 """Time and camera moves of the camera task while it is performed, for the scoreboard of a page.
 
-AlignErr is not shown before the end: who aligns the camera shall look at the picture.
+AlignErr, the angle between line and upper side, is not shown before the end, so that the person looks at the picture.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ class CameraReferee(Block):
     """Reads `console.mode`, `pedals.camera` and `<camera>.at` at the end of every sample; it writes no signal.
 
     Attributes:
-        complete: False: only the person knows when the camera is aligned.
+        complete: always False, because only the person decides when the camera is aligned.
         moves: number of presses of the camera pedal in which the camera moved.
-        time: time in s from the first moment at which the hands have the camera to its last motion.
+        time: time in s from the first moment at which the hands control the camera to its last motion.
     """
 
     outputs: Mapping[str, Array] = {}

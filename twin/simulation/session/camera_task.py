@@ -36,7 +36,7 @@ class AlignMeasures:
         off: largest distance of an end of the upper side from the same end of the line, in lengths of the line; NaN as
             `angle`.
         seen: AlignErr in rad in the drawn picture at the end; None: it could not be measured.
-        refused: the reason for that, or "".
+        refused: reason why `seen` is None; "" otherwise.
         path: length in m of the path of the lens.
         hands: length in m of the path of each hand while it moved the camera.
         course: (k, 2, 2) ends of the upper side in the picture over time, see `aligned.seen_ends`; NaN behind the lens.
@@ -66,7 +66,7 @@ def measure(
         alignment: the task.
         Ts_world_picture: (k, 4, 4) frame of the picture over time, from the equations of the camera's arm.
         view: angle of view over the height of the picture, in rad.
-        sight: what the camera sees at the end, from the mechanisms.
+        sight: surfaces and pose of the camera at the end, from the mechanisms.
         lens: (k, 3) position of the lens in m.
     """
     driven = kept["console.mode"][:, 0] == CAMERA
@@ -88,7 +88,7 @@ def measure(
 
 @dataclass(frozen=True)
 class Sight:
-    """What a camera sees.
+    """Surfaces in the World, and the pose of a camera that looks at them.
 
     Attributes:
         surfaces: all surfaces in the World.

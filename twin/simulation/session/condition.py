@@ -1,7 +1,7 @@
 """The condition of a session: with or without forces on the hands, and whose session in a study it is.
 
 The paper lets every user do the peg board with and without haptics, in random order. Here the number of a participant
-gives the order, so that it needs no list: of four successive participants, two begin with forces.
+determines the order, without a list: of four successive participants, two begin with forces.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ def randomised(participant: int, run: int) -> Condition:
 
     Args:
         participant: number of the participant, from 1 on.
-        run: 1 or 2; one of both has forces.
+        run: 1 or 2; exactly one of the two runs has forces.
 
     Raises:
         TwinError: a number is out of range.

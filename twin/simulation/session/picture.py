@@ -46,7 +46,7 @@ class Picture:
 
     Attributes:
         rgb: (height, width, 3) linear colours; 0 outside the box.
-        covered: fraction of the surface, by owner, that something before it covers.
+        covered: fraction of the surface that nearer surfaces cover, by the owner of these surfaces.
     """
 
     rgb: Array
@@ -87,9 +87,9 @@ def draw(surfaces: Sequence[Surface], name: str, T_world_camera: Array, view: fl
 
 
 def _project(surfaces: Sequence[Surface], T_world_camera: Array, focal: float) -> tuple[np.ndarray, Array, Array]:
-    """Return of every triangle that faces the lens: surface (k,), column, row and inverse depth (k, 3, 3), shade (k,).
+    """Return surface (k,), corners (k, 3, 3) and shade (k,) of the triangles that face the lens.
 
-    A triangle that reaches behind the lens is cut.
+    A corner is given by column, row and inverse depth. A triangle that reaches behind the lens is cut.
     """
     owner = np.repeat(np.arange(len(surfaces)), [len(s.triangles) for s in surfaces])
     corners = np.concatenate([s.vertices[s.triangles] for s in surfaces]) - T_world_camera[:3, 3]
@@ -108,7 +108,7 @@ def _project(surfaces: Sequence[Surface], T_world_camera: Array, focal: float) -
 
 
 def _reaches(flat: Array, low: np.ndarray, high: np.ndarray, depth: float) -> np.ndarray:
-    """Return which triangles (k, 3, 3) are anywhere in a box nearer than an inverse depth; others cannot cover it."""
+    """Return (k,) bool: whether a triangle's plane is nearer than an inverse depth in a box; others cover nothing."""
     a, b, c = flat[:, 0], flat[:, 1] - flat[:, 0], flat[:, 2] - flat[:, 0]
     area = b[:, 0] * c[:, 1] - b[:, 1] * c[:, 0]
     area = np.where(np.abs(area) < 1e-12, np.inf, area)
@@ -142,7 +142,7 @@ class _Box:
         self.owner, self.shade, self._depth = np.full(shape, -1), np.zeros(shape), np.zeros(shape)
 
     def draw(self, triangle: Array, owner: int, shade: float) -> None:
-        """Draw a triangle (3, 3) where it is before what is drawn already."""
+        """Draw a triangle (3, 3) where it is nearer than the surfaces drawn before."""
         at = np.maximum(np.floor(triangle[:, :2].min(axis=0)).astype(int), self.low)
         to = np.minimum(np.ceil(triangle[:, :2].max(axis=0)).astype(int), self.high)
         (a, b, c), w = triangle[:, :2], triangle[:, 2]

@@ -1,6 +1,6 @@
 """Judge a task with rings sample by sample: transferred and dropped rings, collisions of instruments, time, events.
 
-A page shows what `Referee` has seen so far; a report shows what another `Referee` sees in the recorded signals.
+A page shows the results of a `Referee` so far; a report shows those of another `Referee` from the recorded signals.
 """
 
 from __future__ import annotations
@@ -83,7 +83,7 @@ class BoardMeasures:
 
 @dataclass(frozen=True)
 class Event:
-    """Something that a page tells at once.
+    """An event that a page reports immediately.
 
     Attributes:
         t: time in s.
@@ -102,7 +102,7 @@ class Referee(Block):
     Signals: `<ring>.pose`, `<ring>.holder`, and `<robot>.touches`, `<robot>.meets`, `<robot>.follows`.
 
     Attributes:
-        events: what has happened, in the order of time.
+        events: all events so far, in order of time.
     """
 
     outputs: Mapping[str, Array] = {}
@@ -303,7 +303,7 @@ class _Ring:
         return ("plain", f"{self.name} has left its peg") if before == "placed" else None
 
     def state(self, robots: Sequence[str]) -> str:
-        """Return where the ring is, in words."""
+        """Return the place of the ring as text."""
         if self.holder >= 0:
             return f"held by {robots[self.holder]}"
         return "on its peg" if self.settled else "dropped" if self.fell and self.left else "not on its peg"

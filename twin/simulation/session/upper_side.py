@@ -16,7 +16,7 @@ _GREEN = 0.02
 """Smallest amount, linear, by which green exceeds red and blue in a rectangle."""
 
 _SHORTEST = 60
-"""Smallest number of columns of an upper side: of a shorter one, the angle is not known to 0.05 degrees."""
+"""Smallest number of columns of an upper side: with fewer, the angle is less accurate than 0.05 degrees."""
 
 _OFF = 0.75
 """Largest distance in pixels of a point of the upper side from its line; of a picture without smoothing, up to 0.5."""
@@ -32,7 +32,7 @@ _DENT = 0.02
 
 
 class UnmeasuredError(TwinError):
-    """The upper side of the rectangle cannot be measured in this picture; the message says why."""
+    """The upper side of the rectangle cannot be measured in this picture; the message gives the reason."""
 
 
 def angle(rgb: Array) -> float:
@@ -68,8 +68,8 @@ def angle(rgb: Array) -> float:
 def _mask(rgb: Array) -> Array:
     """Return the green part (height, width) of every pixel, 0 to 1.
 
-    What is fully green is taken from each column, a few rows below its first green pixel: light is not the same
-    everywhere.
+    The value of a fully green pixel is measured in each column, a few rows below its first green pixel, because light
+    is not the same everywhere.
     """
     green = rgb[..., 1] - np.maximum(rgb[..., 0], rgb[..., 2])
     if green.max() < _GREEN:
@@ -108,7 +108,7 @@ def _upper(mask: Array) -> tuple[Array, Array]:
 
 
 def _longest_line(x: Array, y: Array) -> tuple[np.ndarray, float]:
-    """Return which columns (k,) are on the line with the most columns, and its slope: the upper edge has corners."""
+    """Return (columns (k,) bool on the line with the most columns, its slope); the upper edge also has corners."""
     best, slope = np.zeros(len(x), bool), 0.0
     picks = np.unique(np.linspace(0, len(x) - 1, 24).astype(int))
     for i, a in enumerate(picks):

@@ -79,7 +79,7 @@ def _picture(ax: Axes, found: ConsoleSession, aligned: AlignMeasures, goal: Alig
     ax.set_aspect("equal")
     ax.set_xlim(-1.3, 1.3)
     ax.set_ylim(-1, 1)
-    ax.set_title("picture: thick = line, thin = upper side; dashed = start", loc="left", fontsize=9)
+    ax.set_title("picture: thick = target line, thin = upper side (dashed: start)", loc="left", fontsize=9)
     ax.grid(True, color=GRID)
     ax.tick_params(length=2.5)
 

@@ -84,7 +84,7 @@ def _efforts(ax: Axes, result: Tracking, run: Run) -> None:
         for side in (-100, 100):
             limit_line(ax, side, "limit")
     ax.axhline(0, color=INK, lw=0.5, alpha=0.4)
-    ax.annotate(f"{result.worst}; pale: every tick", (0.006, 0.03), xycoords="axes fraction", fontsize=8.5)
+    ax.annotate(f"{result.worst}; pale: value of every tick", (0.006, 0.03), xycoords="axes fraction", fontsize=8.5)
     ax.margins(y=0.12)
     ax.set_ylabel("effort, % of limit")
     legend_beside(ax)

@@ -314,7 +314,7 @@ class ConsoleFront(Loop):
             for k, (slider, (_, unit, _)) in enumerate(zip(self._camera, _CAMERA, strict=True)):
                 self._on(slider, f"aim {k}", lambda client, v, k=k, unit=unit: pens.aim(client, k, v * unit))
         let_go = gui.add_button(
-            "Release the hands", hint="Other clients can then use them; also happens after 5 s without use"
+            "Release the hands", hint="Other clients can then use the hands; automatic after 5 s without use"
         )
         let_go.on_click(lambda _: self.ask("let go", pens.release))
         if self.props is not None:

@@ -186,10 +186,10 @@ class Letters:
 
     def _element(self, message: Any) -> None:
         if list(message.updates) != ["value"]:
-            raise NonsenseError(f"the message updates the properties {list(message.updates)[:3]}")
+            raise NonsenseError(f"a message may update only 'value', not {list(message.updates)[:3]}")
         handle, value = self._handle(message.uuid), message.updates["value"]
         if isinstance(handle, viser.GuiUploadButtonHandle):
-            raise NonsenseError("the message sets a value of an upload button")
+            raise NonsenseError("a message must not set the value of an upload button")
         if not _suits(handle, value):
             raise NonsenseError("the value has the wrong type for its element")
 

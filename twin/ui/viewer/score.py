@@ -32,7 +32,9 @@ class ScorePanel:
         self._end_task, self._restart = end, restart
         self._end.on_click(_asking(end))
         self._again.on_click(_asking(restart))
-        self._save = gui.add_button("Save the report", visible=False, hint="A page: measures, ways of tips and rings")
+        self._save = gui.add_button(
+            "Save the report", visible=False, hint="A page with measures, and paths of tips and rings"
+        )
         self._save.on_click(self._send)
         self._window: viser.GuiModalHandle | None = None
         self._result: viser.GuiHtmlHandle | None = None

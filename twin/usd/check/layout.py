@@ -200,7 +200,7 @@ def _check_prim_ops(prim: Usd.Prim, is_body: bool) -> Iterator[Finding]:
             path,
             f"{path}: the ops are ordered {', '.join(names)}; a rotation before the translation also rotates the "
             "translation",
-            suggestion="order them translate, orient",
+            suggestion="write the op translate before the op orient",
         )
 
 

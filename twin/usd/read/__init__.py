@@ -139,7 +139,7 @@ def _inspect(scene: Scene, root: str | None) -> tuple[Mechanism, list[Finding]]:
 
 
 def _shape(name: Sdf.ValueTypeName) -> tuple:
-    """Return (is_array, kind) of a value type; the kind is number, quaternion, text, or the length of a vector."""
+    """Return (is_array, kind) of a value type; the kind is number, quaternion, text, or the size of a vector."""
     value = name.scalarType.defaultValue
     if isinstance(value, bool | str):
         return name.isArray, type(value)

@@ -18,7 +18,7 @@ NAME = "planes"
 """Last part of the name of the signal with the planes of a robot."""
 
 _OPPOSITE = -0.5
-"""Cosine of the angle between two normals above which the second one is out of the other side of a part."""
+"""Cosine of the angle between two normals below which the second one points out of the opposite side of a part."""
 
 _Touch = tuple[float, tuple[int, int], int, Array, Array]
 """A contact of an instrument: depth, geoms (its own first), its body, its deepest point, normal out of the other."""
@@ -27,13 +27,13 @@ _Touch = tuple[float, tuple[int, int], int, Array, Array]
 class Feel:
     """Finds the planes of all contacts at the present joint values.
 
-    Instruments are compared where their joint values put them, so that at rest the planes are at rest: in the
-    simulation, a jaw that presses with a limited torque yields and may vibrate. A held object yields too: it stays
-    outside of what it touches and slips between the jaws. Its planes touch the point where it would be if it did not
-    slip. Objects that nobody holds are not felt.
+    Contacts of instruments are found at the poses given by their joint values, so that planes do not move while an
+    instrument is at rest: in the simulation, a jaw that presses with a limited torque yields and may vibrate. A held
+    object yields too: it stays outside of the parts that it touches and slips between the jaws. Its planes touch the
+    point where it would be without this slip. Objects that nobody holds have no planes.
 
-    An instrument can be led through a part, because nothing stops it. As long as they overlap, a plane keeps its side:
-    the instrument is pushed back to where it came from, not out at the other side.
+    An instrument can be moved through a part, because nothing stops it. While they overlap, the plane keeps its
+    direction, so that the force pushes the instrument back to the side from which it came.
     """
 
     def __init__(
@@ -151,7 +151,7 @@ class Feel:
 
 
 def _deepest(d: mujoco.MjData) -> Iterator[tuple[tuple[int, int], Array, Array, float]]:
-    """Yield (geoms, normal from the first to the second, point between both, depth) of each pair at its deepest."""
+    """Yield (geoms, normal from the first to the second, point between both, depth) of each pair's deepest contact."""
     if not d.ncon:
         return
     contact, found = d.contact, {}

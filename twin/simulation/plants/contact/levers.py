@@ -1,4 +1,4 @@
-"""How the links of an instrument move when a hand displaces its tool, for the forces of contacts of the shaft."""
+"""Motions of an instrument's links per displacement of its tool, for the forces of contacts of the shaft."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ _SMALL = 1e-5
 """Change in rad or m of a joint by which displacements of the links are found."""
 
 _OFTEN, _OLD = 4, 20
-"""Numbers of steps: between two joints that are computed; without a call after which all joints are computed again."""
+"""Number of steps between two computed joints; number of steps without a call after which all joints are computed."""
 
 
 class Levers:

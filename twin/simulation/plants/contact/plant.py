@@ -45,7 +45,7 @@ class Contact(Block):
         `<object>.holder`: index of the gripper whose jaws all touch the object; -1: none.
         `<robot>.touches`: 1 while the instrument touches a fixed part.
         `<robot>.meets`: 1 while the instrument touches another instrument.
-        `<robot>.planes`: local planes of what the instrument, or an object that it holds, touches; only with `feels`.
+        `<robot>.planes`: local planes of the parts that the instrument or its held object touches; only with `feels`.
     """
 
     def __init__(

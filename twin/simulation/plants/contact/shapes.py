@@ -84,8 +84,8 @@ def add_part(spec: mujoco.MjSpec, body: mujoco.MjsBody, part: Mesh, T_body: Arra
 def _hull(vertices: bytes) -> tuple[Array, float, Array, Array]:
     """Return the corners (k, 3), the volume, and the smallest box around the convex hull of vertices (float64).
 
-    The box is given by the pose (4, 4) of the vertices' frame in its middle, and its edges (3,). Both arms of a scene
-    have the same instruments, and a World that is started again has the same parts.
+    The box is given by the pose (4, 4) of the vertices' frame in its middle, and its edges (3,). The result is
+    cached, because both arms of a scene have the same instruments, and a restarted World has the same parts.
     """
     import trimesh  # late: it takes a second
 
