@@ -25,6 +25,8 @@ if TYPE_CHECKING:
     from twin.ui.viewer.front import Front
     from twin.ui.viewer.watch import WatchFront
 
+    Page = Front | ConsoleFront | WatchFront
+
 
 _ADVICE = "every connected client can move and load robots, but cannot write to disk"
 
@@ -141,10 +143,12 @@ def _what(
         return ConsoleFront(f"twin · {scene.name}", scene, robots, props, server, stopping, task, report, fulcrum, feed)
 
     def of_stream(server: viser.ViserServer, more: dict[str, Any]) -> WatchFront:
+        from twin.ui.headset.watched import Watched
         from twin.ui.viewer.watch import WatchFront
 
+        stream = Watched(args.watch, scene.name)
         robots, props = scenes.content(scene)
-        return WatchFront(f"twin · {scene.name}", scene, robots, props, server, args.watch, more["stopping"])
+        return WatchFront(f"twin · {scene.name}", scene, robots, props, server, stream, more["stopping"])
 
     if args.watch is not None:
         return scene.name, of_stream

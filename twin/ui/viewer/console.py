@@ -27,7 +27,7 @@ from twin.simulation.console_scene import HANDS
 from twin.simulation.controllers.camera import Drag
 from twin.simulation.controllers.following import SCALE
 from twin.simulation.controllers.jaw import Grip
-from twin.simulation.controllers.pivot import Fulcrum
+from twin.simulation.controllers.pivot import FULCRUMS, Fulcrum
 from twin.ui.session.console import LiveConsole, MakeReport
 from twin.ui.session.feed import Feed
 from twin.ui.session.pens import Pens
@@ -163,8 +163,7 @@ class ConsoleFront(Loop):
             for name, nodes in self.nodes.items():
                 nodes.write(self._poses[name])
         if self._fields is not None and self._fields.follow(lambda robot: self._poses[robot], passed):
-            if wrong := self._fields.show(self.console.world.t):
-                self.say(wrong, bad=True)
+            self._bend(self._fields)
         if self._rested > RESTS:
             for hand in self._left_to_settle - self._dragged:
                 self.pens.settle(hand)
@@ -172,6 +171,11 @@ class ConsoleFront(Loop):
         self._follow()
         self._look_through()
         self._show()
+
+    def _bend(self, fields: FieldNodes) -> None:
+        """Show the deformables, and their first error."""
+        if wrong := fields.show(self.console.world.t):
+            self.say(wrong, bad=True)
 
     def close(self) -> None:
         """Release the hands and the port."""
@@ -339,21 +343,17 @@ class ConsoleFront(Loop):
         self._tools: dict[str, Any] = {}
         tools = {t.title: name for name, t in self.console.scene.tools.items()}
         for hand in HANDS if tools else ():
-            chosen = self.console.scene.tools[self.console.reading["hands"][hand]["tool"]].title
-            self._tools[hand] = gui.add_dropdown(f"tool of the {hand} hand", tuple(tools), chosen)
-            self._on(
-                self._tools[hand],
-                f"tool {hand}",
-                lambda client, v, hand=hand: self.console.take_tool(client, hand, tools[v]),
-            )
+            choice = gui.add_dropdown(f"tool of the {hand} hand", list(tools), initial_value=self._tool(hand))
+            self._on(choice, f"tool {hand}", lambda c, v, hand=hand: self.console.take_tool(c, hand, tools[v]))
+            self._tools[hand] = choice
         self._direct = None
         if (fulcrum := self.console.reading["fulcrum"]) is not None:
             self._direct = gui.add_checkbox("direct fulcrum", fulcrum == "direct", hint="The hands lead the outer ends")
-            self._on(
-                self._direct,
-                "fulcrum",
-                lambda client, v: self.console.lead_by(client, "direct" if v else "compensated"),
-            )
+            self._on(self._direct, "fulcrum", lambda c, v: self.console.lead_by(c, FULCRUMS[int(v)]))
+
+    def _tool(self, hand: str) -> str:
+        """Return the title of the tool of a hand."""
+        return self.console.scene.tools[self.console.reading["hands"][hand]["tool"]].title
 
     def _on(self, control: Any, kind: str, do: Callable[[str, Any], object]) -> None:
         """Store a request when a user changes a control; ignore changes by the page itself."""
@@ -398,9 +398,7 @@ class ConsoleFront(Loop):
         self._set(self._pedal, "camera pedal", pens.camera)
         self._set(self._haptics, "haptics", self.console.reading["haptics"])
         for hand, choice in self._tools.items():
-            self._set(
-                choice, f"tool {hand}", self.console.scene.tools[self.console.reading["hands"][hand]["tool"]].title
-            )
+            self._set(choice, f"tool {hand}", self._tool(hand))
         if self._direct is not None:
             self._set(self._direct, "fulcrum", self.console.reading["fulcrum"] == "direct")
         self._set(self._scale, "scale", self.console.reading["scale"], 0.005)
