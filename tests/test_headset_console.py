@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import logging
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -432,9 +433,9 @@ def test_a_robot_without_a_protocol_needs_a_console(scene, tmp_path):
         load_scene(tmp_path / "scene.toml")
 
 
-def test_a_scene_without_a_console_is_refused(robots):
-    with pytest.raises(TwinError, match=r"scene 'vsrs' has no console: add the table \[console\]"):
-        console_scene.world(twin.load_scene("vsrs"), {}, None)
+def test_a_scene_without_a_console_is_refused(scene):
+    with pytest.raises(TwinError, match=r"scene 'davinci' has no console: add the table \[console\]"):
+        console_scene.world(replace(scene, console=None), {}, None)
 
 
 @settings(max_examples=50, deadline=None)

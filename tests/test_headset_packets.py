@@ -411,7 +411,7 @@ def test_a_port_that_is_taken_is_told(running, capsys):
         (["davinci", "--mqtt-topic", "a"], "--mqtt-topic requires --mqtt"),
         (["davinci", "--mqtt", "localhost", "--mqtt-topic", "a/#"], "--mqtt-topic 'a/#' is not a topic"),
         (["sils", "--packets", "9870"], "--packets requires a scene with a console, such as davinci; sils is a robot"),
-        (["vsrs", "--mqtt", "localhost"], "--mqtt: scene 'vsrs' has no console"),
+        (["vsrs", "--protocols", "--mqtt", "localhost"], "--mqtt and --protocols cannot be combined"),
         (["davinci", "--packets", "9870", "--replay", "x.json"], "--packets and --replay cannot be combined"),
     ],
 )

@@ -594,8 +594,8 @@ def test_without_the_extra_the_rest_is_written_and_the_command_says_what_to_inst
             "hands at a console, and sils has no console",
         ),
         (
-            ["serve", "vsrs", "--session", "a.session"],
-            "hands at a console, and vsrs has no console",
+            ["serve", "vsrs", "--protocols", "--session", "a.session"],
+            "--session and --protocols cannot be combined",
         ),
         (["serve", "davinci", "--session", "a", "--replay", "b"], "--session and --replay cannot be combined"),
     ],

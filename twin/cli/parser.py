@@ -78,6 +78,16 @@ def _broker(text: str) -> tuple[str, int]:
     return host, number
 
 
+def _by_hand(sub: argparse.ArgumentParser) -> None:
+    """Add the options for a scene whose robots can be operated by hand."""
+    sub.add_argument(
+        "--fulcrum",
+        choices=("compensated", "direct"),
+        help="whether the hands lead the tips of instruments in ports, or their outer ends (default: the tips)",
+    )
+    sub.add_argument("--protocols", action="store_true", help="play the protocols of a scene that has a console")
+
+
 def parser() -> argparse.ArgumentParser:
     """Return the parser of the whole command line."""
     formatter = _Help
@@ -266,6 +276,10 @@ def parser() -> argparse.ArgumentParser:
     tool(sub)
     sub.add_argument("--html", metavar="FILE", help="write a recording of the protocol and exit")
     sub.add_argument("--task", metavar="NAME", help="task at the console of a scene: its rings can be grasped")
+    _by_hand(sub)
+    sub.add_argument(
+        "--watch", type=_port, metavar="PORT", help="only show what a running twin serve of this scene simulates"
+    )
 
     sub = add(
         "serve",
@@ -317,12 +331,7 @@ def parser() -> argparse.ArgumentParser:
     )
 
     sub.add_argument("--haptics", choices=("on", "off"), help="forces on the hands at the start (default: the scene's)")
-    sub.add_argument(
-        "--fulcrum",
-        choices=("compensated", "direct"),
-        help="whether the hands lead the tips of instruments in ports, or their outer ends (default: the tips)",
-    )
-    sub.add_argument("--protocols", action="store_true", help="play the protocols of a scene that has a console")
+    _by_hand(sub)
     sub.add_argument(
         "--participant", type=int, metavar="N", help="number of a participant in a study; chooses the run with forces"
     )

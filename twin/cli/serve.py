@@ -93,9 +93,8 @@ def _what(args: argparse.Namespace) -> tuple[str, Callable[[], Served]]:
             scene, robots, props, session, *connections, task, report, condition, **more
         )
     scene.require_protocols()
-    if args.protocols and (args.task is not None or linked is not None):
-        wrong = "--task" if linked is None else option
-        raise TwinError(f"{wrong} and --protocols cannot be combined: robots that play protocols have no console")
+    if args.protocols:
+        _require_no_hands(args)
     if args.task is not None:
         raise TwinError(f"--task: scene '{scene.name}' has no console: add the table [console] to {file.name}")
     if linked is not None:
@@ -103,6 +102,12 @@ def _what(args: argparse.Namespace) -> tuple[str, Callable[[], Served]]:
     _require_no_session(args)
     _require_no_haptics(args)
     return scene.name, lambda: served.of_scene(scene, robots, props, plans, scenes.organs(scene, robots))
+
+
+def _require_no_hands(args: argparse.Namespace) -> None:
+    names = ("task", "session", "haptics", "participant", "fulcrum", "packets", "mqtt")
+    if (wrong := next((n for n in names if getattr(args, n) is not None), None)) is not None:
+        raise TwinError(f"--{wrong} and --protocols cannot be combined: robots that play protocols have no console")
 
 
 def _require_no_session(args: argparse.Namespace) -> None:

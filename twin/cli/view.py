@@ -23,6 +23,9 @@ if TYPE_CHECKING:
 
     from twin.ui.viewer.console import ConsoleFront
     from twin.ui.viewer.front import Front
+    from twin.ui.viewer.watch import WatchFront
+
+    Page = Front | ConsoleFront | WatchFront
 
 
 _ADVICE = "every connected client can move and load robots, but cannot write to disk"
@@ -76,7 +79,9 @@ def view(args: argparse.Namespace) -> int:
     return 0
 
 
-def _what(args: argparse.Namespace) -> tuple[str, Callable[[viser.ViserServer, dict[str, Any]], Front | ConsoleFront]]:
+def _what(
+    args: argparse.Namespace,
+) -> tuple[str, Callable[[viser.ViserServer, dict[str, Any]], Front | ConsoleFront | WatchFront]]:
     """Return (title, function that loads the robots and opens the page on a server, with arguments of `Front`).
 
     Raises:
@@ -85,6 +90,8 @@ def _what(args: argparse.Namespace) -> tuple[str, Callable[[viser.ViserServer, d
     file = assets.scene_file(args.robot)
     if args.task is not None and (file is None or args.html is not None):
         raise TwinError("--task is for the live console of a scene; omit --html and name a scene with a console")
+    if args.watch is not None and (file is None or args.html is not None):
+        raise TwinError("--watch shows the scene of a running `twin serve SCENE`; omit --html and name this scene")
     if file is None:
         robot = api.load(args.robot, tool=args.tool)
         show.tool_note(robot, args.quiet)
@@ -107,8 +114,10 @@ def _what(args: argparse.Namespace) -> tuple[str, Callable[[viser.ViserServer, d
     from twin.model.scene import load_scene
 
     scene = load_scene(file)
-    if scene.console is None or args.html is not None:
+    if scene.console is None or args.html is not None or args.protocols:
         scene.require_protocols()
+    if args.fulcrum is not None and (scene.console is None or not scene.console.instrument_mm):
+        raise TwinError(f"--fulcrum: the console of scene '{scene.name}' has no instruments that pass ports")
     task = None
     if args.task is not None:
         from twin.simulation.session.run import task_of
@@ -129,9 +138,22 @@ def _what(args: argparse.Namespace) -> tuple[str, Callable[[viser.ViserServer, d
         from twin.ui.viewer.console import ConsoleFront
 
         robots, props = scenes.content(scene)
-        return ConsoleFront(f"twin · {scene.name}", scene, robots, props, server, more["stopping"], task, report)
+        stopping, feed = more["stopping"], scenes.organs(scene, robots)
+        fulcrum = args.fulcrum or "compensated"
+        return ConsoleFront(f"twin · {scene.name}", scene, robots, props, server, stopping, task, report, fulcrum, feed)
 
-    return scene.name, of_scene if scene.console is None or args.html is not None else of_console
+    def of_stream(server: viser.ViserServer, more: dict[str, Any]) -> WatchFront:
+        from twin.ui.headset.watched import Watched
+        from twin.ui.viewer.watch import WatchFront
+
+        stream = Watched(args.watch, scene.name)
+        robots, props = scenes.content(scene)
+        return WatchFront(f"twin · {scene.name}", scene, robots, props, server, stream, more["stopping"])
+
+    if args.watch is not None:
+        return scene.name, of_stream
+    plays = scene.console is None or args.html is not None or args.protocols
+    return scene.name, of_scene if plays else of_console
 
 
 def _page(front: Front, path: Path, quiet: bool) -> int:

@@ -27,8 +27,11 @@ from twin.simulation.console_scene import HANDS
 from twin.simulation.controllers.camera import Drag
 from twin.simulation.controllers.following import SCALE
 from twin.simulation.controllers.jaw import Grip
+from twin.simulation.controllers.pivot import FULCRUMS, Fulcrum
 from twin.ui.session.console import LiveConsole, MakeReport
+from twin.ui.session.feed import Feed
 from twin.ui.session.pens import Pens
+from twin.ui.viewer.fields import FieldNodes
 from twin.ui.viewer.loop import Loop
 from twin.ui.viewer.nodes import RobotNodes
 from twin.ui.viewer.room import FIRST, OUTSIDE, corners, furnish
@@ -87,6 +90,8 @@ class ConsoleFront(Loop):
         stopping: threading.Event | None = None,
         task: Task | None = None,
         report: MakeReport | None = None,
+        fulcrum: Fulcrum = "compensated",
+        feed: Feed | None = None,
     ) -> None:
         """Create World and page.
 
@@ -99,15 +104,18 @@ class ConsoleFront(Loop):
             stopping: set when the page shall end.
             task: a task with rings, or None.
             report: makes the report of an attempt, see `LiveConsole`.
+            fulcrum: which end of the instruments the hands lead at the start.
+            feed: deformables; None: no deformables.
 
         Raises:
             TwinError: the scene has no console, the console does not match its robots, or the task its props.
         """
         super().__init__(server, title, stopping)
-        self.console = LiveConsole(scene, robots, task=task, props=props, report=report)
+        self.console = LiveConsole(scene, robots, task=task, props=props, report=report, fulcrum=fulcrum)
+        self._fields = None if feed is None else FieldNodes(server, feed)
         self.pens = Pens(self.console)
         self._view_angle = scene.cameras[self.console.table.camera].view_deg * DEG
-        poses = self.console.world.frame().link_poses
+        self._poses = poses = self.console.world.frame().link_poses
         self.nodes = {n: RobotNodes(server, f"/{n}", m.mechanism, poses[n]) for n, m in self.console.members.items()}
         for item in self.console.objects:
             alone = Mechanism(item.name, item.name, (Body(item.name, (item.mesh(),)),), ())
@@ -151,9 +159,11 @@ class ConsoleFront(Loop):
         self._rested = 0.0 if moved or wished or not self.pens.settled else self._rested + passed
         if moved:
             self._shown = row
-            poses = self.console.world.frame().link_poses
+            self._poses = self.console.world.frame().link_poses
             for name, nodes in self.nodes.items():
-                nodes.write(poses[name])
+                nodes.write(self._poses[name])
+        if self._fields is not None and self._fields.follow(lambda robot: self._poses[robot], passed):
+            self._bend(self._fields)
         if self._rested > RESTS:
             for hand in self._left_to_settle - self._dragged:
                 self.pens.settle(hand)
@@ -161,6 +171,11 @@ class ConsoleFront(Loop):
         self._follow()
         self._look_through()
         self._show()
+
+    def _bend(self, fields: FieldNodes) -> None:
+        """Show the deformables, and their first error."""
+        if wrong := fields.show(self.console.world.t):
+            self.say(wrong, bad=True)
 
     def close(self) -> None:
         """Release the hands and the port."""
@@ -305,6 +320,7 @@ class ConsoleFront(Loop):
                 self._on(slider, f"jaw {hand}", lambda client, v, hand=hand: pens.squeeze(client, hand, v / 100))
         self._haptics = gui.add_checkbox("forces", self.console.reading["haptics"], hint="Forces on the hands")
         self._on(self._haptics, "haptics", self.console.feel)
+        self._choices(gui)
         with gui.add_folder("Camera"):
             drag, at = Drag(), self.console.camera_at
             self._camera = [
@@ -321,6 +337,23 @@ class ConsoleFront(Loop):
             clear = gui.add_checkbox("transparent patient", True)
             clear.on_update(lambda _: self.ask("clear", lambda: self._see_through(clear.value)))
             self._see_through(True)
+
+    def _choices(self, gui: viser.GuiApi) -> None:
+        """Add the controls for the fulcrum and for the tools, if the scene has them."""
+        self._tools: dict[str, Any] = {}
+        tools = {t.title: name for name, t in self.console.scene.tools.items()}
+        for hand in HANDS if tools else ():
+            choice = gui.add_dropdown(f"tool of the {hand} hand", list(tools), initial_value=self._tool(hand))
+            self._on(choice, f"tool {hand}", lambda c, v, hand=hand: self.console.take_tool(c, hand, tools[v]))
+            self._tools[hand] = choice
+        self._direct = None
+        if (fulcrum := self.console.reading["fulcrum"]) is not None:
+            self._direct = gui.add_checkbox("direct fulcrum", fulcrum == "direct", hint="The hands lead the outer ends")
+            self._on(self._direct, "fulcrum", lambda c, v: self.console.lead_by(c, FULCRUMS[int(v)]))
+
+    def _tool(self, hand: str) -> str:
+        """Return the title of the tool of a hand."""
+        return self.console.scene.tools[self.console.reading["hands"][hand]["tool"]].title
 
     def _on(self, control: Any, kind: str, do: Callable[[str, Any], object]) -> None:
         """Store a request when a user changes a control; ignore changes by the page itself."""
@@ -364,6 +397,10 @@ class ConsoleFront(Loop):
         self._set(self._clutch, "clutch", pens.clutch)
         self._set(self._pedal, "camera pedal", pens.camera)
         self._set(self._haptics, "haptics", self.console.reading["haptics"])
+        for hand, choice in self._tools.items():
+            self._set(choice, f"tool {hand}", self._tool(hand))
+        if self._direct is not None:
+            self._set(self._direct, "fulcrum", self.console.reading["fulcrum"] == "direct")
         self._set(self._scale, "scale", self.console.reading["scale"], 0.005)
         for hand, slider in self._jaws.items():
             self._set(slider, f"jaw {hand}", round(100 * pens.pens[hand].grip / Grip().travel), 0.5)
@@ -393,7 +430,7 @@ class ConsoleFront(Loop):
         ):
             return
         self._written[kind] = value
-        if abs(control.value - value) > apart:
+        if control.value != value if isinstance(value, str) else abs(control.value - value) > apart:
             control.value = value
 
 

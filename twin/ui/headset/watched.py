@@ -1,0 +1,93 @@
+"""A client of the stream that only shows: the frames and states of a running `twin serve` on this machine."""
+
+from __future__ import annotations
+
+import base64
+import json
+import threading
+import urllib.request
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from websockets.exceptions import WebSocketException
+from websockets.sync.client import connect
+
+from twin.core.errors import TwinError
+from twin.core.spatial import Array
+from twin.ui.headset import protocol as wire
+from twin.ui.headset.scene_frame import unpack_scene
+from twin.ui.session.feed import Surface
+
+_AGAIN, _PATIENCE = 1.0, 10.0
+"""Time in s between two attempts to connect; time in s in which an answer must arrive."""
+
+
+class Watched:
+    """The stream of a running server, read by a thread.
+
+    Attributes:
+        surfaces: triangles and colours of the deformables, by name.
+        reading: last state of the console; None before the first state, and for a scene without a console.
+        problem: why nothing arrives; "" while frames arrive.
+    """
+
+    def __init__(self, port: int, scene: str) -> None:
+        """Connect to a server on this machine.
+
+        Raises:
+            TwinError: no server answers, or it serves something else.
+        """
+        self._port, self.problem = port, ""
+        self.reading: dict[str, Any] | None = None
+        self._frame: bytes | None = None
+        self._stop = threading.Event()
+        try:
+            with urllib.request.urlopen(f"http://127.0.0.1:{port}/scene.json", timeout=_PATIENCE) as answer:
+                about = json.load(answer)
+        except (OSError, ValueError) as error:
+            raise TwinError(f"--watch {port}: no `twin serve {scene}` answers on this port: {error}") from None
+        if about["name"] != scene:
+            raise TwinError(f"--watch {port}: the server shows '{about['name']}', not '{scene}'")
+        self._links = {r["name"]: r["links"] for r in about["robots"]}
+        self.surfaces: Mapping[str, Surface] = {f["name"]: _surface(f) for f in about["fields"]}
+        threading.Thread(target=self._read, daemon=True).start()
+
+    def take(self) -> tuple[dict[str, dict[str, Array]], dict[str, Array]] | None:
+        """Return T_base_link (4, 4) by robot and link, and vertices (n, 3) by deformable, of the newest frame, once."""
+        data, self._frame = self._frame, None
+        if data is None:
+            return None
+        shown = unpack_scene(data)
+        parts = zip(self._links.items(), shown.robots, strict=False)  # movable objects come after the robots
+        links = {r: {n: wire.pose_of(p) for n, p in zip(names, part.poses, strict=True)} for (r, names), part in parts}
+        return links, dict(zip(self.surfaces, shown.fields, strict=True))
+
+    def close(self) -> None:
+        """End the connection."""
+        self._stop.set()
+
+    def _read(self) -> None:
+        while not self._stop.is_set():
+            try:
+                origin = f"http://127.0.0.1:{self._port}"
+                with connect(f"ws://127.0.0.1:{self._port}/ws", origin=origin, max_size=None) as ws:  # type: ignore[arg-type]
+                    self._hear(ws)
+            except (OSError, WebSocketException, TimeoutError) as error:
+                self.problem = f"The server on port {self._port} does not answer: {error}"
+            self._stop.wait(_AGAIN)
+
+    def _hear(self, ws: Any) -> None:
+        while not self._stop.is_set():
+            message = ws.recv(timeout=_PATIENCE)
+            self.problem = ""
+            if isinstance(message, bytes):
+                self._frame = message
+            elif (document := json.loads(message)).get("type") == "state":
+                self.reading = document.get("console")
+
+
+def _surface(field: Mapping[str, Any]) -> Surface:
+    triangles = np.frombuffer(base64.b64decode(field["triangles"]), "<u4").reshape(-1, 3)
+    red, green, blue = field["color"]
+    return Surface(triangles, (red, green, blue), field["opacity"])

@@ -1,0 +1,120 @@
+"""A page that only shows: the robots and organs of a scene as a running `twin serve` simulates them."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Mapping
+from html import escape
+from typing import Any, Protocol
+
+import numpy as np
+import viser
+
+from twin.api import Robot
+from twin.core.spatial import Array
+from twin.core.units import srgb
+from twin.model.mechanism import Mechanism
+from twin.model.scene import Scene
+from twin.reference import ReferenceModel
+from twin.ui.session.feed import Surface
+from twin.ui.viewer.console import AWAY, hand_text, status
+from twin.ui.viewer.loop import Loop
+from twin.ui.viewer.nodes import RobotNodes
+from twin.ui.viewer.room import OUTSIDE, corners, furnish
+
+
+class Stream(Protocol):
+    """What a running server shows.
+
+    Attributes:
+        surfaces: triangles and colours of the deformables, by name.
+        reading: last state of the console; None before the first state, and for a scene without a console.
+        problem: why nothing arrives; "" while frames arrive.
+    """
+
+    surfaces: Mapping[str, Surface]
+    reading: dict[str, Any] | None
+    problem: str
+
+    def take(self) -> tuple[Mapping[str, Mapping[str, Array]], Mapping[str, Array]] | None:
+        """Return T_base_link (4, 4) by robot and link, and vertices (n, 3) by deformable, of the newest frame, once."""
+        ...
+
+    def close(self) -> None: ...  # noqa: D102
+
+
+class WatchFront(Loop):
+    """The page of a spectator.
+
+    Attributes:
+        stream: what is shown.
+        nodes: scene nodes of each robot.
+    """
+
+    def __init__(
+        self,
+        title: str,
+        scene: Scene,
+        robots: Mapping[str, Robot],
+        props: Mechanism | None,
+        server: viser.ViserServer,
+        stream: Stream,
+        stopping: threading.Event | None = None,
+    ) -> None:
+        """Draw the scene; the robots are in their home postures until the first frame."""
+        super().__init__(server, title, stopping)
+        self.stream = stream
+        self._places = {p.name: p.T_world_base for p in scene.places}
+        homes = {n: r.reference().home().link_poses for n, r in robots.items()}
+        self.nodes = {
+            n: RobotNodes(server, f"/{n}", r.mechanism, {b: self._places[n] @ T for b, T in homes[n].items()})
+            for n, r in robots.items()
+        }
+        boxes = [n.box for n in self.nodes.values()]
+        if props is not None:
+            drawn = RobotNodes(server, f"/{props.name}", props, ReferenceModel(props).home().link_poses)
+            boxes.append(drawn.box)
+            for body, handle in drawn.meshes:
+                handle.opacity = 0.3 if body == "patient" else None
+        self._meshes: dict[str, viser.MeshHandle] = {}
+        found = np.concatenate([corners(b) for b in boxes])
+        low, high = found.min(axis=0), found.max(axis=0)
+        middle, size = 0.5 * (low + high), float(np.linalg.norm(high - low))
+        furnish(server, middle, size, min(0.0, float(low[2])))
+        away = next(iter(OUTSIDE.values()))
+        server.initial_camera.position, server.initial_camera.look_at = middle + AWAY * size * away, middle
+        server.gui.set_panel_label(title)
+        self._status, self._said = server.gui.add_html(""), ""
+
+    def frame(self, passed: float, wished: bool) -> None:
+        """Show the newest frame and the state."""
+        if (shown := self.stream.take()) is not None:
+            self._draw(*shown)
+        reading = self.stream.reading
+        lines = [self.stream.problem] if self.stream.problem else []
+        if reading is not None:
+            lines += [status(reading)[1], *(hand_text(reading, hand)[1] for hand in reading["hands"])]
+            lines += [f"Tool of {h['robot']}: {h['tool']}" for h in reading["hands"].values() if "tool" in h]
+        said = "".join(f"<div style='padding:0 1em .4em'>{escape(line)}</div>" for line in lines)
+        if said != self._said:
+            self._said = self._status.content = said
+
+    def close(self) -> None:
+        """End the connection, and release the port."""
+        self.stream.close()
+        super().close()
+
+    def _draw(self, links: Mapping[str, Mapping[str, Array]], fields: Mapping[str, Array]) -> None:
+        for robot, poses in links.items():
+            T = self._places[robot]
+            self.nodes[robot].write({n: T @ pose for n, pose in poses.items()})
+        for name, vertices in fields.items():
+            if name in self._meshes:
+                self._meshes[name].vertices = vertices
+                continue
+            surface = self.stream.surfaces[name]
+            red, green, blue = (round(255 * srgb(c)) for c in surface.color)
+            triangles = np.asarray(surface.triangles, np.uint32)
+            self._meshes[name] = self.server.scene.add_mesh_simple(
+                f"/fields/{name}", vertices, triangles, color=(red, green, blue), side="double"
+            )
