@@ -65,6 +65,7 @@ def same(a, b) -> bool:
 def test_public_names_are_those_promised():
     calls = {"load", "names", "plan", "validate", "explain", "strokes", "study", "masses", "build", "export", "audit"}
     calls |= {"console", "load_scene", "operate", "operate_console", "play", "replay_session", "world"}
+    calls |= {"operate_procedure", "replay_procedure"}
     analyses = {"workspace", "tolerance", "sweep", "track"}
     classes = {"Finding", "TwinError", "Joints", "Pose", "Tip", "Trocar", "Result", "Robot", "Spread"}
     assert set(twin.__all__) == calls | analyses | classes | {"__version__"}

@@ -34,6 +34,7 @@ if TYPE_CHECKING:
         validate,
         world,
     )
+    from twin.api.procedure import operate_procedure, replay_procedure
     from twin.api.session import operate_console, replay_session
     from twin.core.errors import TwinError
     from twin.core.findings import Finding
@@ -61,6 +62,7 @@ _HOMES = {
         "validate",
         "world",
     ),
+    "twin.api.procedure": ("operate_procedure", "replay_procedure"),
     "twin.api.session": ("operate_console", "replay_session"),
     "twin.analysis.search": ("workspace",),
     "twin.analysis.sweep": ("sweep",),
@@ -93,8 +95,10 @@ __all__ = [
     "names",
     "operate",
     "operate_console",
+    "operate_procedure",
     "plan",
     "play",
+    "replay_procedure",
     "replay_session",
     "strokes",
     "study",

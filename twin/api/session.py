@@ -478,6 +478,7 @@ def operate_console(
     from twin.simulation.session import run
 
     console_scene.console_of(scene)
+    _require_console(run.task_of(scene, task))
     if scale is not None and not SCALE[0] <= scale <= SCALE[1]:
         raise TwinError(f"--scale {scale:g}: give {SCALE[0]:g} to {SCALE[1]:g} for a console")
     chosen = run.task_of(scene, task)
@@ -520,15 +521,24 @@ def replay_session(
     placed = scene if isinstance(scene, Scene) else load_scene(scene or start.scene)
     if start.task is not None and start.task not in placed.tasks:
         raise TwinError(f"{path}: scene '{placed.name}' has no task '{start.task}', the task of the session")
+    task = None if start.task is None else placed.tasks[start.task]
+    if task is not None:
+        _require_console(task)
     progress("read CAD", 0.0)
     robots, members = _members(placed)
-    task = None if start.task is None else placed.tasks[start.task]
     props, pegs = _board(placed, task, start.condition)
     run.require_scene(session, path, placed, members, props)
     ran = run.replay(session, placed, members, progress, props)
     arms = _arms(placed, robots, ran)
     aligned = _aligned(placed, task, robots, ran, arms, props)
     return ConsoleSession(placed, str(path), start.seed, task, ran, arms, session.lost, pegs=pegs, aligned=aligned)
+
+
+def _require_console(task: Task) -> None:
+    if task.procedure is not None:
+        raise TwinError(
+            f"task '{task.name}' is a procedure: use `operate_procedure` and `replay_procedure` of twin.api.procedure"
+        )
 
 
 def _board(scene: Scene, task: Task | None, condition: Condition | None) -> tuple[Mechanism | None, Mapping[str, Peg]]:

@@ -51,8 +51,8 @@ class Manner:
 
     hand: Hand = field(default_factory=lambda: Hand(tremor=0.1e-3))
     aim: float = 0.4e-3
-    quick: float = 0.06
-    slow: float = 0.03
+    quick: float = 0.085
+    slow: float = 0.04
     before: float = 20e-3
     lift: tuple[float, float, float] = (-0.010, -0.006, 0.022)
     peel: tuple[float, float, float] = (-0.004, -0.001, 0.006)

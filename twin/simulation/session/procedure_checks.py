@@ -115,7 +115,7 @@ def measure(
 
 
 class _Clip:
-    """A clip at the end: on which vessel (-1: none), where in m, its cover; when it was closed in s, infinite: unused."""
+    """A clip at the end: on which vessel (-1: none), where in m, its cover; when in s, infinite: unused."""
 
     def __init__(self, kept: Recording, name: str) -> None:
         on = kept[f"{name}.on"][:, 0]

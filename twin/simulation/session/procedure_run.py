@@ -12,7 +12,7 @@ from twin.model.mechanism import Mechanism
 from twin.model.scene import Place, Scene, Task
 from twin.simulation import procedure_scene, tissue_scene
 from twin.simulation.console_scene import Member, start
-from twin.simulation.devices.procedure_surgeon import Arm, Mistake, ProcedureSurgeon
+from twin.simulation.devices.procedure_surgeon import Arm, Manner, Mistake, ProcedureSurgeon
 from twin.simulation.devices.recorded import Recorded
 from twin.simulation.procedure_scene import TICK
 from twin.simulation.session import file
@@ -33,9 +33,15 @@ def _arm(place: Place, member: Member) -> Arm:
 
 
 def surgeon(
-    scene: Scene, members: Mapping[str, Member], task: Task, drawn: Mechanism | None, seed: int, mistake: Mistake = ""
+    scene: Scene,
+    members: Mapping[str, Member],
+    task: Task,
+    drawn: Mechanism | None,
+    seed: int,
+    mistake: Mistake = "",
+    manner: Manner | None = None,
 ) -> ProcedureSurgeon:
-    """Return the simulated surgeon of a procedure.
+    """Return the simulated surgeon of a procedure; `manner`: habits, None: the defaults.
 
     Raises:
         TwinError: the task is no procedure, or an organ cannot be built.
@@ -44,11 +50,11 @@ def surgeon(
     procedure = procedure_scene.procedure_of(scene, task)
     *arms, camera = (_arm(p, members[p.name]) for p in procedure_scene.robots_of(scene, procedure))
     organs = tissue_scene.tissues(scene, drawn)
-    return ProcedureSurgeon(arms, camera, organs, scene.vessels, scene.tools, procedure, TICK, seed, mistake)
+    return ProcedureSurgeon(arms, camera, organs, scene.vessels, scene.tools, procedure, TICK, seed, mistake, manner)
 
 
-def _keep(world: World, task: Task) -> Keep:
-    """Keep all signals but the nodes of vessels and of organs that stay, which no measure uses."""
+def keep_for(world: World, task: Task) -> Keep:
+    """Return what keeps all signals but the nodes of vessels and of organs that stay, which no measure uses."""
     assert task.procedure is not None
     own = f"{task.procedure.organ}.nodes"
     names = [n for n in world.signals.sizes if n == own or not n.endswith((".nodes", ".pose", ".goal", ".command"))]
@@ -89,7 +95,7 @@ def perform(
     own = {n: s for n, s in sizes.items() if n in device.outputs}
     identity = procedure_scene.identity(scene, members, task, tissue_scene.tissues(scene, drawn))
     writer = SessionWriter(path, file.head(scene.name, identity, world.dt, own, sizes, task.name, seed))
-    keep = _keep(world, task)
+    keep = keep_for(world, task)
     try:
         while not world.ended and not writer.full:
             world.step(file.CHUNK // 4)
@@ -143,7 +149,7 @@ def replay(
             f"{path}: the session was written by twin {begin.twin}, whose World has other signals: replay it with that "
             "version"
         )
-    keep, difference, t = _keep(world, task), None, 0.0
+    keep, difference, t = keep_for(world, task), None, 0.0
     for chunk in session.chunks:
         world.step(len(chunk.device))
         rows = tape.take()
