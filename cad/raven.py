@@ -5,9 +5,10 @@ World (mm): the origin is at the RCM, z is up. Body frames have their origin at 
     link1       z towards the shoulder; y towards the elbow, in the plane of the arc
     link2       z along the tool, away from the patient; y towards the elbow, in the plane of the arc
     carriage    as link2, with its origin at that of frame 3 of the table
-Shaft, wrist, hand and jaws are those of `davinci_instrument`, in the axes of the carriage. All shapes are symmetric
-about x = 0 of their body except for the flats of the shoulder and elbow seats, so the arms are mirror images by their frames alone. Roll,
-wrist and jaws are drawn at zero. Every function that draws a body returns a list of ``(part name, solid, material)``.
+Shaft, wrist, hand and jaws are those of `davinci_instrument`, in the axes of the carriage. The bodies of both arms have
+the same shapes, symmetric about x = 0 of the body except for the instrument and the flats of shoulder and elbow; the
+frames of one arm are mirrored. Roll, wrist and jaws are drawn at zero. Every function that draws a body returns a
+list of ``(part name, solid, material)``.
 """
 
 from math import asin, cos, degrees, radians, sin
@@ -15,9 +16,9 @@ from math import asin, cos, degrees, radians, sin
 import davinci_instrument as instrument
 import drawing as cad
 import numpy as np
-from build123d import Axis, Face, Plane, Solid, Vector
+from build123d import Axis, Face, Plane, Solid
 from drawing import row
-from shapes import X, Y, Z, bolts, box, cap, cone, cyl, flange, pipe, seat, soft
+from shapes import Y, Z, box, cone, cyl, flange, pipe, seat, soft
 
 DOWN, BACK = (0, 0, -1), (0, -1, 0)
 PAINT = {"left": (0.80, 0.62, 0.20), "right": (0.24, 0.55, 0.36)}  # the arms are called gold and green

@@ -22,6 +22,7 @@ from twin.formula import symbolic
 from twin.formula.contract import ActiveJoint, Aspect, Formula, Measure
 from twin.formula.equations import Equations
 from twin.robots._authoring import ZYX, mm, row
+from twin.robots._raven_motion import MOTION
 
 SOURCE = "uw-biorobotics/raven2 (kinematics after UWEETR-2012-0006)"
 NAMES = ("shoulder", "elbow", "insertion", "roll", "wrist", "yaw")
@@ -81,9 +82,8 @@ def table(
 ):
     """Return the pose of the tool: the product of rows 1 to 6 of the modified Denavit-Hartenberg table."""
     T_03 = to_carriage(shoulder, elbow, insertion, alpha1, alpha2, alpha3, offset1, offset2, theta3)
-    T_base_tool = (
-        symbolic.pose(from_zero(base_turn), vertcat(0, 0, 0)) @ T_03 @ to_tool(roll, wrist, yaw, L_w, shaft_long)
-    )
+    T_36 = to_tool(roll, wrist, yaw, L_w, shaft_long)
+    T_base_tool = symbolic.pose(from_zero(base_turn), vertcat(0, 0, 0)) @ T_03 @ T_36
     return T_base_tool
 
 
@@ -107,19 +107,16 @@ def table_davinci(
 ):
     """Return the pose of the tool with the shorter wrist."""
     T_03 = to_carriage(shoulder, elbow, insertion, alpha1, alpha2, alpha3, offset1, offset2, theta3)
-    T_base_tool = (
-        symbolic.pose(from_zero(base_turn), vertcat(0, 0, 0))
-        @ T_03
-        @ to_tool(roll, wrist, yaw, L_w_davinci, shaft_long)
-    )
-    return T_base_tool
+    T_36 = to_tool(roll, wrist, yaw, L_w_davinci, shaft_long)
+    T_base_tool = symbolic.pose(from_zero(base_turn), vertcat(0, 0, 0)) @ T_03 @ T_36
+    return T_03, T_36, T_base_tool
 
 
 def candidates(T_base_tool, alpha1, alpha2, alpha3, offset1, offset2, theta3, base_turn, L_w, shaft_long):
     """Return the eight candidates [(joints (6,), excess)] of the inverse.
 
-    `excess` is 0 for a candidate that exists: otherwise it is how far the cosine of the elbow is beyond 1 (no elbow
-    angle exists). Angles are within half a turn of the middle of the range of their joint.
+    `excess` is 0 for a candidate that exists; otherwise it is how far the cosine of the elbow is beyond 1. Angles
+    are within half a turn of the middle of the range of their joint.
     """
     T = symbolic.pose(from_zero(base_turn).T, vertcat(0, 0, 0)) @ T_base_tool
     R, p = T[0:3, 0:3], T[0:3, 3]
@@ -166,27 +163,26 @@ def outside(joints):
 @equation("inverse", "pose -> joints", gives=NAMES, variant="raven", why="As the table, solved for the joints.")
 def inverse(T_base_tool, alpha1, alpha2, alpha3, offset1, offset2, theta3, base_turn, L_w, shaft_long):
     """Return the candidate that is within the ranges of the joints, or the nearest one."""
-    return _best(candidates(T_base_tool, alpha1, alpha2, alpha3, offset1, offset2, theta3, base_turn, L_w, shaft_long))
+    found = candidates(T_base_tool, alpha1, alpha2, alpha3, offset1, offset2, theta3, base_turn, L_w, shaft_long)
+    shoulder, elbow, insertion, roll, wrist, yaw = _best(found)
+    return shoulder, elbow, insertion, roll, wrist, yaw
 
 
 @equation.variant("davinci_tool", of=inverse, why="The instrument is of da Vinci type, with a shorter wrist.")
 def inverse_davinci(T_base_tool, alpha1, alpha2, alpha3, offset1, offset2, theta3, base_turn, L_w_davinci, shaft_long):
     """Return the candidate that is within the ranges of the joints, with the shorter wrist."""
-    return _best(
-        candidates(T_base_tool, alpha1, alpha2, alpha3, offset1, offset2, theta3, base_turn, L_w_davinci, shaft_long)
-    )
+    angles = (alpha1, alpha2, alpha3, offset1, offset2, theta3, base_turn)
+    shoulder, elbow, insertion, roll, wrist, yaw = _best(candidates(T_base_tool, *angles, L_w_davinci, shaft_long))
+    return shoulder, elbow, insertion, roll, wrist, yaw
 
 
 def _best(found):
     """Return the six joints of the candidate with the smallest distance from the ranges."""
-    best, least = None, None
-    for joints, excess in found:
-        far = outside(joints) + 100 * excess
-        if best is None:
-            best, least = joints, far
-        else:
-            nearer = far < least
-            best, least = if_else(nearer, joints, best), if_else(nearer, far, least)
+    ranked = [(joints, outside(joints) + 100 * excess) for joints, excess in found]
+    best, least = ranked[0]
+    for joints, far in ranked[1:]:
+        nearer = far < least
+        best, least = if_else(nearer, joints, best), if_else(nearer, far, least)
     return tuple(best[i] for i in range(6))
 
 
@@ -253,7 +249,7 @@ def formula(name: str, title: str, left: bool) -> Formula:
                 "shaft_long",
                 470.0,
                 "CITED",
-                f"{SOURCE}: distance from carriage to wrist axis; a comment there gives 482 for da Vinci type instruments",
+                f"{SOURCE}: distance from carriage to wrist axis; a comment gives 482 for da Vinci type instruments",
             ),
             mm("elbow_far", 274.0, "ASSUMED", "distance of the elbow bearing from the RCM; not published"),
             mm("tip", 10.0, "ASSUMED", "distance from jaw axis to the tip of the jaws; not published"),
@@ -268,10 +264,18 @@ def formula(name: str, title: str, left: bool) -> Formula:
                 "depth", "depth", "type1", 0.05, f"the wrist is at the RCM: shoulder and elbow do not move it; {_ALARM}"
             ),
             Measure(
-                "wrist", "straight", "type1", 0.1, f"the wrist is bent by 90 deg: roll and jaw axes are parallel; {_ALARM}"
+                "wrist",
+                "straight",
+                "type1",
+                0.1,
+                f"the wrist is bent by 90 deg: roll and jaw axes are parallel; {_ALARM}",
             ),
             Measure(
-                "elbow", "open_elbow", "type1", 0.1, f"both arcs are in one plane: the arm is stretched or folded; {_ALARM}"
+                "elbow",
+                "open_elbow",
+                "type1",
+                0.1,
+                f"both arcs are in one plane: the arm is stretched or folded; {_ALARM}",
             ),
         ),
         aspects=(
@@ -280,6 +284,7 @@ def formula(name: str, title: str, left: bool) -> Formula:
             Aspect("open_elbow", 1, "the elbow is on the side of the CAD"),
         ),
         seeds=_SEEDS[left],
+        motion=MOTION,
     )
 
 
