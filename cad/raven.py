@@ -5,7 +5,7 @@ World (mm): the origin is at the RCM, z is up. Body frames have their origin at 
     link1       z towards the shoulder; y towards the elbow, in the plane of the arc
     link2       z along the tool, away from the patient; y towards the elbow, in the plane of the arc
     carriage    as link2, with its origin at that of frame 3 of the table
-Shaft, wrist, hand and jaws are those of `davinci_instrument`, in the axes of the carriage. The bodies of both arms have
+Shaft, clevis (the wrist), hand and jaws are those of `davinci_instrument`, in the axes of the carriage. The bodies of both arms have
 the same shapes, symmetric about x = 0 of the body except for the instrument and the flats of shoulder and elbow; the
 frames of one arm are mirrored. Roll, wrist and jaws are drawn at zero. Every function that draws a body returns a
 list of ``(part name, solid, material)``.
@@ -64,7 +64,7 @@ def places(d, side):
     for body, far in {
         "carriage": d.insertion,
         "shaft": d.insertion,
-        "wrist": wrist,
+        "clevis": wrist,
         "hand": yaw,
         "jaw_left": yaw,
         "jaw_right": yaw,
@@ -260,6 +260,8 @@ def assembly(path, side):
         "link1": link1(d, key["link1"]),
         "link2": link2(d, key["link2"]),
         "carriage": carriage(d),
-        **{b: getattr(instrument, b)(d) for b in ("shaft", "wrist", "hand", "jaw_left", "jaw_right")},
+        "shaft": instrument.shaft(d),
+        "clevis": instrument.wrist(d),
+        **{b: getattr(instrument, b)(d) for b in ("hand", "jaw_left", "jaw_right")},
     }
     return cad.build(list(where), solids, where, MATERIALS | {"paint": (PAINT[side], 2700)})

@@ -92,7 +92,9 @@ def test_all_candidates_reach_the_pose_and_one_is_within_the_ranges(robot):
     T = ca.SX.sym("T", 4, 4)
     found = _raven.candidates(T, *values)
     arm = compile_formula(robot.formula)
-    candidates = ca.Function("candidates", [T], [ca.horzcat(*(q for q, _ in found)), ca.vertcat(*(e for _, e in found))])
+    candidates = ca.Function(
+        "candidates", [T], [ca.horzcat(*(q for q, _ in found)), ca.vertcat(*(e for _, e in found))]
+    )
     outside = ca.Function("outside", [T], [ca.vertcat(*(_raven.outside(q) + e for q, e in found))])
     q = postures(robot, 4000, seed=4)
     Ts = kin.forward_many(q)
@@ -127,7 +129,7 @@ def test_both_arms_are_drawn_with_the_same_numbers():
 
 
 def test_the_shaft_passes_the_remote_centre(robot):
-    frame = robot.mechanism.frame("roll")
+    frame = robot.mechanism.frame("shaft_end")
     model = robot.reference()
     T = model.link_poses(model.solve_many(postures(robot, 50)).x)[frame.body] @ frame.T_body_frame
     assert np.linalg.norm(np.cross(T[:, :3, 3], T[:, :3, 2]), axis=1).max() < 1e-12

@@ -88,28 +88,10 @@ def table(
 
 
 @equation.variant("davinci_tool", of=table, why="The instrument is of da Vinci type, with a shorter wrist.")
-def table_davinci(
-    shoulder,
-    elbow,
-    insertion,
-    roll,
-    wrist,
-    yaw,
-    alpha1,
-    alpha2,
-    alpha3,
-    offset1,
-    offset2,
-    theta3,
-    base_turn,
-    L_w_davinci,
-    shaft_long,
-):
-    """Return the pose of the tool with the shorter wrist."""
-    T_03 = to_carriage(shoulder, elbow, insertion, alpha1, alpha2, alpha3, offset1, offset2, theta3)
+def table_davinci(roll, wrist, yaw, L_w_davinci, shaft_long):
+    """Return the pose from wrist to tool with the shorter wrist."""
     T_36 = to_tool(roll, wrist, yaw, L_w_davinci, shaft_long)
-    T_base_tool = symbolic.pose(from_zero(base_turn), vertcat(0, 0, 0)) @ T_03 @ T_36
-    return T_03, T_36, T_base_tool
+    return T_36
 
 
 def candidates(T_base_tool, alpha1, alpha2, alpha3, offset1, offset2, theta3, base_turn, L_w, shaft_long):
@@ -170,10 +152,10 @@ def inverse(T_base_tool, alpha1, alpha2, alpha3, offset1, offset2, theta3, base_
 
 @equation.variant("davinci_tool", of=inverse, why="The instrument is of da Vinci type, with a shorter wrist.")
 def inverse_davinci(T_base_tool, alpha1, alpha2, alpha3, offset1, offset2, theta3, base_turn, L_w_davinci, shaft_long):
-    """Return the candidate that is within the ranges of the joints, with the shorter wrist."""
+    """Return the candidates with the shorter wrist."""
     angles = (alpha1, alpha2, alpha3, offset1, offset2, theta3, base_turn)
-    shoulder, elbow, insertion, roll, wrist, yaw = _best(candidates(T_base_tool, *angles, L_w_davinci, shaft_long))
-    return shoulder, elbow, insertion, roll, wrist, yaw
+    found = candidates(T_base_tool, *angles, L_w_davinci, shaft_long)
+    return found
 
 
 def _best(found):
@@ -234,8 +216,8 @@ def formula(name: str, title: str, left: bool) -> Formula:
         title=title,
         source=SOURCE,
         parameters=(
-            _angle("alpha1", 0.0 if left else 180.0, "row 1"),
             _angle("alpha2", 75.0, "row 2: arc of link 1"),
+            _angle("alpha1", 0.0 if left else 180.0, "row 1"),
             _angle("alpha3", 128.0 if left else 52.0, "row 3: arc of link 2, 52 deg"),
             _angle("offset1", offset1, "angle of row 1 at shoulder zero; it contains the tilt of the base, 25 deg"),
             _angle("offset2", offset2, "angle of row 2 at elbow zero"),
