@@ -113,10 +113,6 @@ SHOTS = (
         robot="raven_left", trocar=0.012, floor=-0.35, distance=2.4,
     ),
     Shot(
-        "raven_right", "", "about_port", "aside", "", (118, 14, 26), (0.12, 0.0, 0.1), (1600, 1000),
-        robot="raven_right", trocar=0.012, floor=-0.35, distance=2.4,
-    ),
-    Shot(
         "hexapod", "", "tour", "tilted", "level", (-58, 17, 17.4), (0.0, 0.0, 0.166), (1200, 1000),
         robot="hexapod", trocar=0.0, floor=-0.016, distance=1.75, folder="docs/examples/hexapod",
     ),

@@ -64,6 +64,7 @@ def same(a, b) -> bool:
 
 def test_public_names_are_those_promised():
     calls = {"load", "names", "plan", "validate", "explain", "strokes", "study", "masses", "build", "export", "audit"}
+    calls |= {"equations_of_motion"}
     calls |= {"console", "load_scene", "operate", "operate_console", "play", "replay_session", "world"}
     analyses = {"workspace", "tolerance", "sweep", "track"}
     classes = {"Finding", "TwinError", "Joints", "Pose", "Tip", "Trocar", "Result", "Robot", "Spread"}

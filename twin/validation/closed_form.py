@@ -168,7 +168,7 @@ def _compare(form: ClosedForm, angle: list[bool], states: list[_State], out: Jud
 
 
 def _cause(form: ClosedForm, states: list[_State]) -> str:
-    """Return the single edit that explains all differences, in words; "" if none does."""
+    """Return the single edit that explains all differences, as text; "" if none does."""
     M = np.stack([s.M - s.A.M for s in states])
     g = np.stack([s.g - s.A.g for s in states])
     c = np.stack([s.c - s.A.C @ s.qd for s in states])
