@@ -109,6 +109,10 @@ SHOTS = (
         robot="davinci_psm_si", trocar=0.012, floor=-0.9, distance=2.3,
     ),
     Shot(
+        "raven_left", "", "about_port", "aside", "", (62, 14, 26), (-0.12, 0.0, 0.1), (1600, 1000),
+        robot="raven_left", trocar=0.012, floor=-0.35, distance=2.4,
+    ),
+    Shot(
         "hexapod", "", "tour", "tilted", "level", (-58, 17, 17.4), (0.0, 0.0, 0.166), (1200, 1000),
         robot="hexapod", trocar=0.0, floor=-0.016, distance=1.75, folder="docs/examples/hexapod",
     ),

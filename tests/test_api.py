@@ -64,6 +64,7 @@ def same(a, b) -> bool:
 
 def test_public_names_are_those_promised():
     calls = {"load", "names", "plan", "validate", "explain", "strokes", "study", "masses", "build", "export", "audit"}
+    calls |= {"equations_of_motion"}
     calls |= {"console", "load_scene", "operate", "operate_console", "play", "replay_session", "world"}
     calls |= {"operate_procedure", "replay_procedure"}
     analyses = {"workspace", "tolerance", "sweep", "track"}
@@ -133,6 +134,7 @@ def test_another_robot_object_answers_the_same(robot, T_home, case):
 def test_every_public_member_of_robot_is_called_twice_here_or_below():
     called = {c.split()[0] for c in TWICE} | {"cad", "mechanism", "formula", "kinematics", "loops", "weighed"}
     called |= {"name", "tool_note", "with_formula", "with_mechanism", "with_parameters"}
+    called |= {"with_transmission"}  # tests/test_raven_motion.py
     members = set(vars(twin.Robot)) - {f.name for f in dataclasses.fields(twin.Robot)}
     assert {n for n in members if not n.startswith("_")} == called - {"names", "plan"}
 

@@ -31,6 +31,8 @@ BLOCKS = {
     "davinci_psm": [1, 2, 2],  # jaw, parallelograms
     "davinci_ecm": [2, 2],
     "davinci_psm_si": [1, 1, 1, 1],  # two bands of the pitch, band of the slide, jaw
+    "raven_left": [1],  # jaw
+    "raven_right": [1],
 }
 
 

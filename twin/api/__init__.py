@@ -6,7 +6,7 @@ from twin.api.control import track
 from twin.api.current import check_build
 from twin.api.judge import explain, plan, strokes, validate
 from twin.api.make import audit, build, export
-from twin.api.published import console, masses, study
+from twin.api.published import console, equations_of_motion, masses, study
 from twin.api.robot import STAGE_SUFFIXES, Progress, Robot, load, names
 
 __all__ = [
@@ -18,6 +18,7 @@ __all__ = [
     "build",
     "check_build",
     "console",
+    "equations_of_motion",
     "explain",
     "export",
     "info",

@@ -16,6 +16,7 @@ from twin.core.result import Part, Result, Table
 
 if TYPE_CHECKING:
     from twin.validation.clauses import Contract
+    from twin.validation.closed_form import Judged
     from twin.validation.groups import GroupTables, Recomputed
     from twin.validation.masses.collect import Source
 
@@ -256,6 +257,76 @@ def masses(robot: Robot, progress: Progress = silent) -> Masses:
     if not any(s.bodies for s in sources):
         raise TwinError(f"{robot.name}: no mass is stated; give materials with densities, or an inertia.toml")
     return Masses(robot.name, tuple(sources))
+
+
+@dataclass(frozen=True)
+class PublishedMotion(Result):
+    """Published equations of motion, compared with the dynamics of the mechanism.
+
+    Attributes:
+        robot: name of the robot.
+        source: document of the equations.
+        states: number of random states.
+        judged: rows, cause and findings.
+    """
+
+    robot: str
+    source: str
+    states: int
+    judged: Judged
+
+    kind = "motion"
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """Terms that differ, and properties that do not hold."""
+        return tuple(self.judged.findings)
+
+    def content(self) -> dict[str, Any]:
+        """Return plain data."""
+        j = self.judged
+        rows = [{"term": r.term, "worst": r.worst, "unit": r.unit, "limit": r.limit} for r in j.rows]
+        about = {"name": self.robot, "source": self.source, "states": self.states, "cause": j.cause}
+        return {**about, "rows": rows, "power_balance": j.balance, "smallest_eigenvalue": j.least}
+
+    def text(self) -> Iterator[Part]:
+        """Yield the rows, the findings, the cause and the verdict."""
+        j = self.judged
+        yield f"{self.robot}: equations of motion against the mechanism, {self.states} random states"
+        yield f"  {self.source}\n"
+        yield Table(
+            ("term", "largest difference", "limit", ""),
+            [(r.term, f"{r.worst:.2e} {r.unit}", f"{r.limit:g}", "ok" if r.agrees else "DIFFERS") for r in j.rows],
+        )
+        yield f"\n  power balance {j.balance:.1e} (relative); smallest eigenvalue of M {j.least:.3g}\n"
+        yield from by_severity(self.findings)
+        if j.cause:
+            yield f"  one edit explains all differences: {j.cause}"
+        yield self.word
+
+
+def equations_of_motion(robot: Robot, states: int = 200, seed: int = 0) -> PublishedMotion:
+    """Compare a robot's published equations of motion with the dynamics of its mechanism, masses of inertia.toml.
+
+    Args:
+        robot: a robot whose equations include equations of motion.
+        states: number of random states.
+        seed: seed of the states.
+
+    Raises:
+        TwinError: the robot has no published equations of motion, or no masses.
+    """
+    from twin.simulation.dynamics import inertia
+    from twin.simulation.dynamics.arm import arm
+    from twin.validation.closed_form import judge
+
+    form = robot.formula.motion if robot.formula is not None else None
+    if form is None or robot.files is None:
+        raise TwinError(
+            f"{robot.name} has no published equations of motion; of the built-in robots, raven_left has some"
+        )
+    dynamics = arm(robot.mechanism, inertia.of_robot(robot.files.cad)).dynamics()
+    return PublishedMotion(robot.name, form.source, states, judge(form, dynamics, states, seed))
 
 
 def console(

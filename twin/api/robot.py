@@ -341,6 +341,17 @@ class Robot:
         """Return the robot with the given mechanism and its masses."""
         return replace(self, changed=mechanism)
 
+    def with_transmission(self, variant: str) -> Robot:
+        """Return the robot with the matrix of this name, of those in its description, between motors and joints.
+
+        Raises:
+            MechanismError: the description has no such matrix.
+        """
+        from twin.cad.motors import transmissions
+
+        chosen = transmissions(self.cad.description, variant)
+        return self.with_mechanism(replace(self.mechanism, transmissions=chosen))
+
     def with_formula(self, formula: Formula) -> Robot:
         """Return the robot with the given equations instead of the equations of its files."""
         return replace(self, equations=formula)

@@ -261,13 +261,25 @@ class ActuatorSpec(Table):
         return self
 
 
+class MatrixSpec(Table):
+    """Another matrix of a transmission, of the same shape, for `Robot.with_transmission`."""
+
+    matrix: list[list[float]]
+    provenance: Origin
+    note: str = Field(min_length=1)
+
+
 class TransmissionSpec(Table):
-    """Transmission from motors to active joints: q_joints = matrix @ m_actuators in rad or m, one row per joint."""
+    """Transmission from motors to active joints: q_joints = matrix @ m_actuators in rad or m, one row per joint.
+
+    `variants` are other matrices by name; `matrix` is the one in use.
+    """
 
     name: Identifier
     joints: list[Identifier] = Field(min_length=1)
     actuators: list[Identifier] = Field(min_length=1)
     matrix: list[list[float]]
+    variants: dict[Identifier, MatrixSpec] = Field(default_factory=dict)
     provenance: Origin
     note: str = Field(min_length=1)
 
@@ -280,6 +292,9 @@ class TransmissionSpec(Table):
                 f"{n} joints, {len(self.actuators)} actuators, rows of length {', '.join(map(str, rows)) or '-'}; "
                 "required: as many actuators as joints, and one row for each joint with one number for each actuator",
             )
+        for name, other in self.variants.items():
+            if [len(row) for row in other.matrix] != rows:
+                raise at(f"variants.{name}", f"the matrix must have {n} rows of {n} numbers, as `matrix` has")
         return self
 
 

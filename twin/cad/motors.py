@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from twin.cad.description import ActuatorSpec, Description
+from twin.core.errors import MechanismError, unknown
 from twin.core.units import DEG, MM
 from twin.model.transmission import Actuator, Transmission
 
@@ -14,10 +15,19 @@ def actuators(d: Description) -> tuple[Actuator, ...]:
     return tuple(map(_actuator, d.actuator))
 
 
-def transmissions(d: Description) -> tuple[Transmission, ...]:
-    """Return the transmissions of a description."""
+def transmissions(d: Description, variant: str = "") -> tuple[Transmission, ...]:
+    """Return the transmissions of a description; those that have a matrix named `variant` have this one.
+
+    Raises:
+        MechanismError: no transmission has this variant, or its matrix cannot be inverted.
+    """
+    known = sorted({name for t in d.transmission for name in t.variants})
+    if variant and variant not in known:
+        raise MechanismError(f"{d.name}: {unknown('variant of a transmission', variant, known)}")
+    matrices = [t.variants[variant].matrix if variant in t.variants else t.matrix for t in d.transmission]
     return tuple(
-        Transmission(t.name, tuple(t.joints), tuple(t.actuators), np.array(t.matrix, float)) for t in d.transmission
+        Transmission(t.name, tuple(t.joints), tuple(t.actuators), np.array(matrix, float))
+        for t, matrix in zip(d.transmission, matrices, strict=True)
     )
 
 

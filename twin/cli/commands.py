@@ -24,8 +24,10 @@ def list_robots(args: argparse.Namespace) -> int:
 def info(args: argparse.Namespace) -> int:
     """Print joints, limits, frames, degrees of freedom and parameters of a robot, or the robots of a scene."""
     if (file := assets.scene_file(args.robot)) is not None:
-        if args.inertia:
-            raise TwinError(f"--inertia checks one robot, but {args.robot} is a scene")
+        if args.inertia or args.motion:
+            raise TwinError(
+                f"--{'inertia' if args.inertia else 'motion'} checks one robot, but {args.robot} is a scene"
+            )
         return show.finish(api.info_of_scene(api.load_scene(file), args.robot), args)
     robot = api.load(args.robot, tool=args.tool)
     show.tool_note(robot, args.quiet)
@@ -33,6 +35,10 @@ def info(args: argparse.Namespace) -> int:
         from twin.cli.inertia import run as run_inertia
 
         return run_inertia(robot, args)
+    if args.motion:
+        from twin.api.published import equations_of_motion
+
+        return show.finish(equations_of_motion(robot), args)
     with show.progress(args.quiet or args.json) as progress:
         result = api.info(robot, progress)
     return show.finish(result, args)

@@ -166,11 +166,16 @@ def parser() -> argparse.ArgumentParser:
         "info",
         "show a robot: joints, limits, frames, parameters with provenance; or a scene",
         "  twin info sils\n  twin info vsrs                   a scene\n"
-        "  twin info pa10 --inertia        are masses and inertias physically possible?",
+        "  twin info pa10 --inertia        are masses and inertias physically possible?\n"
+        "  twin info raven_left --motion   published equations of motion against the mechanism",
     )
     robot(sub)
     tool(sub)
-    sub.add_argument(
+    only = sub.add_mutually_exclusive_group()
+    only.add_argument(
+        "--motion", action="store_true", help="only compare the published equations of motion with the mechanism"
+    )
+    only.add_argument(
         "--inertia", action="store_true", help="only check the masses and inertias in CAD, stage and tables"
     )
 

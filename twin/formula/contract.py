@@ -20,6 +20,7 @@ import numpy as np
 
 from twin.core.errors import KinematicsError
 from twin.core.provenance import Parameter
+from twin.formula.closed_form import ClosedForm
 
 Stage = Literal["inverse", "forward", "helper"]
 """Stage of an equation: the direction in which it is used.
@@ -136,6 +137,7 @@ class Formula:
         aspects: signs that distinguish assemblies.
         branches: function of (q, parameters, variants) that returns the poses (4, 4) of all assemblies; or None.
         seeds: starting values for solvers in SI: coordinates, or joints for a formula without inverse equations.
+        motion: published equations of motion of some joints; or None.
         numbers: function of a pose and the parameters. If a line of the file gives NaN or infinity at this pose, it
             returns a text that names the line, otherwise "".
     """
@@ -155,6 +157,7 @@ class Formula:
     aspects: tuple[Aspect, ...] = ()
     branches: Callable[[np.ndarray, Mapping[str, float], Mapping[str, str]], list[np.ndarray]] | None = None
     seeds: Sequence[Sequence[float]] = ()
+    motion: ClosedForm | None = None
     numbers: Callable[[np.ndarray, Mapping[str, float]], str] | None = None
 
     def has(self, stage: Stage) -> bool:

@@ -24,7 +24,7 @@ from numpy.typing import ArrayLike
 from scipy.linalg import null_space
 
 from twin.core.errors import MechanismError
-from twin.core.spatial import Array
+from twin.core.spatial import Array, Index
 from twin.model.mechanism import Mechanism
 from twin.reference import given
 from twin.reference.holding import GRAVITY
@@ -81,7 +81,7 @@ class Dynamics:
         self._data = self._pin.createData()
         self._places = np.array([self._tree.configuration[j.name] for j in m.active], int)
         self._upper = np.triu(np.ones((self._pin.nv, self._pin.nv)), 1) + 0.5 * np.eye(self._pin.nv)
-        self._tied = bool(self._tree.loops.names)
+        self._tied = bool(m.loops)  # couplings alone are linear: their gain is constant
         self.friction = self._given("friction", friction)
         known = {a.name: a.rotor_inertia or 0.0 for a in m.actuators}
         motors = np.array([known.get(name, 0.0) for name in m.motor_names])
@@ -116,6 +116,7 @@ class Dynamics:
         if self._tied:
             return self.model.solve(q).x
         x = self._home.copy()
+        x[self._followers] += self._follow @ (q - x[self._places])
         x[self._places] = q
         return x
 
@@ -131,6 +132,7 @@ class Dynamics:
         if self._tied:
             return self.model.run(q).Ts_base_tool
         X = np.tile(self._home, (len(q), 1))
+        X[:, self._followers] += (q - X[:, self._places]) @ self._follow.T
         X[:, self._places] = q
         return self._tree.tool(self._tree.update(X, closing_only=True)[0])
 
@@ -185,10 +187,7 @@ class Dynamics:
         return self.model.gains(x[None])[0] if self._tied else self._scatter
 
     def _mass(self, x: Array) -> Array:
-        M = self._tree_mass(x)
-        if not self._tied:
-            return M[np.ix_(self._tree.active, self._tree.active)] + self.rotor
-        G = self._gain(x)
+        M, G = self._tree_mass(x), self._gain(x)
         return G.T @ M @ G + self.rotor
 
     def _tree_mass(self, x: Array) -> Array:
@@ -199,7 +198,7 @@ class Dynamics:
     def _newton_euler(self, x: Array, qd: Array, qdd: Array) -> Array:
         if not self._tied:
             V, change = self._scatter @ qd, self._scatter @ qdd
-            return np.array(pin.rnea(self._pin, self._data, x, V, change))[self._tree.active]
+            return self._scatter.T @ np.array(pin.rnea(self._pin, self._data, x, V, change))
         V, change, G = (rows[0] for rows in self.model.motion(x[None], qd[None], qdd[None]))
         return G.T @ np.array(pin.rnea(self._pin, self._data, x, V, change))
 
@@ -218,8 +217,21 @@ class Dynamics:
 
     @cached_property
     def _scatter(self) -> Array:
-        """G for a tree without loops and couplings: passive joints are at rest."""
-        return np.eye(self._pin.nv)[:, self._tree.active]
+        """G for a tree without loops: passive joints follow by the couplings, others are at rest."""
+        if not self._tree.loops.names:
+            return np.eye(self._pin.nv)[:, self._tree.active]
+        return self.model.gains(self._home[None])[0]
+
+    @cached_property
+    def _followers(self) -> Index:
+        """Places in the configuration of the passive joints that follow by couplings."""
+        return np.unique([i for c in self._tree.loops.couplings for i in c.places if i not in self._places]).astype(int)
+
+    @cached_property
+    def _follow(self) -> Array:
+        """Change of these joints per change of each active joint."""
+        columns = {i: k for c in self._tree.loops.couplings for i, k in zip(c.places, c.columns, strict=True)}
+        return self._scatter[[columns[i] for i in self._followers]]
 
     @cached_property
     def _idle(self) -> str:

@@ -4,7 +4,8 @@ A link is the part moved by one joint. Its mass centre and tensor are given in i
 Denavit-Hartenberg form of Khalil and Kleinfinger. This frame is determined on the mechanism with all joints at zero: z
 is along the joint axis, and x is along x of the base. The origin is the point of the axis that is nearest to the axis
 of the next link in the file. For the last link, and if the next axis is parallel, the origin is the point of the axis
-that is nearest to the origin of the previous link.
+that is nearest to the origin of the previous link. A link may instead name a frame of the robot's description on the
+same body (`frame`); then its centre and tensor are given there.
 
 Source: W. Khalil, J.-F. Kleinfinger, A new geometric notation for open and closed-loop robots, Proc. IEEE Int. Conf.
 Robotics and Automation (1986) 1174-1179: T_previous_link = Rx(alpha) Tx(d) Rz(theta) Tz(r), so that the x axes of all
@@ -39,6 +40,8 @@ _ALONG = 1e-6
 _UNITS = {"rotor": ("kg m2", "kg"), "friction": ("N m s/rad", "N s/m"), "torque": ("N m", "N")}
 """Units of each quantity, for revolute and prismatic joints."""
 
+_PRODUCTS = (".xx", ".yy", ".zz", ".xy", ".xz", ".yz")
+
 _Positive = Annotated[float, Field(gt=0)]
 _NotNegative = Annotated[float, Field(ge=0)]
 
@@ -63,9 +66,12 @@ class Centre(_Cited):
 
 
 class Tensor(_Cited):
-    """Diagonal xx, yy, zz of the inertia about the mass centre in the axes of the link frame; products are zero."""
+    """Inertia about the mass centre in the axes of the link frame: xx, yy, zz, and optionally xy, xz, yz.
 
-    value: Vector
+    Products that are not given are zero; a product xy is the element (x, y) of the tensor, with its sign.
+    """
+
+    value: Vector | tuple[float, float, float, float, float, float]
     unit: Literal["kg m2"]
 
 
@@ -104,9 +110,13 @@ class _Solid(Table):
 
 
 class Link(_Solid):
-    """One link with its joint and the joint's drive (no drive if motors of the mechanism move the joint)."""
+    """One link with its joint and the joint's drive (no drive if motors of the mechanism move the joint).
+
+    `frame` is a frame of the description on the body that the joint moves; default: see the module docstring.
+    """
 
     joint: Identifier
+    frame: Identifier | None = None
     rotor: Rotor | None = None
     friction: Friction | None = None
     torque: Effort | None = None
@@ -178,7 +188,7 @@ def weighed(table: Inertias, mechanism: Mechanism, *, instrument: bool = True) -
 def _frames(table: Inertias, mechanism: Mechanism, poses: dict[str, Array]) -> list[Array]:
     """Return T_base_link (4, 4) of each link with all joints at zero; see the module docstring."""
     known = {j.name: j for j in mechanism.tree if len(j.free_axes) == 1}
-    lines = []
+    lines, named = [], []
     for link in table.link:
         if link.joint not in known:
             raise MechanismError(f"inertia.toml: {unknown('joint with one coordinate', link.joint, known)}")
@@ -190,12 +200,13 @@ def _frames(table: Inertias, mechanism: Mechanism, poses: dict[str, Array]) -> l
                     f"inertia.toml: {key} of {joint.name} is in {entry.unit}, but the joint is {joint.type}"
                 )
         T = poses[joint.parent] @ joint.T_parent_joint
-        if abs(T[0, 2]) > _ALONG:
+        if link.frame is None and abs(T[0, 2]) > _ALONG:
             raise MechanismError(
                 f"joint {joint.name}: its axis must be perpendicular to the x axis of the base, with all joints at "
                 f"zero; the error is {np.arcsin(abs(T[0, 2])) / DEG:.3g} deg, "
                 "so the link frame of inertia.toml is ambiguous"
             )
+        named.append(_named(link, mechanism, joint.child, poses))
         lines.append((T[:3, 3], T[:3, 2]))
     out, before = [], poses[mechanism.base][:3, 3]
     for i, (p, z) in enumerate(lines):
@@ -207,12 +218,28 @@ def _frames(table: Inertias, mechanism: Mechanism, poses: dict[str, Array]) -> l
         else:
             step = (before - p) @ z
         before = p + step * z
-        out.append(spatial.pose(spatial.frame_from_axes(z, [1.0, 0.0, 0.0]), before))
+        given = named[i]
+        out.append(given if given is not None else spatial.pose(spatial.frame_from_axes(z, [1.0, 0.0, 0.0]), before))
     return out
 
 
+def _named(link: Link, mechanism: Mechanism, body: str, poses: dict[str, Array]) -> Array | None:
+    """Return T_base_frame (4, 4) of the frame that a link names; None if it names none."""
+    if link.frame is None:
+        return None
+    frames = {f.name: f for f in mechanism.frames if f.body == body}
+    if link.frame not in frames:
+        raise MechanismError(
+            f"inertia.toml: link of {link.joint}: {unknown(f'frame of body {body}', link.frame, frames)}"
+        )
+    return poses[body] @ frames[link.frame].T_body_frame
+
+
 def _inertia(solid: _Solid) -> Inertia:
-    return Inertia(solid.mass.value, np.array(solid.centre.value), np.diag(solid.tensor.value))
+    tensor = np.diag(solid.tensor.value[:3])
+    for (i, j), product in zip(((0, 1), (0, 2), (1, 2)), solid.tensor.value[3:], strict=False):
+        tensor[i, j] = tensor[j, i] = product
+    return Inertia(solid.mass.value, np.array(solid.centre.value), tensor)
 
 
 def parameters(table: Inertias) -> Iterator[Parameter]:
@@ -225,7 +252,7 @@ def parameters(table: Inertias) -> Iterator[Parameter]:
             if entry is None:
                 continue
             values = entry.value if isinstance(entry.value, tuple) else (entry.value,)
-            labels = ("",) if len(values) == 1 else (".x", ".y", ".z") if key == "centre" else (".xx", ".yy", ".zz")
+            labels = ("",) if len(values) == 1 else (".x", ".y", ".z") if key == "centre" else _PRODUCTS[: len(values)]
             for label, value in zip(labels, values, strict=True):
                 name = f"inertia.{owner}.{key}{label}"
                 yield Parameter(name, value, entry.unit, value, entry.provenance, entry.note)

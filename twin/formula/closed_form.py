@@ -1,0 +1,78 @@
+"""Published equations of motion in closed form: M(q) qdd + C(q, qd) qd + g(q) = efforts of some joints of a robot.
+
+Terms are linear in their parameters, as those of any rigid bodies are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from twin.core.provenance import Parameter
+from twin.core.spatial import Array
+
+
+@dataclass(frozen=True)
+class ClosedForm:
+    """Equations of motion of n joints; all other joints are at zero and at rest.
+
+    Attributes:
+        source: document and equation.
+        joints: names of the n joints, in the order of q.
+        parameters: inertial parameters, with provenance.
+        tolerance: largest difference that the rounding of the parameters explains, in SI units of each term.
+        terms: function of symbols (q (n,), qd (n,), {parameter: value}) that returns M (n, n), C (n, n) and g (n,).
+    """
+
+    source: str
+    joints: tuple[str, ...]
+    parameters: tuple[Parameter, ...]
+    tolerance: float
+    terms: Callable[[Any, Any, Mapping[str, Any]], tuple[Any, Any, Any]]
+
+    @property
+    def values(self) -> Array:
+        """Values of the parameters (k,) in SI."""
+        return np.array([p.value for p in self.parameters])
+
+    def compiled(self) -> Callable[[Array, Array], Terms]:
+        """Return the function (q (n,), qd (n,)) -> `Terms`."""
+        import casadi as ca  # imported here, because it takes long
+
+        n, k = len(self.joints), len(self.parameters)
+        q, qd, p = ca.SX.sym("q", n), ca.SX.sym("qd", n), ca.SX.sym("p", k)
+        M, C, g = self.terms(q, qd, {e.name: p[i] for i, e in enumerate(self.parameters)})
+        change = ca.reshape(ca.jtimes(ca.reshape(M, n * n, 1), q, qd), n, n)
+        stacked = ca.vertcat(ca.reshape(M, n * n, 1), g)
+        f = ca.Function("terms", [q, qd, p], [M, C, g, change, ca.jacobian(stacked, p)])
+        values = self.values
+
+        def evaluate(at: Array, rates: Array) -> Terms:
+            M, C, g, change, share = (np.array(x, float) for x in f(at, rates, values))
+            return Terms(M, C, g.reshape(-1), change, share[: n * n].reshape(n, n, k, order="F"), share[n * n :])
+
+        return evaluate
+
+
+@dataclass(frozen=True)
+class Terms:
+    """Terms of the equations at one state.
+
+    Attributes:
+        M: (n, n) mass matrix.
+        C: (n, n) matrix of the Coriolis and centrifugal efforts, C qd.
+        g: (n,) efforts of gravity.
+        change: (n, n) dM/dt.
+        M_share: (n, n, k) derivatives of M by the k parameters.
+        g_share: (n, k) those of g.
+    """
+
+    M: Array
+    C: Array
+    g: Array
+    change: Array
+    M_share: Array
+    g_share: Array

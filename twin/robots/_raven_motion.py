@@ -1,0 +1,97 @@
+"""Published equations of motion of shoulder, elbow and insertion of the Raven-II, without rotors and friction.
+
+CSLDepend/raven2_sim has them as a long closed form. It is exactly that of three rigid bodies on the table of
+`_raven`, with gravity against x of frame 0, and linear in the bodies' parameters (14 combinations of 30, residual
+5e-10). This is the set of smallest norm: together the three bodies move as the arm does, singly they are not physical.
+It is rounded, which changes M by at most 2e-6 and g by at most 7e-6. The form is that of the left arm; as functions of
+the joints, the terms of the right arm are the same, because it is the mirror image.
+
+Terms by the Jacobians of the links (R. M. Murray, Z. Li, S. S. Sastry, A Mathematical Introduction to Robotic
+Manipulation, CRC Press 1994, section 4.3), C by the Christoffel symbols of M.
+"""
+
+from __future__ import annotations
+
+import casadi as ca
+from casadi import jacobian, pi, reshape, skew, vertcat
+
+from twin.core.provenance import Parameter
+from twin.formula.closed_form import ClosedForm
+from twin.robots._authoring import row
+
+_DEG = pi / 180
+_SOURCE = "CSLDepend/raven2_sim, dynamics of joints 1 to 3"
+_NAMES = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Ixz", "Iyy", "Iyz", "Izz")
+_UNITS = ("kg", "kg m", "kg m", "kg m", *["kg m2"] * 6)
+_LINKS = {  # mass, first moment, inertia about the origin of the link's frame
+    "link1": (0, 0.00361, 0.110148, 0, 0, 0, 0, 0, 0, 0.06684),
+    "link2": (0, -0.00309, -0.129524, -0.106395, 0.044066, 0.000094, 0.000029, 0.018296, 0.005402, 0.028733),
+    "link3": (0.407, -0.007613, -0.000061, -0.00021, 0.022156, 0.000035, -0.011433, 0.044066, 0.000093, 0.024873),
+}
+_COMPENSATION = {  # mass and mass centre in the link's frame
+    "link1": (0.494, 0.0065, 0.09775, -0.13771),
+    "link2": (0.750, -0.002, -0.18274, -0.23053),
+    "link3": (0.231, 0, 0, 0),
+}
+
+
+def terms(q, qd, p):
+    """Return M (3, 3), C (3, 3) and g (3,) at joints q (3,) and rates qd (3,), for inertial parameters by name."""
+    T_01 = row(0, 0, q[0] + 205 * _DEG, 0)
+    T_02 = T_01 @ row(75 * _DEG, 0, q[1] + 180 * _DEG, 0)
+    T_03 = T_02 @ row(128 * _DEG, 0, 90 * _DEG, q[2])
+    fall = vertcat(-9.81, 0, 0)
+    M, V = ca.SX.zeros(3, 3), 0
+    for link, T in zip(_LINKS, (T_01, T_02, T_03), strict=True):
+        m, mx, my, mz, Ixx, Ixy, Ixz, Iyy, Iyz, Izz = (p[f"{link}.{n}"] for n in _NAMES)
+        R, o, mc = T[0:3, 0:3], T[0:3, 3], vertcat(mx, my, mz)
+        about = ca.blockcat([[Ixx, Ixy, Ixz], [Ixy, Iyy, Iyz], [Ixz, Iyz, Izz]])
+        Jv, Jw = R.T @ jacobian(o, q), _turning(R, q)
+        across = Jv.T @ skew(mc) @ Jw
+        M += m * Jv.T @ Jv - across - across.T + Jw.T @ about @ Jw
+        V -= ca.dot(fall, m * o + R @ mc)
+    return M, christoffel(M, q, qd), ca.gradient(V, q)
+
+
+def _turning(R, q):
+    """Return the Jacobian (3, 3) of the angular velocity in link axes."""
+    columns = []
+    for i in range(3):
+        S = R.T @ reshape(jacobian(reshape(R, 9, 1), q[i]), 3, 3)
+        columns.append(vertcat(S[2, 1], S[0, 2], S[1, 0]))
+    return ca.horzcat(*columns)
+
+
+def christoffel(M, q, qd):
+    """Return C (3, 3) from the Christoffel symbols of M."""
+    D = [reshape(jacobian(reshape(M, 9, 1), q[k]), 3, 3) for k in range(3)]
+    C = ca.SX.zeros(3, 3)
+    for i in range(3):
+        for j in range(3):
+            for k in range(3):
+                C[i, j] += 0.5 * (D[k][i, j] + D[j][i, k] - D[i][j, k]) * qd[k]
+    return C
+
+
+def _parameter(name, value, provenance, note):
+    return Parameter(name, float(value), _UNITS[_NAMES.index(name.split(".")[1])], float(value), provenance, note)
+
+
+COMPENSATION = tuple(
+    _parameter(f"{link}.{name}", value, "CITED", "uw-biorobotics/raven2, gravity compensation: mass times mass centre")
+    for link, (m, *c) in _COMPENSATION.items()
+    for name, value in zip(_NAMES, (m, *(m * x for x in c), 0, 0, 0, 0, 0, 0), strict=True)
+)
+"""Point masses of the gravity compensation in the released software; they differ from those of the closed form."""
+
+MOTION = ClosedForm(
+    source=_SOURCE,
+    joints=("shoulder", "elbow", "insertion"),
+    parameters=tuple(
+        _parameter(f"{link}.{name}", value, "DERIVED", f"{_SOURCE}: smallest norm")
+        for link, values in _LINKS.items()
+        for name, value in zip(_NAMES, values, strict=True)
+    ),
+    tolerance=1e-5,
+    terms=terms,
+)
