@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 import twin
+from made.lanes import one_of_a_kind
 from twin.cad.build import read_mechanism
 from twin.cad.lengths import measure
 from twin.core import spatial
@@ -33,7 +34,7 @@ COUNT = int(os.environ.get("TWIN_DAVINCI_POSES", "2000"))
 """Poses of the slow comparison; 20 000 for the figure in docs/davinci.md."""
 
 
-@pytest.fixture(scope="module", params=ARMS)
+@pytest.fixture(scope="module", params=one_of_a_kind(ARMS))
 def robot(request):
     return twin.load(request.param)
 

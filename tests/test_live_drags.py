@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 
 import twin
+from made.lanes import one_of_a_kind
 from twin.cli import main
 from twin.core.units import MM
 from twin.ui.session.desk import Desk
@@ -35,7 +36,7 @@ PASSES = 60
 
 def robots():
     folder = os.environ.get("TWIN_PARALLEL_ROBOTS")
-    return [*twin.names(), *(STRANGERS if folder else ())]
+    return [*one_of_a_kind(), *(STRANGERS if folder else ())]
 
 
 @pytest.fixture(scope="module", params=robots())

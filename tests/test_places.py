@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import twin
+from made.lanes import alike
 from twin import api
 from twin.core import assets, spatial
 from twin.core.errors import TwinError
@@ -35,9 +36,9 @@ CASES = {
 
 
 def cases() -> list:
-    """Return the first protocol of each robot, and the others for the slow suite."""
+    """Return the first protocol of one robot of each kind, and the others for the slow suite."""
     return [
-        pytest.param((name, p), id=f"{name}-{p}", marks=[pytest.mark.slow] if k else [])
+        pytest.param((name, p), id=f"{name}-{p}", marks=[pytest.mark.slow] if k or name in alike(CASES) else [])
         for name, protocols in CASES.items()
         for k, p in enumerate(protocols)
     ]
