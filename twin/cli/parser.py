@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import re
+from functools import cache
 from typing import Any, NoReturn
 
 from twin import __version__
@@ -78,8 +79,9 @@ def _broker(text: str) -> tuple[str, int]:
     return host, number
 
 
+@cache
 def parser() -> argparse.ArgumentParser:
-    """Return the parser of the whole command line."""
+    """Return the parser of the whole command line; it is built once, for programs that run many commands."""
     formatter = _Help
     root = _Parser(
         prog="twin",
