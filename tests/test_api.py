@@ -19,8 +19,6 @@ from twin.core.errors import KinematicsError, TwinError
 from twin.core.units import DEG, MM
 from twin.kinematics import Pose, Tip, Trocar
 
-pytestmark = pytest.mark.usefixtures("cad_once")
-
 ROOT = Path(__file__).parents[1]
 SHORT = ROOT / "tests/data/short.toml"
 STAGE = ROOT / "usd/sils/sils.usda"

@@ -24,8 +24,6 @@ from twin.simulation.hazards.frozen import Frozen
 from twin.simulation.limits import Limits
 from twin.simulation.world import Signals
 
-pytestmark = pytest.mark.usefixtures("cad_once")
-
 DT = 1e-3
 TOOL = spatial.pose(spatial.exp_so3(np.array([0.2, -0.4, 0.3])), (0.02, 0.03, -0.1))
 T = spatial.pose(spatial.exp_so3(np.array([0.5, 0.4, -0.9])), (0.2, 0, 0.1))

@@ -26,8 +26,6 @@ from twin.reference.clearance import clearance
 from twin.robots import load_formula
 from twin.validation import margins
 
-pytestmark = pytest.mark.usefixtures("cad_once")
-
 ROOT = Path(__file__).parents[1]
 ARMS = [n for n in twin.names() if n.startswith("davinci_")]
 COUNT = int(os.environ.get("TWIN_DAVINCI_POSES", "2000"))

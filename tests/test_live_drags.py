@@ -23,8 +23,6 @@ from twin.core.units import MM
 from twin.ui.session.desk import Desk
 from twin.ui.session.instruments import read
 
-pytestmark = pytest.mark.usefixtures("cad_once")
-
 DRAGS = int(os.environ.get("TWIN_DRAGS", "42"))
 SPEEDS = (50 * MM, 5 * MM, 1 * MM, 0.2 * MM)
 """Lengths of the way between two positions of the hand."""

@@ -20,8 +20,6 @@ from twin.reference.clearance import Shape, distance_between
 from twin.ui.session.desk import ENDOSCOPE, Desk
 from twin.ui.session.patient import Patient, floor_of, none_there, patient_of, read_patient
 
-pytestmark = pytest.mark.usefixtures("cad_once")
-
 SAMPLES = 16
 """Places along a protocol that are looked at; its ends and those of its phases besides."""
 

@@ -21,8 +21,6 @@ from twin.core.findings import Finding
 from twin.core.units import MM
 from twin.ui.report.selftest import HEADING, with_selftest
 
-pytestmark = pytest.mark.usefixtures("cad_once")
-
 
 @pytest.fixture(scope="module")
 def bench():

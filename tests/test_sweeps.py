@@ -33,8 +33,6 @@ from twin.model.mechanism import Body as MechanismBody
 from twin.model.mechanism import Frame, Joint, Mechanism
 from twin.reference import ReferenceModel
 
-pytestmark = pytest.mark.usefixtures("cad_once")
-
 ROBOTS = twin.names()
 
 

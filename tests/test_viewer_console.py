@@ -25,7 +25,6 @@ from twin.ui.session.pens import IDLE, ROLL, Pens
 from twin.ui.viewer.console import ARROWS, ConsoleFront, hand_text, status
 from twin.ui.viewer.server import serve
 
-pytestmark = pytest.mark.usefixtures("cad_once")
 ARMS = {"right": "psm1", "left": "psm2"}
 FRAME = 1 / 60
 

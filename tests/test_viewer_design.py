@@ -16,8 +16,6 @@ from twin.model.mechanism import Body, Joint, Mechanism
 from twin.reference import ReferenceModel
 from twin.ui.viewer.design import Distance, distances, with_distance
 
-pytestmark = pytest.mark.usefixtures("cad_once")
-
 SHIFT = 1e-4
 
 

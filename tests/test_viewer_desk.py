@@ -32,8 +32,6 @@ from twin.ui.viewer.design import with_distance
 from twin.ui.viewer.design_panel import differs, refused
 from twin.ui.viewer.panels import LEAST_SPAN, curves
 
-pytestmark = pytest.mark.usefixtures("cad_once")
-
 ROBOTS = one_of_a_kind()
 
 
