@@ -403,9 +403,9 @@ def chromium():
 
 @pytest.fixture(scope="module")
 def look(chromium, scene, robots):
-    from test_viewer_page import Looker
+    from test_viewer_page import Looker, without_shadows
 
-    front = ConsoleFront("twin · davinci", scene, robots, None, serve("davinci", "127.0.0.1", 0))
+    front = without_shadows(ConsoleFront("twin · davinci", scene, robots, None, serve("davinci", "127.0.0.1", 0)))
     thread = threading.Thread(target=front.run)
     thread.start()
     try:
