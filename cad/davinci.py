@@ -5,7 +5,6 @@ y. The arm is drawn with yaw and pitch at zero, so the frame of a body is only a
 a body returns a list of ``(part name, solid, material)``.
 """
 
-import importlib.util
 import sys
 
 import drawing as cad
@@ -27,16 +26,6 @@ SLED = 8.5  # half of the sledge's width
 
 
 # ---- an arm ---------------------------------------------------------------------
-def parts(here):
-    """Load parts.py of a folder under a unique module name, because other robots also have a parts.py."""
-    name = f"{here.name}_parts"
-    if name not in sys.modules:
-        spec = importlib.util.spec_from_file_location(name, here / "parts.py")
-        sys.modules[name] = importlib.util.module_from_spec(spec)
-        spec.loader.exec_module(sys.modules[name])
-    return sys.modules[name]
-
-
 def assembly(path, drawn, places, errors):
     """Draw an arm with the values of a dimension file; return ({body: [(name, shape, rgb)]}, mass in kg).
 

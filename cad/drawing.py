@@ -4,7 +4,9 @@ The model.py of a robot places its bodies and draws their parts; `command` is it
 """
 
 import argparse
+import importlib.util
 import re
+import sys
 import tempfile
 import tomllib
 from math import isfinite
@@ -273,6 +275,19 @@ def short(number, digits):
     """Return a STEP real rounded to `digits` decimals, without a negative zero."""
     value = round(float(number), digits) + 0.0
     return re.sub(r"\.0$", ".", repr(value)).upper() if "e" not in repr(value) else f"{value:.{digits}f}".rstrip("0")
+
+
+def parts(folder):
+    """Load parts.py of a folder; call it only when drawing, because importing build123d takes seconds.
+
+    The module has a name of its own, because each robot has a parts.py.
+    """
+    name = f"{folder.name}_parts"
+    if name not in sys.modules:
+        spec = importlib.util.spec_from_file_location(name, folder / "parts.py")
+        sys.modules[name] = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(sys.modules[name])
+    return sys.modules[name]
 
 
 def build(bodies, solids, where, materials):

@@ -6,6 +6,7 @@ import gc
 import hashlib
 import pickle
 import re
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -15,20 +16,58 @@ SILS = Path(__file__).parents[1] / "cad/sils/sils.toml"
 
 
 def pytest_collection_finish():
-    """Leave what all tests import out of the searches for garbage: they took a tenth of the suite."""
+    """Leave what all tests import out of the searches for garbage, and search less often: they took a tenth."""
     gc.collect()
     gc.freeze()
+    gc.set_threshold(50_000, 20, 20)
+
+
+@pytest.fixture(autouse=True, scope="session")
+def _same_work_once():
+    """Parse each text of TOML, and smooth each mesh, once in a worker: hundreds of tests show the same robots."""
+    from twin.exchange.write import glb
+
+    loads, surface, texts, meshes = tomllib.loads, glb.surface, {}, {}
+
+    def read(text, /, **more):
+        if more or not isinstance(text, str):
+            return loads(text, **more)
+        if text not in texts:
+            found = loads(text)
+            if len(text) > 100_000:
+                return found
+            texts[text] = pickle.dumps(found)
+        return pickle.loads(texts[text])  # nobody shares a copy
+
+    def drawn(vertices, triangles):
+        key = (
+            hashlib.sha256(np.ascontiguousarray(vertices)).digest(),
+            hashlib.sha256(np.ascontiguousarray(triangles)).digest(),
+        )
+        if key not in meshes:
+            meshes[key] = surface(vertices, triangles)
+            for a in meshes[key]:
+                a.setflags(write=False)
+        return meshes[key]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(tomllib, "loads", read)
+        patch.setattr(glb, "surface", drawn)
+        yield
 
 
 _READ: dict[tuple, bytes] = {}
 
 
-@pytest.fixture(scope="module")
-def cad_once():
+@pytest.fixture(autouse=True, scope="module")
+def cad_once(request):
     """Read each drawing once in a worker: what is in its folder says whether it is the same, and nobody shares a copy.
 
-    For files whose tests are of something else and load the same robot over and over.
+    Not for the files whose tests judge the reading.
     """
+    if re.fullmatch(r"(.*\.)?test_(cad_.*|one_reading|bombs)", request.module.__name__):
+        yield
+        return
     from twin.cad import build
 
     true, true_step = build.read_mechanism, build.read_step
@@ -49,6 +88,26 @@ def cad_once():
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(build, "read_mechanism", read)
+        yield
+
+
+@pytest.fixture(scope="module")
+def sampled_once():
+    """Sample each mechanism once in a file whose tests explain many formulas by it."""
+    from twin.validation.explain import explain, heldout
+    from twin.validation.explain.truth import SAMPLES, sample
+
+    found = {}
+
+    def once(model, samples=SAMPLES, seed=7, progress=lambda f: None, regular=False):
+        key = (id(model), samples, seed, regular)
+        if key not in found:
+            found[key] = model, sample(model, samples, seed, progress, regular)  # the model lives as long as its id
+        return found[key][1]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(explain, "sample", once)
+        patch.setattr(heldout, "sample", once)
         yield
 
 

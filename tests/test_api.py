@@ -13,12 +13,11 @@ import numpy as np
 import pytest
 
 import twin
+from made.lanes import one_of_a_kind
 from twin.core import spatial
 from twin.core.errors import KinematicsError, TwinError
 from twin.core.units import DEG, MM
 from twin.kinematics import Pose, Tip, Trocar
-
-pytestmark = pytest.mark.usefixtures("cad_once")
 
 ROOT = Path(__file__).parents[1]
 SHORT = ROOT / "tests/data/short.toml"
@@ -223,7 +222,7 @@ def test_batch_of_poses_equals_single_poses(robot, T_home):
     assert np.allclose(back, [robot.forward(row) for row in q], atol=1e-9)
 
 
-@pytest.mark.parametrize("name", twin.names())
+@pytest.mark.parametrize("name", one_of_a_kind())
 def test_many_poses_are_answered_by_compiled_code(name, monkeypatch):
     """Row by row the same as single poses, and without one call of Python a pose."""
     loaded = twin.load(name)

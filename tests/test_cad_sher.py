@@ -245,7 +245,7 @@ spec.loader.exec_module(model)
 cad = model.cad
 out, defects = Path(sys.argv[2]), json.loads(sys.argv[3])
 d = model.dimensions(Path(sys.argv[1]).with_name("dimensions.toml"))
-where, parts = model.drawn(d), model.drawing()
+where, parts = model.drawn(d), cad.parts(Path(sys.argv[1]).parent)
 tree, _ = cad.build(model.BODIES, model.draw(d), where, parts.MATERIALS)
 for label, (body, error) in defects.items():
     # Only the body with the error is drawn anew, by the same function as model.draw.

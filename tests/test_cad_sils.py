@@ -207,7 +207,7 @@ cad = model.cad
 out, defects = Path(sys.argv[2]), json.loads(sys.argv[3])
 d = model.dimensions(Path(sys.argv[1]).with_name("dimensions.toml"))
 where = model.placements(d, d.pose_position, d.pose_angles)
-parts, nominal = model.drawing(), model.draw(d)
+parts, nominal = cad.parts(Path(sys.argv[1]).parent), model.draw(d)
 tree, total = cad.build(model.BODIES, nominal, where, parts.MATERIALS)
 for label, (body, error) in defects.items():
     # Only the body with the error is drawn anew, by the same functions as model.draw.

@@ -30,8 +30,6 @@ from twin.simulation.session.camera_task import Sight, in_picture, surfaces
 from twin.simulation.session.picture import Surface
 from twin.ui.session.console import LiveConsole
 
-pytestmark = pytest.mark.usefixtures("cad_once")
-
 VIEW = 70 * DEG
 
 

@@ -25,8 +25,6 @@ from twin.cli.parser import NAMES, parser
 from twin.core import assets
 from twin.core.errors import TwinError
 
-pytestmark = pytest.mark.usefixtures("cad_once")
-
 ROOT = Path(__file__).parents[1]
 SHORT = ROOT / "tests/data/short.toml"
 CURRENT = {"schema": "twin/build/1", "verdict": "agree", "differing": [], "unexpected": [], "findings": []}

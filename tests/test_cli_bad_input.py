@@ -19,8 +19,6 @@ from twin import api
 from twin.cli import main
 from twin.core.errors import TwinError
 
-pytestmark = pytest.mark.usefixtures("cad_once")
-
 ROOT = Path(__file__).parents[1]
 SHORT = ROOT / "tests/data/short.toml"
 

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 import twin
 from made import consoles
 from made.alone import Alone
+from made.lanes import one_of_a_kind
 from twin.core import spatial
 from twin.core.errors import KinematicsError, WorldError
 from twin.core.units import DEG, MM
@@ -22,8 +23,6 @@ from twin.simulation.controllers.reaching import PoseToJoints
 from twin.simulation.devices.recorded import Recorded
 from twin.simulation.hazards.frozen import Frozen
 from twin.simulation.limits import Limits
-
-pytestmark = pytest.mark.usefixtures("cad_once")
 
 DT = 1e-3
 TOOL = spatial.pose(spatial.exp_so3(np.array([0.2, -0.4, 0.3])), (0.02, 0.03, -0.1))
@@ -500,7 +499,7 @@ def can_take(kin, T, q):
         return False
 
 
-@pytest.mark.parametrize("name", twin.names())
+@pytest.mark.parametrize("name", one_of_a_kind())
 def test_any_robot_reaches_what_is_near(name):
     """A goal 0.2 mm beside is reached, by a closed inverse or by Jacobians; joints keep their rates on the way."""
     robot = twin.load(name)

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 import twin
+from made.lanes import one_of_a_kind
 from twin.cad.build import read_mechanism
 from twin.cad.lengths import measure
 from twin.core import spatial
@@ -25,15 +26,13 @@ from twin.reference.clearance import clearance
 from twin.robots import load_formula
 from twin.validation import margins
 
-pytestmark = pytest.mark.usefixtures("cad_once")
-
 ROOT = Path(__file__).parents[1]
 ARMS = [n for n in twin.names() if n.startswith("davinci_")]
 COUNT = int(os.environ.get("TWIN_DAVINCI_POSES", "2000"))
 """Poses of the slow comparison; 20 000 for the figure in docs/davinci.md."""
 
 
-@pytest.fixture(scope="module", params=ARMS)
+@pytest.fixture(scope="module", params=one_of_a_kind(ARMS))
 def robot(request):
     return twin.load(request.param)
 

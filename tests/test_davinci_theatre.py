@@ -12,7 +12,6 @@ from twin.model.mechanism import Mechanism
 from twin.reference import ReferenceModel
 from twin.reference.clearance import Shape, between, distance_between
 
-pytestmark = pytest.mark.usefixtures("cad_once")
 FREE = 50 * MM
 """Clearance from everything that is asked for: nobody gets stuck between cart and arms."""
 

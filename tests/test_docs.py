@@ -95,7 +95,6 @@ def folder(tmp_path_factory):
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("cad_once")
 @pytest.mark.parametrize("command", commands())
 def test_command_runs(command, folder, monkeypatch, capsys):
     """In this process: imports and drawings are read once. tests/test_cli.py starts `twin` as a program."""

@@ -23,8 +23,6 @@ from twin.simulation.dynamics.arm import arm, without_fixed
 from twin.simulation.dynamics.plant import ModelPlant, MujocoPlant
 from twin.simulation.dynamics.track import EXACT_LIMIT, Conditions, Motion, run
 
-pytestmark = pytest.mark.usefixtures("cad_once")
-
 MADE = {  # serial, with a coupling, with a loop, with motors on cables, with a lead screw
     "column": lambda path: column.mechanism(path / "column.urdf"),
     "gripper": lambda path: gripped(path / "gripper.urdf"),

@@ -15,7 +15,7 @@ from twin.validation.explain.judge import Judge
 from twin.validation.explain.repair import Search
 from twin.validation.explain.source import patched
 
-pytestmark = pytest.mark.usefixtures("cad_once")
+pytestmark = pytest.mark.usefixtures("sampled_once")
 
 ROOT = Path(__file__).parents[1]
 FOLDER = ROOT / "docs/examples/hexapod"

@@ -19,8 +19,6 @@ from twin.validation.explain.explain import known
 from twin.validation.explain.judge import Judge
 from twin.validation.explain.numeric import Matrix, Rebuilder
 
-pytestmark = pytest.mark.usefixtures("cad_once")
-
 
 @pytest.fixture(scope="module")
 def sils(sils_model):

@@ -28,8 +28,6 @@ from twin.validation.explain.identify import Identified, Moved
 from twin.validation.explain.repair import Found
 from twin.validation.explain.weigh import weigh
 
-pytestmark = pytest.mark.usefixtures("cad_once")
-
 ROOT = Path(__file__).parents[1]
 
 

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 import twin
+from made.drawing_faults import Off, drawn, some
 from twin import api
 from twin.cad.faulty import faults
 from twin.cli import main
@@ -21,10 +22,6 @@ from twin.core import spatial
 from twin.core.units import DEG, MM
 from twin.reference import ReferenceModel
 from twin.validation.explain.explain import explain
-
-pytestmark = pytest.mark.usefixtures("cad_once")
-
-from made.drawing_faults import Off, drawn, some
 
 FAULTS = int(os.environ.get("TWIN_CAD_FAULTS", "5"))
 

@@ -14,8 +14,6 @@ from itertools import cycle
 import numpy as np
 import pytest
 
-pytestmark = pytest.mark.usefixtures("cad_once")
-
 from made import explain_seeds as seeds
 
 FAULTS = int(os.environ.get("TWIN_FAULTS", "16"))

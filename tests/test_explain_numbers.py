@@ -12,7 +12,7 @@ from twin.validation.explain.explain import explain, known
 from twin.validation.explain.identify import Fit, Numbers, _covariance, identify
 from twin.validation.explain.judge import Judge
 
-pytestmark = pytest.mark.usefixtures("cad_once")
+pytestmark = pytest.mark.usefixtures("sampled_once")
 
 
 @pytest.fixture(scope="module")

@@ -13,8 +13,6 @@ from twin.validation.explain.explain import known
 from twin.validation.explain.judge import Judge
 from twin.validation.explain.offsets import axes_text, offsets
 
-pytestmark = pytest.mark.usefixtures("cad_once")
-
 
 @pytest.fixture(scope="module")
 def pa10():

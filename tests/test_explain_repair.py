@@ -14,7 +14,7 @@ from twin.validation.explain.judge import Judge
 from twin.validation.explain.repair import Search
 from twin.validation.explain.source import patched
 
-pytestmark = pytest.mark.usefixtures("cad_once")
+pytestmark = pytest.mark.usefixtures("sampled_once")
 
 
 @pytest.fixture(scope="module")

@@ -12,7 +12,7 @@ from twin.robots import load_formula
 from twin.validation.explain.explain import explain, known
 from twin.validation.explain.tidy import tidy
 
-pytestmark = pytest.mark.usefixtures("cad_once")
+pytestmark = pytest.mark.usefixtures("sampled_once")
 
 TIDY = (
     ("x = a - -rb**2", "-rb", "x = a + rb**2"),

@@ -21,8 +21,6 @@ from twin.exchange.audit.report import Check
 from twin.exchange.write import bundle as bundles
 from twin.exchange.write.clip import Budget
 
-pytestmark = pytest.mark.usefixtures("cad_once")
-
 ROOT = Path(__file__).parents[1]
 SHORT = ROOT / "tests/data/short.toml"
 FORMATS = ("usd", "usdz", "glb", "tracks", "mjcf", "urdf")

@@ -22,8 +22,6 @@ from twin.exchange.write.usdz import HOLD, write_usdz
 from twin.reference import ReferenceModel
 from twin.usd.write.spanning import spanning
 
-pytestmark = pytest.mark.usefixtures("cad_once")
-
 ROBOTS = ("sils", "lapbot")
 FRAMES = 21
 

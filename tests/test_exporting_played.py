@@ -10,6 +10,7 @@ import pinocchio as pin
 import pytest
 
 import twin
+from made.lanes import one_of_a_kind
 from twin.core import spatial
 from twin.exchange.write.clip import Between, Clip
 from twin.exchange.write.tracks import write_tracks
@@ -64,7 +65,7 @@ def slider() -> tuple[Mechanism, Clip]:
     return mechanism, Clip("swing", "", t, links, {}, (), (), 8.0, Between(0.0, 0.0, 0.0))
 
 
-@pytest.mark.parametrize("name", [*twin.names(), "rod"])
+@pytest.mark.parametrize("name", [*one_of_a_kind(), "rod"])
 def test_pinocchio_plays_the_urdf_from_the_track_alone(name, tmp_path):
     if name == "rod":
         mechanism, clip = slider()

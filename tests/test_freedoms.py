@@ -9,16 +9,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from made import linkages
 from twin import api, cli
 from twin.core.errors import ProtocolError
 from twin.exchange.read.closing import close
 from twin.exchange.read.folder import write_folder
 from twin.exchange.read.source import Imported
 from twin.planning.protocol import load_protocol
-
-pytestmark = pytest.mark.usefixtures("cad_once")
-
-from made import linkages
 
 NAMES = tuple(linkages.LINKAGES)
 

@@ -30,7 +30,6 @@ from twin.ui.headset import protocol as wire
 from twin.ui.headset.operation import Operation
 from twin.ui.session.timeline import RATE
 
-pytestmark = pytest.mark.usefixtures("cad_once")
 FLOOR = 895 * MM  # of the board, as drawn
 
 

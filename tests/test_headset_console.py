@@ -30,7 +30,6 @@ from twin.ui.headset.scene_frame import unpack_scene
 from twin.ui.session import console
 from twin.ui.session.timeline import RATE
 
-pytestmark = pytest.mark.usefixtures("cad_once")
 SIDES = ("right", "left")
 
 

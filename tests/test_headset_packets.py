@@ -31,7 +31,6 @@ from twin.ui.headset.protocol import RefusedError
 from twin.ui.session import console
 from twin.ui.session.timeline import RATE
 
-pytestmark = pytest.mark.usefixtures("cad_once")
 WORLD = console_scene.world
 ARMS = {"right": "psm1", "left": "psm2"}
 

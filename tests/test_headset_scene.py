@@ -34,9 +34,6 @@ from twin.ui.headset.scene_frame import pack_field, pack_scene, unpack_any, unpa
 from twin.ui.session.feed import vertices_of
 from twin.ui.session.timeline import RATE, prepare
 
-pytestmark = pytest.mark.usefixtures("cad_once")
-
-
 # --------------------------------------------------------------------------------------------------- frames
 
 

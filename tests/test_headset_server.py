@@ -38,8 +38,6 @@ from twin.ui.headset.recording import Recording, Replay
 from twin.ui.session import workspace
 from twin.ui.session.timeline import prepare
 
-pytestmark = pytest.mark.usefixtures("cad_once")
-
 
 @pytest.fixture(scope="module")
 def sils():

@@ -15,8 +15,6 @@ from twin.exchange.read.closing import close
 from twin.exchange.read.folder import write_folder
 from twin.ui.session.desk import Desk
 
-pytestmark = pytest.mark.usefixtures("cad_once")
-
 DATA = Path(__file__).parent / "data/importing"
 MODELS = DATA / "models"
 

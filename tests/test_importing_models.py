@@ -20,8 +20,6 @@ from twin.exchange.read.folder import write_folder
 from twin.reference import ReferenceModel
 from twin.usd.read import read_stage
 
-pytestmark = pytest.mark.usefixtures("cad_once")
-
 HERE = Path(__file__).parent
 MODELS = HERE / "data/importing/models"
 OWN = sorted(p.name for p in MODELS.iterdir() if p.suffix != ".yaml")

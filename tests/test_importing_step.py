@@ -13,8 +13,6 @@ from twin.cad.build import read_mechanism
 from twin.exchange.read.step import read_skeleton, write_skeleton
 from twin.reference import ReferenceModel
 
-pytestmark = pytest.mark.usefixtures("cad_once")
-
 ROOT = Path(__file__).parents[1]
 
 

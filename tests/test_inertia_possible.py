@@ -17,8 +17,6 @@ from twin.validation.masses import collect, possible
 from twin.validation.masses.guess import guesses, misfit
 from twin.validation.masses.possible import Stated, judged, stated
 
-pytestmark = pytest.mark.usefixtures("cad_once")
-
 SLOW = settings(max_examples=20, deadline=None, suppress_health_check=list(HealthCheck))
 
 

@@ -17,12 +17,11 @@ import numpy as np
 import pytest
 
 import twin
+from made.lanes import one_of_a_kind
 from twin.cli import main
 from twin.core.units import MM
 from twin.ui.session.desk import Desk
 from twin.ui.session.instruments import read
-
-pytestmark = pytest.mark.usefixtures("cad_once")
 
 DRAGS = int(os.environ.get("TWIN_DRAGS", "42"))
 SPEEDS = (50 * MM, 5 * MM, 1 * MM, 0.2 * MM)
@@ -35,7 +34,7 @@ PASSES = 60
 
 def robots():
     folder = os.environ.get("TWIN_PARALLEL_ROBOTS")
-    return [*twin.names(), *(STRANGERS if folder else ())]
+    return [*one_of_a_kind(), *(STRANGERS if folder else ())]
 
 
 @pytest.fixture(scope="module", params=robots())

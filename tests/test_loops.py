@@ -9,17 +9,14 @@ import numpy as np
 import pytest
 
 import twin
+from made import loops as made
+from made import mechanisms
 from twin.core import spatial
 from twin.core.errors import AssemblyError, MechanismError
 from twin.kinematics.closed_loops import LoopSolver, linear
 from twin.kinematics.closed_loops.equations import Equations
 from twin.model.mechanism import Coupling
 from twin.reference import ReferenceModel
-
-pytestmark = pytest.mark.usefixtures("cad_once")
-
-from made import loops as made
-from made import mechanisms
 
 ROBOTS = twin.names()
 BLOCKS = {

@@ -18,8 +18,6 @@ from casadi import sqrt
 
 from made.lanes import thinned
 
-pytestmark = pytest.mark.usefixtures("cad_once")
-
 FAULTS = int(os.environ.get("TWIN_MARGINS", "7"))
 SEEDED = {"sher": ("margins",), "pa10": ("margins",), "lapbot": ("margins",)}
 

@@ -20,7 +20,6 @@ from twin.ui.door import mqtt
 from twin.ui.door.mqtt import ScaleTopic
 from twin.ui.headset import served
 
-pytestmark = pytest.mark.usefixtures("cad_once")
 TOPIC = "twin/davinci/scale"
 
 

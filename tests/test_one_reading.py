@@ -28,11 +28,14 @@ def _heard(event: str, args: tuple) -> None:
         _OPENED.append(os.path.realpath(args[0]))
 
 
-sys.addaudithook(_heard)  # for ever: Python takes none back
+@pytest.fixture(scope="module")
+def hearing():
+    """Hear of every opened file, as late as possible: Python takes no such hook back, and it slows down the others."""
+    sys.addaudithook(_heard)
 
 
 @pytest.fixture
-def opened():
+def opened(hearing):
     """Paths in the order in which this process has opened them."""
     global _OPENED
     _OPENED = found = []

@@ -15,8 +15,6 @@ from twin.core.units import MM
 from twin.simulation.devices.hand import Goal, Hand, Tremor, minimum_jerk
 from twin.simulation.trial import Record, measure, operate, remaining
 
-pytestmark = pytest.mark.usefixtures("cad_once")
-
 
 @pytest.fixture(scope="module")
 def kin():

@@ -23,8 +23,6 @@ from twin.simulation.devices.recorded import Recorded
 from twin.simulation.world import Signals, World
 from twin.ui.door.packets import PacketDoor
 
-pytestmark = pytest.mark.usefixtures("cad_once")
-
 NOTHING = Signals({"a.b": 0.0})
 POSE = spatial.pose(spatial.exp_so3(np.array([0.1, -0.2, 0.3])), (0.01, 0.02, 0.03))
 

@@ -26,8 +26,6 @@ from twin.simulation.plants.contact.shapes import add_part
 from twin.simulation.session import rings
 from twin.simulation.world import Recording
 
-pytestmark = pytest.mark.usefixtures("cad_once")
-
 
 @pytest.fixture(scope="module")
 def davinci():

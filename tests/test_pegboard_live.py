@@ -32,7 +32,6 @@ from twin.ui.headset.scene_frame import unpack_scene
 from twin.ui.session import console
 from twin.ui.session.console import HeldError, LiveConsole
 
-pytestmark = pytest.mark.usefixtures("cad_once")
 PEG = Peg("peg", np.array([0, 0, 0.025]), np.zeros(3), 2.8e-3)
 TASK = Task("t", "t", 0.0, 0.0, (), (Transfer("ring", "peg"),))
 RING = Movable("ring", "ring", (6.75 * MM, 0.7 * MM), 0.5e-3, 0.5, color_rgba=(1.0, 0.0, 0.214, 1.0))

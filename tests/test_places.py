@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import twin
+from made.lanes import alike
 from twin import api
 from twin.core import assets, spatial
 from twin.core.errors import TwinError
@@ -18,8 +19,6 @@ from twin.model.mechanism import Mechanism, Mesh
 from twin.reference.clearance import Shape, distance_between
 from twin.ui.session.desk import ENDOSCOPE, Desk
 from twin.ui.session.patient import Patient, floor_of, none_there, patient_of, read_patient
-
-pytestmark = pytest.mark.usefixtures("cad_once")
 
 SAMPLES = 16
 """Places along a protocol that are looked at; its ends and those of its phases besides."""
@@ -35,9 +34,9 @@ CASES = {
 
 
 def cases() -> list:
-    """Return the first protocol of each robot, and the others for the slow suite."""
+    """Return the first protocol of one robot of each kind, and the others for the slow suite."""
     return [
-        pytest.param((name, p), id=f"{name}-{p}", marks=[pytest.mark.slow] if k else [])
+        pytest.param((name, p), id=f"{name}-{p}", marks=[pytest.mark.slow] if k or name in alike(CASES) else [])
         for name, protocols in CASES.items()
         for k, p in enumerate(protocols)
     ]

@@ -18,8 +18,6 @@ from twin.reference import ReferenceModel
 from twin.reference.departing import breach
 from twin.reference.regular import regularity
 
-pytestmark = pytest.mark.usefixtures("cad_once")
-
 KNEES = Path(__file__).parent / "data/regular/knees.xml"
 SIT = '<keyframe><key name="sit" qpos="-0.1 0.505 -1.011 -0.2 0.72 -1.44"/></keyframe>'
 

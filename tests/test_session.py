@@ -33,8 +33,6 @@ from twin.simulation.world import Signals
 from twin.ui.headset.operation import Operation
 from twin.ui.session.timeline import RATE
 
-pytestmark = pytest.mark.usefixtures("cad_once")
-
 
 @pytest.fixture(scope="module")
 def davinci():

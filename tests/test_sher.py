@@ -17,8 +17,6 @@ from twin.core.units import DEG, MM
 from twin.planning.plan import plan
 from twin.planning.protocol import Positioning
 
-pytestmark = pytest.mark.usefixtures("cad_once")
-
 ROOT = Path(__file__).parents[1]
 REACH = 30 * MM
 """Lateral radius of the platform: beyond 25 mm nothing is published, at 41.78 mm a rod is horizontal."""

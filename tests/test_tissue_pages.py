@@ -24,8 +24,6 @@ from twin.ui.viewer.front import Actor
 from twin.ui.viewer.page import open_page
 from twin.ui.viewer.server import serve
 
-pytestmark = pytest.mark.usefixtures("cad_once")
-
 ROBOT = "hibou"
 """Any robot: one whose CAD is read fast."""
 

@@ -19,8 +19,6 @@ from twin.exchange.write import unity
 from twin.exchange.write.unity import PACKAGE, package_files, write_unity
 from twin.schema.track import Track
 
-pytestmark = pytest.mark.usefixtures("cad_once")
-
 ROOT = Path(__file__).parents[1]
 
 

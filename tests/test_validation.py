@@ -14,8 +14,6 @@ from twin.validation.case import Case
 from twin.validation.judge import judge
 from twin.validation.rows import Tolerances
 
-pytestmark = pytest.mark.usefixtures("cad_once")
-
 PROTOCOLS = ["table2", pytest.param("lowered_patient", marks=pytest.mark.slow)]
 
 

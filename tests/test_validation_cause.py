@@ -22,8 +22,6 @@ from twin.validation.cause import SIDES, causes, side
 from twin.validation.result import Report, Residual, headline
 from twin.validation.rows import Tolerances
 
-pytestmark = pytest.mark.usefixtures("cad_once")
-
 ROOT = Path(__file__).parents[1]
 PROTOCOL = ROOT / "tests/data/short.toml"
 EMPTY = Report("x", "", "", "p", "", {}, {}, (), (), (), (), {}, {}, ())

@@ -16,8 +16,6 @@ from twin.validation.masses import solid
 from twin.validation.motion import Written, written_rows
 from twin.validation.rows import Tolerances
 
-pytestmark = pytest.mark.usefixtures("cad_once")
-
 
 @pytest.fixture(scope="module")
 def sils():

@@ -14,8 +14,6 @@ from twin.planning.plan import plan
 from twin.validation import consistent, margins, shaft, timing
 from twin.validation.rows import Clock
 
-pytestmark = pytest.mark.usefixtures("cad_once")
-
 
 @pytest.fixture(scope="module")
 def sils():

@@ -12,8 +12,6 @@ from twin.cli import main
 from twin.core.units import DEG, UM
 from twin.validation.sweep import STANDINS, sweep
 
-pytestmark = pytest.mark.usefixtures("cad_once")
-
 
 @pytest.fixture(scope="module")
 def sher():

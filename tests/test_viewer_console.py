@@ -25,7 +25,6 @@ from twin.ui.session.pens import IDLE, ROLL, Pens
 from twin.ui.viewer.console import ARROWS, ConsoleFront, hand_text, status
 from twin.ui.viewer.server import serve
 
-pytestmark = pytest.mark.usefixtures("cad_once")
 ARMS = {"right": "psm1", "left": "psm2"}
 FRAME = 1 / 60
 
@@ -404,9 +403,9 @@ def chromium():
 
 @pytest.fixture(scope="module")
 def look(chromium, scene, robots):
-    from test_viewer_page import Looker
+    from test_viewer_page import Looker, without_shadows
 
-    front = ConsoleFront("twin · davinci", scene, robots, None, serve("davinci", "127.0.0.1", 0))
+    front = without_shadows(ConsoleFront("twin · davinci", scene, robots, None, serve("davinci", "127.0.0.1", 0)))
     thread = threading.Thread(target=front.run)
     thread.start()
     try:

@@ -9,13 +9,12 @@ import numpy as np
 import pytest
 
 import twin
+from made.lanes import one_of_a_kind
 from twin.core import spatial
 from twin.core.errors import MechanismError
 from twin.model.mechanism import Body, Joint, Mechanism
 from twin.reference import ReferenceModel
 from twin.ui.viewer.design import Distance, distances, with_distance
-
-pytestmark = pytest.mark.usefixtures("cad_once")
 
 SHIFT = 1e-4
 
@@ -39,7 +38,7 @@ def test_an_arm_has_the_distances_of_its_links():
     assert distances(arm()) == [Distance("upper", "j1", "j2", 0.3), Distance("lower", "j2", "j3", 0.2)]
 
 
-@pytest.mark.parametrize("name", twin.names())
+@pytest.mark.parametrize("name", one_of_a_kind())
 def test_every_listed_distance_can_be_set_from_both_sides(name):
     mechanism = twin.load(name).mechanism
     listed = distances(mechanism)

@@ -16,6 +16,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import twin
+from made.lanes import one_of_a_kind
 from made.ways import leads
 from twin.cli import main
 from twin.core import spatial
@@ -31,9 +32,7 @@ from twin.ui.viewer.design import with_distance
 from twin.ui.viewer.design_panel import differs, refused
 from twin.ui.viewer.panels import LEAST_SPAN, curves
 
-pytestmark = pytest.mark.usefixtures("cad_once")
-
-ROBOTS = twin.names()
+ROBOTS = one_of_a_kind()
 
 
 @pytest.fixture(scope="module", params=ROBOTS)

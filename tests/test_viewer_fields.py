@@ -15,8 +15,6 @@ from twin.ui.viewer.front import Actor
 from twin.ui.viewer.page import open_page
 from twin.ui.viewer.server import serve
 
-pytestmark = pytest.mark.usefixtures("cad_once")
-
 
 class Torn(Cloth):
     """Its vertices are lost after a second, and after a second and a half it fails."""

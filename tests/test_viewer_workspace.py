@@ -23,8 +23,6 @@ from twin.kinematics.closed_loops.dragging import Bound
 from twin.ui.session import workspace
 from twin.ui.session.workspace import Cloud, Job, evaluate, poses
 
-pytestmark = pytest.mark.usefixtures("cad_once")
-
 REACH = {"sils": 0.3, "sher": 0.05, "pa10": 0.8, "lapbot": 0.15, "hibou": 0.1}
 ENDLESS = 10**9
 

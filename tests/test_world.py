@@ -27,8 +27,6 @@ from twin.simulation.plants.field import Field
 from twin.simulation.plants.kinematic import Kinematic
 from twin.simulation.world import Block, Placed, World, read_recording
 
-pytestmark = pytest.mark.usefixtures("cad_once")
-
 FREE = Limits(np.full(2, -np.inf), np.full(2, np.inf), np.full(2, np.inf))
 
 

@@ -6,7 +6,6 @@ Table and patient are those of the scene vsrs, with other ports. Each body is on
 <body>_<part>.  All shapes are written in world coordinates; the cart is drawn in its own frame and then placed.
 """
 
-import importlib.util
 import sys
 from pathlib import Path
 
@@ -19,19 +18,10 @@ import drawing as cad
 BODIES = ["table", "patient", "board", "cart"]
 
 
-def drawing(folder, name):
-    """Load parts.py of a folder; called only when drawing, because importing build123d takes seconds."""
-    if name not in sys.modules:
-        spec = importlib.util.spec_from_file_location(name, folder / "parts.py")
-        sys.modules[name] = importlib.util.module_from_spec(spec)
-        spec.loader.exec_module(sys.modules[name])
-    return sys.modules[name]
-
-
 def assembly(path):
     """Draw the theatre with the values of a dimension file; return ({body: [(name, shape, rgb)]}, mass in kg)."""
     d = cad.Dimensions(path, {})
-    theatre, own = drawing(HERE.parent / "vsrs", "vsrs_parts"), drawing(HERE, "davinci_theatre_parts")
+    theatre, own = cad.parts(HERE.parent / "vsrs"), cad.parts(HERE)
     solids = {
         "table": theatre.table(d),
         "patient": theatre.patient(d),

@@ -20,9 +20,8 @@ def assembly(path):
     # imported here, because build123d takes seconds
     import davinci_classic as classic
     from davinci import assembly as arm
-    from davinci import parts
 
-    sliding = parts(HERE)
+    sliding = cad.parts(HERE)
 
     return arm(path, (classic, sliding), lambda d: classic.places(d) | sliding.places(d), classic.ERRORS)
 

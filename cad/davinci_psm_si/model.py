@@ -20,9 +20,8 @@ def assembly(path):
     # imported here, because build123d takes seconds
     import davinci_instrument as sliding
     from davinci import assembly as arm
-    from davinci import parts
 
-    own = parts(HERE)
+    own = cad.parts(HERE)
     return arm(path, (own, sliding), lambda d: own.places(d) | sliding.places(d), own.ERRORS)
 
 

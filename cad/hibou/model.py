@@ -6,7 +6,6 @@ The robot is drawn with its endoscope pointing straight down through the trocar.
 its parts are named <body>_<part>.  All shapes are written in world coordinates: no instance has a placement.
 """
 
-import importlib.util
 import sys
 from pathlib import Path
 
@@ -51,20 +50,11 @@ def placements(d):
     return out
 
 
-def drawing():
-    """Load parts.py next to this file; called only when drawing, because importing build123d takes seconds."""
-    if "hibou_parts" not in sys.modules:
-        spec = importlib.util.spec_from_file_location("hibou_parts", HERE / "parts.py")
-        sys.modules["hibou_parts"] = importlib.util.module_from_spec(spec)
-        spec.loader.exec_module(sys.modules["hibou_parts"])
-    return sys.modules["hibou_parts"]
-
-
 def assembly(path):
     """Draw the robot with the values of a dimension file; return ({body: [(name, shape, rgb)]}, mass in kg)."""
     from shapes import location
 
-    d, parts = cad.Dimensions(path, {}), drawing()
+    d, parts = cad.Dimensions(path, {}), cad.parts(HERE)
     at = {j: location(T) for j, T in table(d).items()}
     solids = {}
     for k, body in enumerate(BODIES, 1):

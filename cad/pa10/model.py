@@ -6,7 +6,6 @@ All joints are drawn at zero: the arm points straight up; frame 0 is at its shou
 sub-assembly; its parts are named <body>_<part>.
 """
 
-import importlib.util
 import sys
 from pathlib import Path
 
@@ -25,18 +24,9 @@ ERRORS = {  # the manufacturing errors that can be set for each body
 }
 
 
-def drawing():
-    """Load parts.py next to this file; called only when drawing, because importing build123d takes seconds."""
-    if "pa10_parts" not in sys.modules:
-        spec = importlib.util.spec_from_file_location("pa10_parts", HERE / "parts.py")
-        sys.modules["pa10_parts"] = importlib.util.module_from_spec(spec)
-        spec.loader.exec_module(sys.modules["pa10_parts"])
-    return sys.modules["pa10_parts"]
-
-
 def assembly(path):
     """Draw the robot with the values of a dimension file; return ({body: [(name, shape, rgb)]}, mass in kg)."""
-    d, parts = cad.Dimensions(path, ERRORS), drawing()
+    d, parts = cad.Dimensions(path, ERRORS), cad.parts(HERE)
     d.elbow, d.wrist = d.upper_arm, d.upper_arm + d.forearm
     d.flange_high = d.wrist + d.wrist_flange
     solids = {body: getattr(parts, body)(d, d.error(body)) for body in BODIES}

@@ -7,7 +7,6 @@ is one sub-assembly; its parts are named <body>_<part>.  All shapes are written
 in world coordinates: no instance has a placement.
 """
 
-import importlib.util
 import sys
 from pathlib import Path
 
@@ -169,15 +168,6 @@ def tool(d):
 
 
 # ---- drawing ----------------------------------------------------------------
-def drawing():
-    """Load parts.py next to this file; called only when drawing, because importing build123d takes seconds."""
-    if "sher_parts" not in sys.modules:
-        spec = importlib.util.spec_from_file_location("sher_parts", HERE / "parts.py")
-        sys.modules["sher_parts"] = importlib.util.module_from_spec(spec)
-        spec.loader.exec_module(sys.modules["sher_parts"])
-    return sys.modules["sher_parts"]
-
-
 def draw(d):
     """Draw all bodies in their body frames; return {body: [(part, solid, material)]}."""
     return {body: draw_body(d, body, d.error(body)) for body in BODIES}
@@ -185,7 +175,7 @@ def draw(d):
 
 def draw_body(d, body, err):
     """Draw one body; return [(part, solid, material)]."""
-    parts = drawing()
+    parts = cad.parts(HERE)
     p, handle = tool(d)
     if body in ("base", "eye_phantom", "microscope"):  # where the tool points in the drawn posture
         T = drawn(d)["l3"]
@@ -210,7 +200,7 @@ def assembly(path):
     where = drawn(d)
     if where is None:
         raise ValueError("the posture in the CAD cannot be reached with these lengths")
-    return cad.build(BODIES, draw(d), where, drawing().MATERIALS)
+    return cad.build(BODIES, draw(d), where, cad.parts(HERE).MATERIALS)
 
 
 if __name__ == "__main__":

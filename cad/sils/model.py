@@ -8,7 +8,6 @@ platform); its parts are named <body>_<part>.  All shapes are written in world
 coordinates: no instance has a placement.
 """
 
-import importlib.util
 import sys
 from pathlib import Path
 
@@ -111,18 +110,9 @@ def placements(d, position, angles):
 
 
 # ---- drawing ----------------------------------------------------------------
-def drawing():
-    """Load parts.py next to this file; called only when drawing, because importing build123d takes seconds."""
-    if "sils_parts" not in sys.modules:
-        spec = importlib.util.spec_from_file_location("sils_parts", HERE / "parts.py")
-        sys.modules["sils_parts"] = importlib.util.module_from_spec(spec)
-        spec.loader.exec_module(sys.modules["sils_parts"])
-    return sys.modules["sils_parts"]
-
-
 def draw(d):
     """Draw all bodies in their body frames; return {body: [(part, solid, material)]}."""
-    parts = drawing()
+    parts = cad.parts(HERE)
     out = {"frame": parts.frame(d)}
     for n in (1, 2, 3):
         out[f"limb{n}"] = parts.limb(d, n)
@@ -142,7 +132,7 @@ def assembly(path):
     where = placements(d, d.pose_position, d.pose_angles)
     if where is None:
         raise ValueError("the posture in the CAD cannot be reached with these lengths")
-    return cad.build(BODIES, draw(d), where, drawing().MATERIALS)
+    return cad.build(BODIES, draw(d), where, cad.parts(HERE).MATERIALS)
 
 
 if __name__ == "__main__":

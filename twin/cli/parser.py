@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import re
+from functools import cache
 from typing import Any, NoReturn
 
 from twin import __version__
@@ -88,8 +89,9 @@ def _by_hand(sub: argparse.ArgumentParser) -> None:
     sub.add_argument("--protocols", action="store_true", help="play the protocols of a scene that has a console")
 
 
+@cache
 def parser() -> argparse.ArgumentParser:
-    """Return the parser of the whole command line."""
+    """Return the parser of the whole command line; it is built once, for programs that run many commands."""
     formatter = _Help
     root = _Parser(
         prog="twin",
@@ -138,6 +140,14 @@ def parser() -> argparse.ArgumentParser:
                 "with a one-time address for each device"
             ),
         )
+
+    def shown(sub: argparse.ArgumentParser, port: int, what: str) -> None:
+        sub.add_argument("robot", help="a built-in robot or scene, the path of a robot folder, a scene or a USD stage")
+        sub.add_argument("protocol", nargs="?", help="name or path of a protocol (default: the robot's default)")
+        text = f"port of the {what} (default {port}; 0: any free port)"
+        sub.add_argument("--port", type=_port, default=port, help=text)
+        host(sub)
+        sub.add_argument("--no-browser", action="store_true", help="do not open a browser")
 
     def out(sub: argparse.ArgumentParser, default: str) -> None:
         sub.add_argument("--out", metavar="FOLDER", help=f"folder to write to (default {default})")
@@ -273,11 +283,7 @@ def parser() -> argparse.ArgumentParser:
         "  twin view usd/pa10/pa10.usda      a USD stage without a robot folder\n"
         "  twin view sils --html sils.html   a recording that plays without Python",
     )
-    sub.add_argument("robot", help="a built-in robot or scene, the path of a robot folder, a scene or a USD stage")
-    sub.add_argument("protocol", nargs="?", help="name or path of a protocol (default: the robot's default)")
-    sub.add_argument("--port", type=_port, default=8080, help="port of the page (default 8080; 0: any free port)")
-    host(sub)
-    sub.add_argument("--no-browser", action="store_true", help="do not open a browser")
+    shown(sub, 8080, "page")
     tool(sub)
     sub.add_argument("--html", metavar="FILE", help="write a recording of the protocol and exit")
     sub.add_argument("--task", metavar="NAME", help="task at the console of a scene: its rings can be grasped")
@@ -302,11 +308,7 @@ def parser() -> argparse.ArgumentParser:
         "  twin serve davinci --session hands.session    record the hands at a console, for twin session\n"
         "  twin serve davinci --session p7-1.session --participant 7 --run 1    a study: one of two runs has forces",
     )
-    sub.add_argument("robot", help="a built-in robot or scene, the path of a robot folder, a scene or a USD stage")
-    sub.add_argument("protocol", nargs="?", help="name or path of a protocol (default: the robot's default)")
-    sub.add_argument("--port", type=_port, default=8765, help="port of the server (default 8765; 0: any free port)")
-    host(sub)
-    sub.add_argument("--no-browser", action="store_true", help="do not open a browser")
+    shown(sub, 8765, "server")
     sub.add_argument("--record", metavar="FILE", help="record the session: requests, states and frames, as JSON")
     sub.add_argument("--replay", metavar="FILE", help="replay a session recorded by --record, frame by frame")
     sub.add_argument("--task", metavar="NAME", help="task at the console of a scene: its rings can be grasped")

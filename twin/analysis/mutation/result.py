@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -157,19 +157,3 @@ class Score(Result):
             yield ""
             yield "  false alarms"
             yield from self.false_alarms
-
-
-def from_dict(data: Mapping[str, Any]) -> Score:
-    """Return a score from the output of `as_dict`."""
-    outcomes = tuple(Outcome(**o) for o in data["faults"])
-    alarms = tuple(Finding(**f) for f in data["false_alarms"])
-    return Score(
-        data["robot"],
-        data["protocol"],
-        data["source"],
-        data["seed"],
-        data["seconds"],
-        outcomes,
-        alarms,
-        data["bar"],
-    )

@@ -109,23 +109,25 @@ def corner_normals(vertices: Array, triangles: np.ndarray, crease: float = CREAS
         crease: maximum angle in rad between the normals that are averaged.
 
     """
-    corners = np.asarray(triangles).ravel()
-    a, b, c = (np.asarray(vertices, float)[np.asarray(triangles)[:, i]] for i in range(3))
+    triangles = np.asarray(triangles)
+    corners = triangles.ravel()
+    a, b, c = (np.asarray(vertices, float)[triangles[:, i]] for i in range(3))
     areas = np.cross(b - a, c - a)
     length = np.linalg.norm(areas, axis=1, keepdims=True)
-    unit = areas / np.where(length > 0, length, 1.0)
+    x, y, z = (areas / np.where(length > 0, length, 1.0)).T
     # Form all ordered pairs of corners at each vertex without a loop: each corner with all k corners of its vertex.
     order = np.argsort(corners, kind="stable")
     count = np.bincount(corners, minlength=len(vertices))
     first = np.concatenate([[0], np.cumsum(count)[:-1]])
-    mine = np.repeat(order, count[corners[order]])
-    start = np.concatenate([[0], np.cumsum(count[corners[order]])[:-1]])
-    step = np.arange(len(mine)) - np.repeat(start, count[corners[order]])
-    other = order[first[corners[mine]] + step]
-    near = np.sum(unit[mine // 3] * unit[other // 3], axis=1) >= np.cos(crease)
+    mates = count[corners[order]]
+    start = np.concatenate([[0], np.cumsum(mates)[:-1]])
+    mine = np.repeat(order, mates)
+    other = order[np.repeat(first[corners[order]] - start, mates) + np.arange(len(mine))]
+    i, j = mine // 3, other // 3
+    near = x[i] * x[j] + y[i] * y[j] + z[i] * z[j] >= np.cos(crease)
     near |= mine == other
-    total = np.zeros((len(corners), 3))
-    np.add.at(total, mine[near], areas[other[near] // 3])
+    mine, j = mine[near], j[near]
+    total = np.column_stack([np.bincount(mine, column[j], len(corners)) for column in areas.T])
     size = np.linalg.norm(total, axis=1, keepdims=True)
     # A triangle without area has no normal; the arbitrary direction z avoids NaN.
     return np.where(size > 0, total / np.where(size > 0, size, 1.0), [0.0, 0.0, 1.0])
