@@ -585,8 +585,8 @@ def test_without_the_extra_the_rest_is_written_and_the_command_says_what_to_inst
         (["operate", "davinci", "--trials", "2"], "--trials applies to one robot"),
         (["operate", "davinci", "--clutch", "printed"], "--clutch applies to one robot"),
         (["operate", "davinci", "--scale", "3"], "--scale 3: give 0.05 to 1"),
-        (["operate", "vsrs"], "'vsrs' is a scene, not a robot"),
-        (["operate", "sher", "--task", "touch"], "--task applies to the console of a scene; sher is a robot"),
+        (["operate", "vsrs", "scan"], "vsrs is a scene: give a task by --task instead of the protocol"),
+        (["operate", "sher", "--task", "touch"], "--task applies to a scene; sher is a robot"),
         (
             ["serve", "sils", "--session", "a.session"],
             "hands at a console, and sils has no console",
