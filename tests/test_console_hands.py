@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 import twin
 from made import consoles
+from made.alone import Alone
 from made.lanes import one_of_a_kind
 from twin.core import spatial
 from twin.core.errors import KinematicsError, WorldError
@@ -22,7 +23,6 @@ from twin.simulation.controllers.reaching import PoseToJoints
 from twin.simulation.devices.recorded import Recorded
 from twin.simulation.hazards.frozen import Frozen
 from twin.simulation.limits import Limits
-from twin.simulation.world import Signals
 
 DT = 1e-3
 TOOL = spatial.pose(spatial.exp_so3(np.array([0.2, -0.4, 0.3])), (0.02, 0.03, -0.1))
@@ -251,10 +251,9 @@ def test_the_printed_equations_can_be_felt():
 
 def pedals(script, dt=0.01):
     """Return modes and taps for (clutch, camera) pairs."""
-    block, out = Pedals("pedals"), []
+    block, out = Alone(Pedals("pedals"), pedals__clutch=0, pedals__camera=0), []
     for k, (clutch, camera) in enumerate(script):
-        signals = Signals({"pedals.clutch": clutch, "pedals.camera": camera})
-        wrote = block.step(signals, k * dt, dt)
+        wrote = block.step(k * dt, dt, pedals__clutch=clutch, pedals__camera=camera)
         out.append((wrote["console.mode"], wrote["console.taps"]))
     return out
 
@@ -475,13 +474,14 @@ def test_an_arm_at_its_limit_stops_there_and_comes_back():
     """The goal goes 100 mm further than the instrument can be inserted, and back: the limit is a wall."""
     kin, limits = twin.load("davinci_psm").kinematics(), Limits.of(twin.load("davinci_psm").mechanism)
     first = q = consoles.start(kin)
-    block, T = PoseToJoints("arm", kin, q, limits), kin.forward(q)
+    T = kin.forward(q)
+    block = Alone(PoseToJoints("arm", kin, q, limits), arm__goal=T.ravel(), arm__encoder=q)
     shaft = T[:3, 3] / np.linalg.norm(T[:3, 3])
     deeper = limits.upper[2] - q[2] + 0.1
     path = []
     for part in np.concatenate([np.linspace(0, 1, 150), np.linspace(1, 0, 150), np.zeros(5)]):
         goal = spatial.pose(T[:3, :3], T[:3, 3] + part * deeper * shaft)
-        q = block.step(Signals({"arm.goal": goal.ravel(), "arm.encoder": q}), 0.0, 0.01)["arm.command"]
+        q = block.step(dt=0.01, arm__goal=goal.ravel(), arm__encoder=q)["arm.command"]
         path.append(q)
     path = np.array(path)
     assert path[:, 2].max() == pytest.approx(limits.upper[2], abs=1e-12)
@@ -508,9 +508,9 @@ def test_any_robot_reaches_what_is_near(name):
     q = kin.inverse(program.pose_of_coordinates.one(at))
     beside = (program.pose_of_coordinates.one(at + 0.2 * MM * np.eye(len(at))[i]) for i in (2, 1, 0) if i < len(at))
     goal = next(T for T in beside if can_take(kin, T, q))
-    block = PoseToJoints(name, kin, q, limits)
+    block = Alone(PoseToJoints("arm", kin, q, limits), arm__goal=goal.ravel(), arm__encoder=q)
     for _ in range(60):
-        after = block.step(Signals({f"{name}.goal": goal.ravel(), f"{name}.encoder": q}), 0.0, DT)[f"{name}.command"]
+        after = block.step(dt=DT, arm__encoder=q)["arm.command"]
         assert (np.abs(after - q) <= np.minimum(limits.max_speed * DT, 0.1) + 1e-12).all()
         q = after
     assert np.linalg.norm(kin.forward(q, goal)[:3, 3] - goal[:3, 3]) < 1e-8

@@ -91,6 +91,15 @@ def test_two_fingers_pan_zoom_and_roll_the_camera(page, fingers):
         page.until("!twin.app.console.pens.camera", "the pedal is released")
 
 
+def test_fingers_that_leave_the_picture_fast_move_the_camera_only(page, fingers):
+    middle = np.mean([t[:2] for t in tips(page).values()], axis=0)
+    before = rest(page)
+    fingers.drag(
+        middle + np.array([(-40, 0), (40, 0)]), middle + np.array([(-200, 0), (200, 0)]), lambda: True, steps=1
+    )
+    assert moved(before, rest(page)) <= {"ecm"}
+
+
 def test_a_finger_left_of_two_leads_nothing(page, fingers):
     x, y, _ = tips(page)["right"]
     page("addEventListener('pointerdown', (e) => (window.second = e.pointerId), {capture: true})")

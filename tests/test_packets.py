@@ -12,6 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from made import consoles
+from made.alone import Alone
 from twin.core import spatial
 from twin.core.errors import DeviceError, TwinError, WorldError
 from twin.core.units import DEG, MM
@@ -143,11 +144,11 @@ def test_a_silent_hand_is_told_until_it_is_heard_again():
 
 def test_silence_is_no_tap_of_the_clutch():
     """A gap of 0.3 s, before which and in which the clutch is down, changes no arm; a tap afterwards does."""
-    block, modes = Pedals("pedals"), []
+    block = Alone(Pedals("pedals"), pedals__clutch=0, pedals__camera=1, pedals__silent=0)
+    modes = []
     script = [(0, 1)] * 5 + [(0, 0)] * 5 + [(0, 1)] * 5 + [(1, 0)] * 2 + [(1, 1)] * 2 + [(1, 0)] * 2 + [(0, 0)] * 2
     for k, (clutch, silent) in enumerate([*script, (1, 0), (0, 0)]):
-        signals = Signals({"pedals.clutch": clutch, "pedals.camera": 1, "pedals.silent": silent})
-        wrote = block.step(signals, 0.01 * k, 0.01)
+        wrote = block.step(0.01 * k, 0.01, pedals__clutch=clutch, pedals__silent=silent)
         modes.append((wrote["console.mode"], wrote["console.taps"]))
     assert [m for m, _ in modes[:16]] == [FREE] * 5 + [CAMERA] * 5 + [FREE] * 6
     assert [t for _, t in modes] == [0] * (len(modes) - 1) + [1]

@@ -299,7 +299,12 @@ def _motors(actuators: Sequence[Mapping[str, Any]], transmissions: Sequence[Mapp
 def _parameters(parameters: Sequence[Mapping[str, Any]]) -> Table:
     marks = ["*" if p["provenance"] == "ASSUMED" else " " for p in parameters]
     rows = [
-        (mark + p["name"], f"{p['shown']:g} {p['unit']}", p["provenance"], p["note"])
+        (
+            mark + p["name"],
+            f"{p['shown']:g}" + ("" if p["unit"] == "1" else f" {p['unit']}"),
+            p["provenance"],
+            p["note"],
+        )
         for mark, p in zip(marks, parameters, strict=True)
     ]
     return Table((), rows, fit=True)

@@ -7,6 +7,7 @@ moves with the hands, so the camera moves in the opposite direction.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import casadi as ca
@@ -189,9 +190,13 @@ class HandsToCamera(Block):
         self._at, self._view, self._goal = (f"{camera}.{n}" for n in ("at", "view", "goal"))
         self.outputs = self._signals()
 
+    def attach(self, signals: Signals, memory: Mapping[str, Array]) -> None:
+        """Keep a view of the mode."""
+        self._mode = signals.now["console.mode"].item
+
     def step(self, signals: Signals, t: float, dt: float) -> dict[str, Array]:
         """Move the camera while the camera pedal is pressed."""
-        if signals.now["console.mode"].item() != CAMERA:
+        if self._mode() != CAMERA:
             self.law.release()
             return {}
         right, left = (self._R @ signals[f"{n}.pose"].reshape(4, 4)[:3, 3] for n in (self.right, self.left))

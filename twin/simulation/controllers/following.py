@@ -8,7 +8,7 @@ the hand jumps.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -105,8 +105,9 @@ class Following:
             T: (4, 4) pose of {H} in {RB}.
             scale: tool motion divided by hand motion, limited to `SCALE`.
         """
-        self._tick(hand, self.goal)
-        if not self._tick.rigid:  # ignore an invalid pose
+        tick = self._tick
+        tick(hand, self.goal)
+        if not tick.rigid:  # ignore an invalid pose
             self.follows = False
             return self.goal
         scale = min(max(scale, SCALE[0]), SCALE[1])
@@ -116,13 +117,13 @@ class Following:
             self.goal = np.array(tool, float)
             self._couple(hand, self.goal, T, scale, hand)
             self.started = self.follows = True
-        elif self._tick.jumped:
+        elif tick.jumped:
             self.jumps += 1
             self._couple(hand, self._wanted, *self._coupled, hand)
         elif scale != self._coupled[1] or (T is not self._coupled[0] and (self._coupled[0] != T).any()):
-            self._couple(self._tick.last.copy(), self._wanted, T, scale, hand)
-        self._wanted, self.goal = self._tick.wanted, self._tick.goal
-        self._tick.last[...] = hand
+            self._couple(tick.last.copy(), self._wanted, T, scale, hand)
+        self._wanted, self.goal = tick.wanted, tick.goal
+        tick.last[...] = hand
         return self.goal
 
     def _couple(self, W_0: Array, P_0: Array, T: Array, scale: float, hand: Array) -> None:
@@ -207,40 +208,34 @@ class HandToPose(Block):
         self._tools = [a.kin.forward(x) for a, x in zip(arms, q, strict=True)]
         self._laws = [Following(T, dt, aligns=aligns, start=start, pace=pace) for T in self._tools]
         self._view: tuple[bytes, list[Array]] = b"", []
-        self._said = [(0.0, 0.0)] * len(arms)
-        self._signals: Signals | None = None
-        self._names = [tuple(f"{a.robot}.{n}" for n in ("goal", "follows", "jumps")) for a in arms]
         self.outputs = {f"{a.robot}.goal": T.ravel() for a, T in zip(arms, self._tools, strict=True)}
         self.outputs |= {f"{a.robot}.{n}": 0.0 for a in arms for n in ("follows", "jumps")}
 
-    def step(self, signals: Signals, t: float, dt: float) -> dict[str, Array | float]:
+    def attach(self, signals: Signals, memory: Mapping[str, Array]) -> None:
+        """Keep views of the signals."""
+        now = signals.now
+        self._pose = now[f"{self.hand}.pose"].reshape(4, 4)
+        self._grip, self._scale = now[f"{self.hand}.grip"].item, now[f"{self.device}.scale"].item
+        self._mode, self._taps = now["console.mode"].item, now["console.taps"].item
+        self._camera = now[f"{self.view}.view"] if isinstance(self.view, str) else self.view
+        self._out = [
+            (memory[f"{a.robot}.goal"].reshape(4, 4), memory[f"{a.robot}.follows"], memory[f"{a.robot}.jumps"])
+            for a in self.arms
+        ]
+
+    def step(self, signals: Signals, t: float, dt: float) -> None:
         """Move the selected arm; the other arms remain at rest."""
-        if signals is not self._signals:
-            self._attach(signals)
-        follow, mode = self._laws, self._mode.item()
-        active = int(self._taps.item()) % len(follow) if mode == TOOLS else -1
-        out: dict[str, Array | float] = {}
-        for i, law in enumerate(follow):
+        active = int(self._taps()) % len(self._laws) if self._mode() == TOOLS else -1
+        for i, (law, (goal, follows, jumps)) in enumerate(zip(self._laws, self._out, strict=True)):
             if i == active:
                 if not law.follows:  # the tool's current pose is used when the hand is coupled
                     arm = self.arms[i]
                     self._tools[i] = arm.kin.forward(signals[f"{arm.robot}.encoder"], self._tools[i])
                 T = self._poses_of_hand()[i]
-                law.step(self._pose, self._grip.item(), self._tools[i], T, self._scale.item())
+                goal[...] = law.step(self._pose, self._grip(), self._tools[i], T, self._scale())
             else:
                 law.release()
-            goal, follows, jumps = self._names[i]
-            out[goal] = law.goal.ravel()
-            said = float(law.follows), float(law.jumps)
-            if said != self._said[i]:
-                self._said[i] = out[follows], out[jumps] = said
-        return out
-
-    def _attach(self, signals: Signals) -> None:
-        self._signals, now = signals, signals.now
-        self._pose, self._grip = now[f"{self.hand}.pose"].reshape(4, 4), now[f"{self.hand}.grip"]
-        self._scale, self._mode, self._taps = now[f"{self.device}.scale"], now["console.mode"], now["console.taps"]
-        self._camera = now[f"{self.view}.view"] if isinstance(self.view, str) else self.view
+            follows[0], jumps[0] = law.follows, law.jumps
 
     def _poses_of_hand(self) -> list[Array]:
         """Return the pose of {H} in the base of each arm; the same arrays as before if the view has not moved."""

@@ -6,7 +6,7 @@ the pulse of a grasp, walls, and a held ring against pegs. Contact of two instru
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -111,16 +111,30 @@ class HapticHand(Block):
         self._state, self._pulse = np.zeros(STATE), np.zeros(3)
         self._tools = [np.zeros(16) for _ in arms]
         self._seen = [b""] * len(arms)
-        self._signals: Signals | None = None
         self._held, self._ended, self._until = False, -np.inf, -np.inf
         self._force, self._energy = f"{hand}.force", f"{hand}.energy"
         self.outputs = {self._force: np.zeros(3), self._energy: 0.0}
 
-    def step(self, signals: Signals, t: float, dt: float) -> dict[str, Array | float]:
+    def attach(self, signals: Signals, memory: Mapping[str, Array]) -> None:
+        """Compile the force of each arm for the memory of its signals."""
+        now = signals.now
+        self._taps, self._encoders = now["console.taps"].item, [now[f"{a.robot}.encoder"] for a in self._arms]
+        self._holders = [now[f"{name}.holder"] for name in self._objects]
+        self._pose, self._fresh = now[f"{self._hand}.pose"].reshape(4, 4), True
+        self._out = memory[self._force], memory[self._energy]
+        self._calls = []
+        for arm, law, tool in zip(self._arms, self._laws, self._tools, strict=True):
+            names = ("haptics.on", f"{arm.robot}.follows", f"{self._device}.scale", f"{self._hand}.pose")
+            base = np.ascontiguousarray(arm.T_world_base, float).ravel()
+            given = [now[n] for n in (*names, f"{self._camera}.view")]
+            more = [now[f"{arm.robot}.{n}"] for n in ("goal", "encoder", *self._sources)]
+            self._calls.append(attach(law, self._state, self._pulse, *given, base, tool, *more))
+
+    def step(self, signals: Signals, t: float, dt: float) -> None:
         """Compute the force of this tick, which the device holds until the next one."""
-        if signals is not self._signals:
-            self._attach(signals)
-        i = int(self._taps.item()) % len(self._arms)
+        if self._fresh:  # the pose before the first tick is not one of the device
+            self._state[LAST], self._fresh = self._pose[:3, 3], False
+        i = int(self._taps()) % len(self._arms)
         arm, q = self._arms[i], self._encoders[i]
         if (seen := q.tobytes()) != self._seen[i]:
             self._seen[i] = seen
@@ -131,7 +145,8 @@ class HapticHand(Block):
         out, compute = self._calls[i]
         compute()
         self._state[...] = out
-        return {self._force: out[FORCE], self._energy: float(out[ENERGY])}
+        force, energy = self._out
+        force[...], energy[0] = out[FORCE], out[ENERGY]
 
     def _pulses(self, arm: FeltArm, t: float) -> bool:
         """Return whether the pulse of a grasp acts in this tick."""
@@ -143,16 +158,3 @@ class HapticHand(Block):
                 self._ended = t
             self._held = held
         return t < self._until
-
-    def _attach(self, signals: Signals) -> None:
-        self._signals, now = signals, signals.now
-        self._taps, self._encoders = now["console.taps"], [now[f"{a.robot}.encoder"] for a in self._arms]
-        self._holders = [now[f"{name}.holder"] for name in self._objects]
-        self._state[LAST] = now[f"{self._hand}.pose"].reshape(4, 4)[:3, 3]
-        self._calls = []
-        for arm, law, tool in zip(self._arms, self._laws, self._tools, strict=True):
-            names = ("haptics.on", f"{arm.robot}.follows", f"{self._device}.scale", f"{self._hand}.pose")
-            base = np.ascontiguousarray(arm.T_world_base, float).ravel()
-            given = [now[n] for n in (*names, f"{self._camera}.view")]
-            more = [now[f"{arm.robot}.{n}"] for n in ("goal", "encoder", *self._sources)]
-            self._calls.append(attach(law, self._state, self._pulse, *given, base, tool, *more))

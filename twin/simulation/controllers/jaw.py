@@ -7,6 +7,7 @@ follows at up to 36 deg/s until it differs from the gripper by less than 2 deg.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from twin.core.spatial import Array
@@ -70,7 +71,11 @@ class GripToJaw(Block):
         self._grip, self._follows, self._jaw = f"{hand}.grip", f"{robot}.follows", f"{robot}.jaw"
         self.outputs = {self._jaw: jaw.angle}
 
-    def step(self, signals: Signals, t: float, dt: float) -> dict[str, Array | float]:
+    def attach(self, signals: Signals, memory: Mapping[str, Array]) -> None:
+        """Keep views of the signals."""
+        self._gripped, self._followed = signals.now[self._grip].item, signals.now[self._follows].item
+        self._angle = memory[self._jaw]
+
+    def step(self, signals: Signals, t: float, dt: float) -> None:
         """Move the jaw towards the gripper."""
-        now = signals.now
-        return {self._jaw: self.jaw.step(now[self._grip].item(), now[self._follows].item() > 0.5)}
+        self._angle[0] = self.jaw.step(self._gripped(), self._followed() > 0.5)

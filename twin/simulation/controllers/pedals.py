@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 
 from twin.core.spatial import Array
 from twin.simulation.world import Block, Signals
@@ -29,11 +30,17 @@ class Pedals(Block):
         self._since: float | None = None  # time in s at which the clutch was pressed; infinity: unknown
         self.outputs = {"console.mode": TOOLS, "console.taps": 0.0}
 
-    def step(self, signals: Signals, t: float, dt: float) -> dict[str, float | Array]:
-        """Read both pedals."""
+    def attach(self, signals: Signals, memory: Mapping[str, Array]) -> None:
+        """Keep views of the signals."""
         now = signals.now
-        clutch, camera = now[self._clutch].item() > 0.5, now[self._camera].item() > 0.5
-        silent = self._silent in now and now[self._silent].item() > 0.5
+        self._clutched, self._camera_down = now[self._clutch].item, now[self._camera].item
+        self._is_silent = now[self._silent].item if self._silent in now else None
+        self._mode, self._count = memory["console.mode"], memory["console.taps"]
+
+    def step(self, signals: Signals, t: float, dt: float) -> None:
+        """Read both pedals."""
+        clutch, camera = self._clutched() > 0.5, self._camera_down() > 0.5
+        silent = self._is_silent is not None and self._is_silent() > 0.5
         if silent:
             self._since = math.inf if clutch else None
         elif clutch:
@@ -41,7 +48,5 @@ class Pedals(Block):
         elif self._since is not None:
             self._taps += 0 <= t - self._since <= self.tap + 1e-9
             self._since = None
-        return {
-            "console.mode": FREE if clutch or silent else CAMERA if camera else TOOLS,
-            "console.taps": float(self._taps),
-        }
+        self._mode[0] = FREE if clutch or silent else CAMERA if camera else TOOLS
+        self._count[0] = self._taps

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 
 import casadi as ca
 import numpy as np
@@ -37,38 +38,37 @@ class PoseToJoints(Block):
         self._T = kin.forward(q)
         self._command, self._auxiliary = f"{robot}.command", np.flatnonzero(kin.auxiliary)
         self._near = _near_inverse(kin, limits) if kin.closed_inverse else None
-        self._signals: Signals | None = None
         self.outputs = {self._command: q}
 
-    def step(self, signals: Signals, t: float, dt: float) -> dict[str, Array]:
-        """Make one step towards the goal."""
-        if signals is not self._signals:
-            self._attach(signals)
-        goal, q, auxiliary = self._goal, self._encoder, self._jaw
-        if self._rests:
-            auxiliary[...] = q[self._auxiliary]
-        given = goal.tobytes(), q.tobytes(), auxiliary.tobytes(), dt
-        if given == self._given and self._near:
-            return {}  # unchanged input: the command is unchanged
-        self._given = given
-        self._tick[0] = dt
-        if self._inverse:
-            self._inverse()
-            if not math.isnan(self._found[0]):
-                return {self._command: self._found}
-        if not self.kin.closed_forward:
-            self._T = self.kin.forward(q, self._T)
-        command = step(self.kin, q, goal.reshape(4, 4), dt, self.limits, self.solver, seed=self._T).q
-        command[self._auxiliary] = auxiliary
-        return {self._command: command}
-
-    def _attach(self, signals: Signals) -> None:
-        self._signals, self._given, self._inverse = signals, None, None
+    def attach(self, signals: Signals, memory: Mapping[str, Array]) -> None:
+        """Compile the step for the memory of its signals."""
+        self._out, self._given, self._inverse = memory[self._command], (b"", b"", b""), None
         self._goal, self._encoder = (signals.now[f"{self.robot}.{name}"] for name in ("goal", "encoder"))
         self._rests, self._tick = f"{self.robot}.jaw" not in signals, np.zeros(1)
         self._jaw = np.zeros(len(self._auxiliary)) if self._rests else signals.now[f"{self.robot}.jaw"]
         if self._near:
             self._found, self._inverse = attach(self._near, self._tick, self._goal, self._encoder, self._jaw)
+
+    def step(self, signals: Signals, t: float, dt: float) -> None:
+        """Make one step towards the goal."""
+        goal, q, auxiliary = self._goal, self._encoder, self._jaw
+        if self._rests:
+            auxiliary[...] = q[self._auxiliary]
+        given = goal.tobytes(), q.tobytes(), auxiliary.tobytes()
+        if given == self._given and self._inverse:
+            return  # unchanged input: the command is unchanged
+        self._given = given
+        self._tick[0] = dt
+        if self._inverse:
+            self._inverse()
+            if not math.isnan(self._found[0]):
+                self._out[...] = self._found
+                return
+        if not self.kin.closed_forward:
+            self._T = self.kin.forward(q, self._T)
+        command = step(self.kin, q, goal.reshape(4, 4), dt, self.limits, self.solver, seed=self._T).q
+        command[self._auxiliary] = auxiliary
+        self._out[...] = command
 
 
 def _near_inverse(kin: Kinematics, limits: Limits) -> ca.Function:

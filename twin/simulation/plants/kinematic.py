@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -21,18 +23,17 @@ class Kinematic(Block):
         """Start at q (n,) in m or rad."""
         self.q, self._tick = np.array(q, float), np.zeros(1)
         self._command, self._q, self._encoder = (f"{robot}.{n}" for n in ("command", "q", "encoder"))
-        self._limits, self._signals = limits, None
+        self._limits = limits
         self.outputs = {self._q: self.q.copy(), self._encoder: self.q.copy()}
 
-    def step(self, signals: Signals, t: float, dt: float) -> dict[str, Array]:
+    def attach(self, signals: Signals, memory: Mapping[str, Array]) -> None:
+        """Compile the step for the memory of the command."""
+        self._next, self._follow = attach(self._limits.follow, self.q, signals.now[self._command], self._tick)
+        self._copies = memory[self._q], memory[self._encoder]
+
+    def step(self, signals: Signals, t: float, dt: float) -> None:
         """Move the joints towards the command."""
-        if signals is not self._signals:
-            self._signals = signals
-            command = signals.now[self._command]
-            self._next, self._follow = attach(self._limits.follow, self.q, command, self._tick)
         self._tick[0] = dt
         self._follow()
-        if self._next.tobytes() == self.q.tobytes():
-            return {}
-        self.q[...] = self._next
-        return {self._q: self.q, self._encoder: self.q}
+        q, encoder = self._copies
+        self.q[...] = q[...] = encoder[...] = self._next

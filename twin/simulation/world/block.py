@@ -25,9 +25,21 @@ class Block(ABC):
     outputs: Mapping[str, ArrayLike]
     period: float = 0.0
 
+    def attach(self, signals: Signals, memory: Mapping[str, Array]) -> None:
+        """Prepare for the steps in a World; the World calls this once, before the first step.
+
+        A fast block keeps views of the signals that it reads, and writes its outputs into `memory` instead of returning
+        them.
+
+        Args:
+            signals: the signals of the World.
+            memory: memory (n,) of each output, by name of the signal.
+        """
+        return
+
     @abstractmethod
     def step(self, signals: Signals, t: float, dt: float) -> Mapping[str, ArrayLike] | None:
-        """Return the new values of signals; a signal that is not returned is unchanged.
+        """Return the new values of signals; None, or a signal that is not returned: the World writes nothing.
 
         A device returns None when its input has ended; the World then ends before this tick.
 

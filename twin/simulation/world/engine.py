@@ -103,6 +103,8 @@ class World:
             self._pinned(deformable)
         for item in objects:
             self._need(f"{item.name}.pose", 16, f"object '{item.name}'")
+        for run in (*self._devices, *self._moved):
+            run.block.attach(self.signals, run.memory)
         self._log: list[Array] = []
         self._records = records
         self._assemblies = {}
@@ -159,7 +161,8 @@ class World:
                 self.ended = True
                 return False
             for (block, _, _, memory, hazards), out in zip(self._devices, said, strict=True):
-                _write(block, out, memory)
+                if out:
+                    _write(block, out, memory)
                 if hazards:
                     self._change(memory, hazards, t)
             for block, every, dt, memory, hazards in self._moved:
@@ -218,12 +221,15 @@ class World:
             put(self.signals.view(name), name, value)
 
 
-def _write(block: Block, out: Mapping[str, ArrayLike] | None, memory: Mapping[str, Array]) -> None:
-    for name, value in (out or {}).items():
+def _write(block: Block, out: Mapping[str, ArrayLike], memory: Mapping[str, Array]) -> None:
+    for name, value in out.items():
         view = memory.get(name)
         if view is None:
             raise WorldError(f"{type(block).__name__} writes '{name}', which is not among its outputs")
-        put(view, name, value)
+        if type(value) is np.ndarray and value.shape == view.shape:
+            view[...] = value  # the usual case, without the time of a call
+        else:
+            put(view, name, value)
 
 
 def _once(names: Iterable[str]) -> set[str]:

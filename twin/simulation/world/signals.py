@@ -93,13 +93,10 @@ def put(view: Array, name: str, value: ArrayLike) -> None:
     Raises:
         WorldError: the value has another size.
     """
-    # The first two cases only save time: a tick writes about thirty signals.
     if type(value) is float and view.size == 1:
-        view.fill(value)
-    elif type(value) is np.ndarray and value.shape == view.shape:
-        view[...] = value
-    else:
-        value = np.asarray(value, float)
-        if value.size != view.size:
-            raise WorldError(f"signal '{name}' has {view.size} numbers; {value.size} were written")
-        view[...] = value.ravel()
+        view[0] = value  # faster than the general case
+        return
+    value = np.asarray(value, float)
+    if value.size != view.size:
+        raise WorldError(f"signal '{name}' has {view.size} numbers; {value.size} were written")
+    view[...] = value.ravel()

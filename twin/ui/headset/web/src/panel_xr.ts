@@ -20,6 +20,7 @@ const WIDTH = 1024; // pixels
 const HEIGHT = 1000;
 const WIDE = 0.48; // m
 const PAD = 24;
+const FOOT = 210; // minimum height of the controls at the bottom, in pixels
 const REDRAW = 90; // minimum time in ms between two pictures
 
 interface Zone {
@@ -47,6 +48,7 @@ export class XrPanel implements Drawer {
   private held: Slider | null = null;
   private scroll = 0;
   private deepest = 0;
+  private foot = FOOT;
   private drawn = 0;
   private stale = true;
 
@@ -185,7 +187,7 @@ export class XrPanel implements Drawer {
     const status = sheet.status;
     pen.text(status.text(), PAD, PAD + 78, inner, status.tone?.() ?? 'plain', 30, 2);
     const top = PAD + 168;
-    const bottom = HEIGHT - PAD - 210;
+    const bottom = HEIGHT - PAD - this.foot;
     pen.rule(top - 10);
     const tab = sheet.tabs.find((t) => t.id === this.open);
     pen.clip(0, top, WIDTH, bottom - top);
@@ -197,6 +199,12 @@ export class XrPanel implements Drawer {
     pen.rule(bottom + 8);
     y = bottom + 18;
     for (const c of sheet.transport) y = this.control(c, PAD, y, inner, 0, HEIGHT);
+    // The height of texts is known after they are drawn.
+    const foot = Math.max(FOOT, y - bottom);
+    if (foot !== this.foot) {
+      this.foot = foot;
+      this.stale = true;
+    }
   }
 
   private choose(id: string): void {

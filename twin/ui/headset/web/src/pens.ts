@@ -135,11 +135,16 @@ export class Pens {
     return this.pressed.camera.size > 0;
   }
 
-  /** Press or release a pedal; it remains pressed while any device presses it. */
+  /**
+   * Press or release a pedal; it remains pressed while any device presses it. If it changes, motion that was not yet
+   * sent is cancelled: it would lead what the hands control now, for example instruments instead of the camera.
+   */
   press(pedal: Pedal, device: string, on: boolean): void {
     const held = this.pressed[pedal];
+    const before = this[pedal];
     if (on) held.add(device);
     else if (!held.delete(device)) return;
+    if (this[pedal] !== before) for (const side of SIDES) this[side].rest();
     this.use();
   }
 
