@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import shutil
 
 import numpy as np
@@ -11,6 +12,8 @@ from hypothesis import strategies as st
 
 import twin
 from made.by_hand import ByHand, RandomHands
+from made.headset_page import free_port, until
+from made.streaming import serving
 from twin.api.act import robots_at
 from twin.api.session import replay_session
 from twin.cli import main
@@ -22,9 +25,11 @@ from twin.model.scene import load_scene
 from twin.simulation.controllers.pivot import CONE, SHALLOW, Pivot
 from twin.simulation.limits import Limits
 from twin.ui.headset import protocol as wire
+from twin.ui.headset import served
 from twin.ui.headset.operation import Operation
 from twin.ui.headset.protocol import RefusedError
 from twin.ui.headset.scene_frame import unpack_scene
+from twin.ui.headset.watched import Watched
 from twin.ui.session.timeline import RATE
 
 pytestmark = pytest.mark.usefixtures("cad_once")
@@ -233,6 +238,33 @@ def test_a_session_by_hand_replays_bit_for_bit(scene, robots, tmp_path):
     assert found.ran.difference is None
     assert found.ran.duration > 1.0
     assert main(["session", str(path)]) == 0
+
+
+def test_a_spectator_sees_robots_and_organs_as_the_server_simulates_them(scene, robots):
+    def watch(port):
+        watched = Watched(port, scene.name)
+        try:
+            return watched, until(watched.take, "a frame", 60)
+        finally:
+            watched.close()
+
+    async def go():
+        feed = scenes.organs(scene, robots)
+        async with serving(lambda: served.of_console(scene, robots, None, feed=feed)) as s:
+            watched, (links, fields) = await asyncio.to_thread(watch, s.port)
+            truth = s.live.world.frame().link_poses
+            for place in scene.places:
+                for name, T in links[place.name].items():
+                    assert place.T_world_base @ T == pytest.approx(truth[place.name][name], abs=1e-5)
+            assert list(fields) == list(feed.surfaces) == list(watched.surfaces)
+            assert all(len(v) > watched.surfaces[n].triangles.max() for n, v in fields.items())
+
+    asyncio.run(go())
+
+
+def test_a_spectator_without_a_server_is_told(capsys):
+    assert main(["view", "vsrs", "--watch", str(free_port()), "--port", "0", "--no-browser"]) == 2
+    assert "no `twin serve vsrs` answers" in capsys.readouterr().err
 
 
 # -- files and options ----------------------------------------------------------------------------------------------

@@ -21,6 +21,7 @@ from twin.core.errors import TwinError
 if TYPE_CHECKING:
     import viser
 
+    from twin.model.scene import Scene
     from twin.ui.viewer.console import ConsoleFront
     from twin.ui.viewer.front import Front
     from twin.ui.viewer.watch import WatchFront
@@ -114,10 +115,7 @@ def _what(
     from twin.model.scene import load_scene
 
     scene = load_scene(file)
-    if scene.console is None or args.html is not None or args.protocols:
-        scene.require_protocols()
-    if args.fulcrum is not None and (scene.console is None or not scene.console.instrument_mm):
-        raise TwinError(f"--fulcrum: the console of scene '{scene.name}' has no instruments that pass ports")
+    plays = _plays(scene, args)
     task = None
     if args.task is not None:
         from twin.simulation.session.run import task_of
@@ -142,18 +140,32 @@ def _what(
         fulcrum = args.fulcrum or "compensated"
         return ConsoleFront(f"twin · {scene.name}", scene, robots, props, server, stopping, task, report, fulcrum, feed)
 
-    def of_stream(server: viser.ViserServer, more: dict[str, Any]) -> WatchFront:
-        from twin.ui.headset.watched import Watched
-        from twin.ui.viewer.watch import WatchFront
-
-        stream = Watched(args.watch, scene.name)
-        robots, props = scenes.content(scene)
-        return WatchFront(f"twin · {scene.name}", scene, robots, props, server, stream, more["stopping"])
-
     if args.watch is not None:
-        return scene.name, of_stream
-    plays = scene.console is None or args.html is not None or args.protocols
+        return scene.name, lambda server, more: _spectator(scene, server, more["stopping"], args.watch)
     return scene.name, of_scene if plays else of_console
+
+
+def _plays(scene: Scene, args: argparse.Namespace) -> bool:
+    """Return whether the robots of a scene play their protocols, because no hand moves them.
+
+    Raises:
+        TwinError: they have no protocols, or --fulcrum does not apply.
+    """
+    plays = scene.console is None or args.html is not None or args.protocols
+    if plays:
+        scene.require_protocols()
+    if args.fulcrum is not None and (plays or scene.console is None or not scene.console.instrument_mm):
+        raise TwinError(f"--fulcrum: no hand leads instruments that pass ports in scene '{scene.name}'")
+    return plays
+
+
+def _spectator(scene: Scene, server: viser.ViserServer, stopping: threading.Event, port: int) -> WatchFront:
+    from twin.ui.headset.watched import Watched
+    from twin.ui.viewer.watch import WatchFront
+
+    stream = Watched(port, scene.name)
+    robots, props = scenes.content(scene)
+    return WatchFront(f"twin · {scene.name}", scene, robots, props, server, stream, stopping)
 
 
 def _page(front: Front, path: Path, quiet: bool) -> int:
