@@ -107,7 +107,7 @@ def measure(
         [*stages, *whole],
         max(times) if len(times) == len(stages) else float(kept.t[-1]),
         paths,
-        sum(bool(np.isfinite(c.t)) for c in clips),
+        sum(c.t < np.inf for c in clips),
         float(kept[f"{organ.name}.energy"][-1].sum()),
         max((float(np.linalg.norm(kept[f"{n}.pull"], axis=1).max()) for n in robots), default=0.0),
         max((float(kept[f"{n}.slipped"].max()) for n in robots), default=0.0),
