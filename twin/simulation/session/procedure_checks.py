@@ -174,7 +174,7 @@ def _cut(v: Vessel, cut: Array, shut: Sequence[_Clip], t: float) -> Check:
     low, high = v.arc[gone[0]], v.arc[gone[-1] + 1]
     taken, kept = (sum(c.at < low for c in shut), sum(c.at > high for c in shut))
     open_ends = [side for side, n in (("the organ", taken), ("the side that stays", kept)) if n == 0]
-    text = f"cut {low / MM:.1f} mm from the organ, with {taken} clips on its side and {kept} on the side that stays"
+    text = f"cut {low / MM:.1f} mm from the organ, clips: {taken} on its side, {kept} on the side that stays"
     if open_ends:
         text += f"; the end towards {' and '.join(open_ends)} is open: bile leaks"
     return Check("cut", not open_ends, None if open_ends else t, text)
