@@ -32,8 +32,6 @@ from twin.ui.headset.scene_frame import unpack_scene
 from twin.ui.headset.watched import Watched
 from twin.ui.session.timeline import RATE
 
-pytestmark = pytest.mark.usefixtures("cad_once")
-
 
 @pytest.fixture(scope="module")
 def scene():
@@ -297,6 +295,7 @@ def test_a_wrong_entry_of_the_console_or_of_a_tool_is_named(scene, tmp_path, old
         (["sils", "--fulcrum", "direct"], "--fulcrum requires a scene with a console"),
         (["davinci", "--fulcrum", "direct"], "add instrument_mm to the table"),
         (["vsrs", "--protocols", "--mqtt", "localhost"], "--mqtt and --protocols cannot be combined"),
+        (["vsrs", "--task", "cholecystectomy"], "twin operate vsrs --task cholecystectomy"),
     ],
 )
 def test_options_that_do_not_fit_are_refused(arguments, said, capsys):

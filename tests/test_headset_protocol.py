@@ -148,6 +148,8 @@ BAD = [
     '{"type": "scale", "value": 0}', '{"type": "scale", "value": 1.5}',
     '{"type": "task", "do": "again"}', '{"type": "task"}',
     '{"type": "haptics", "on": "maybe"}', '{"type": "haptics"}',
+    '{"type": "fulcrum", "mode": "outer"}', '{"type": "tool", "hand": "third", "name": "scissors"}',
+    '{"type": "tool", "hand": "right"}',
     "[" * 2000, '{"type":' * 300, '{"type": "ping", "t": 1' + " " * 5000 + "}",
 ]  # fmt: skip
 

@@ -260,7 +260,7 @@ def test_a_task_without_a_goal_is_named(scene, tmp_path):
     body = scene.file.read_text(encoding="utf-8").replace('props = "theatre.toml"\n', "")
     aimless = '[task.idle]\ntitle = "nothing to do"\nprovenance = "ASSUMED"\nnote = "x"\n'
     (tmp_path / "scene.toml").write_text(body + "\n" + aimless, encoding="utf-8")
-    with pytest.raises(DescriptionError, match="a task needs `target` or `transfer` with at least one entry"):
+    with pytest.raises(DescriptionError, match="a task needs a goal: `target` or `transfer` with at least one entry"):
         twin.load_scene(tmp_path / "scene.toml")
 
 

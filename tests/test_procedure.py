@@ -45,7 +45,11 @@ def vsrs():
     [
         ('pa10 = "clip_applier"', 'pa10 = "clip_gun"', r"scene.toml:\d+: .*start: there is no tool 'clip_gun'"),
         ('start = { pa10 = "clip_applier"', 'start = { pa11 = "clip_applier"', "there is no robot 'pa11'"),
-        ('pa10 = "clip_applier", lapbot', 'lapbot = "clip_applier", pa10', "lapbot cannot carry 'clip_applier'"),
+        (
+            'kind = "clip_applier"\nrobots = ["pa10", "lapbot"]',
+            'kind = "clip_applier"\nrobots = ["lapbot"]',
+            "pa10 cannot carry 'clip_applier'",
+        ),
         ('robots = ["pa10", "lapbot"]', 'robots = ["pa10", "raven"]', "tool.grasper.robots: there is no robot 'raven'"),
         ("pinch_n = 8\n", "", "a grasper needs `pinch_n`"),
         ("power_w = 30", "power_w = 30\nclips = 2", "a cautery takes no `clips`"),
@@ -346,18 +350,16 @@ class Room:
         )
 
 
-@pytest.mark.usefixtures("cad_once")
 def test_surgeon_grasps_and_lifts_the_gallbladder(vsrs):
     room = Room(vsrs, 3, manner=Manner(quick=0.2, slow=0.1))
     found = room.until(1)
     assert found.checks[0].done, found.checks[0].text
-    assert failed(found)[:4] == STAGES[1:]
+    assert set(failed(found)) >= {"clip", "cut", "remove"}
     surface = room.organ.surface
     vertices = room.organ.weights @ room.world.signals["gallbladder.nodes"].reshape(-1, 3)
     assert abs(volume(vertices, surface.triangles) / surface.volume - 1) < 0.02
 
 
-@pytest.mark.usefixtures("cad_once")
 def test_instrument_in_an_organ_at_the_start_is_refused(vsrs):
     low = tuple(replace(p, start={"q1": 400.0}) if p.name == "lapbot" else p for p in vsrs.places)
     with pytest.raises(WorldError, match=r"'lapbot/.*' is inside '.*' at the start; start the robot outside, or move"):
@@ -365,14 +367,12 @@ def test_instrument_in_an_organ_at_the_start_is_refused(vsrs):
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("cad_once")
 def test_another_seed_gives_other_bytes(vsrs):
     one, two = (Room(vsrs, seed).step(60) for seed in (3, 4))
     assert one.tobytes() != two.tobytes()
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("cad_once")
 @pytest.mark.parametrize(
     ("mistake", "stage", "check"),
     [
@@ -389,7 +389,6 @@ def test_mistake_fails_its_check_alone(vsrs, mistake, stage, check):
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("cad_once")
 def test_command_does_all_stages_and_a_replay_gives_the_same_bytes(tmp_path, capsys):
     assert main(["operate", "vsrs", "--task", "cholecystectomy", "--seed", "1", "--out", str(tmp_path), "--quiet"]) == 0
     assert "All stages are done" in (tmp_path / "procedure.html").read_text(encoding="utf-8")

@@ -15,8 +15,6 @@ from twin.core.units import DEG
 from twin.kinematics import compile_formula
 from twin.robots import _raven, load_formula
 
-pytestmark = pytest.mark.usefixtures("cad_once")
-
 ROOT = Path(__file__).parents[1]
 DATA = tomllib.loads((ROOT / "tests/data/raven.toml").read_text())
 COUNT = int(os.environ.get("TWIN_RAVEN_POSES", "1000"))

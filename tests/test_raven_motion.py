@@ -20,8 +20,6 @@ from twin.simulation.dynamics.arm import arm
 from twin.simulation.dynamics.plant import ModelPlant, MujocoPlant
 from twin.validation.closed_form import judge
 
-pytestmark = pytest.mark.usefixtures("cad_once")
-
 DATA = tomllib.loads((Path(__file__).parent / "data/raven.toml").read_text())
 FORM = _raven_motion.MOTION
 MIRROR = np.array([1, 1, 1, -1, 1, -1, 1.0])

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import logging
-import shutil
 import struct
 import subprocess
 import sys
@@ -624,10 +623,9 @@ def test_a_wrong_task_is_named(davinci, tmp_path, old, new, text):
 
 
 def test_a_task_needs_a_console(tmp_path, davinci):
-    vsrs = twin.load_scene("vsrs").file
-    shutil.copytree(vsrs.parent, tmp_path / "vsrs")
-    body = davinci.file.read_text(encoding="utf-8")
-    with (tmp_path / "vsrs/scene.toml").open("a", encoding="utf-8") as file:
-        file.write("\n" + body[body.index("[task.touch]") :])
+    body = davinci.file.read_text(encoding="utf-8").replace('props = "theatre.toml"\n', "")
+    without = re.sub(r"^\[console\]\n(?:.+\n)*", "", body, flags=re.MULTILINE)
+    assert without != body
+    (tmp_path / "scene.toml").write_text(without, encoding="utf-8")
     with pytest.raises(DescriptionError, match=r"a task needs a console: add the table \[console\]"):
-        load_scene(tmp_path / "vsrs/scene.toml")
+        load_scene(tmp_path / "scene.toml")

@@ -106,11 +106,17 @@ class LiveConsole:
             fulcrum: which end of the instruments the hands lead at the start; only for `device` None.
 
         Raises:
-            TwinError: the scene has no console, the console does not match its robots, or the task its props.
+            TwinError: the scene has no console, the console does not match its robots, or the task its props;
+                or the task is a procedure, in which only the simulated surgeon can use tools.
             OutputError: the session cannot be written.
         """
         if scene.console is None:
             raise TwinError(f"scene '{scene.name}' has no console: add the table [console] to {scene.file.name}")
+        if task is not None and task.procedure is not None:
+            raise TwinError(
+                f"task '{task.name}' is a procedure, in which hands cannot use tools yet; let the simulated surgeon "
+                f"perform it: twin operate {scene.name} --task {task.name}"
+            )
         self.scene, self.table = scene, scene.console
         settings = console_scene.settings(scene, fulcrum)
         self.device = device or GivenHands(console_scene.PEDALS, HANDS, self.table.scale, settings=settings)
