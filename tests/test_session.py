@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import logging
 import re
+import shutil
 import struct
 import subprocess
 import sys
@@ -624,9 +625,14 @@ def test_a_wrong_task_is_named(davinci, tmp_path, old, new, text):
 
 
 def test_a_task_needs_a_console(tmp_path, davinci):
-    body = davinci.file.read_text(encoding="utf-8").replace('props = "theatre.toml"\n', "")
+    """The scene `vsrs` without its console, and with a task of the scene `davinci`."""
+    vsrs = twin.load_scene("vsrs").file
+    shutil.copytree(vsrs.parent, tmp_path / "vsrs")
+    shutil.copytree(vsrs.parents[1] / "organs", tmp_path / "organs")
+    body, touch = vsrs.read_text(encoding="utf-8"), davinci.file.read_text(encoding="utf-8")
     without = re.sub(r"^\[console\]\n(?:.+\n)*", "", body, flags=re.MULTILINE)
     assert without != body
-    (tmp_path / "scene.toml").write_text(without, encoding="utf-8")
+    task = touch[touch.index("[task.touch]") : touch.index("[contact]")]
+    (tmp_path / "vsrs/scene.toml").write_text(f"{without}\n{task}", encoding="utf-8")
     with pytest.raises(DescriptionError, match=r"a task needs a console: add the table \[console\]"):
-        load_scene(tmp_path / "scene.toml")
+        load_scene(tmp_path / "vsrs/scene.toml")
