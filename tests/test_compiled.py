@@ -342,7 +342,10 @@ def test_formulas_give_the_same_in_many_rows_and_in_few(name, monkeypatch):
         flat, difference = np.abs(few).reshape(500, -1), np.abs(many - few).reshape(500, -1)
         if flat.size:  # near a singularity large terms cancel: of each row the largest number counts
             most = np.max(np.where(np.isfinite(flat), flat, 0), axis=1, keepdims=True)
-            assert np.nanmax(difference / np.maximum(most, 1)) < 1e-12, evaluator.name
+            # There, a rounding of the input alone may change the result by more than that.
+            rounded = evaluator.many(rows * (1 + np.finfo(float).eps * rng.choice([-1, 1], rows.shape)))
+            by_input = np.nanmax(np.abs(rounded - few).reshape(500, -1), axis=1, keepdims=True, initial=0)
+            assert np.nanmax(difference / np.maximum(np.maximum(most, 1), 1e12 * by_input)) < 1e-12, evaluator.name
         assert evaluator.function.size1_out(0) == 0 or evaluator._kernel is not None
 
 
