@@ -39,8 +39,9 @@ def run(cases, count, tokens, budget, tmp_path, capsys, seed):
 
     rng = np.random.default_rng(seed)
     results, seen = [], set()
-    while len(results) < count:
-        case = cases[len(results) % len(cases)]
+    for case in cycle(cases):  # a formula in which nothing can be changed must not be the last one
+        if len(results) == count:
+            break
         folder = tmp_path / f"{tokens}_{len(seen)}"
         folder.mkdir(exist_ok=True)
         done = seeds.seeded(case, folder / "formula.py", rng, tokens)
