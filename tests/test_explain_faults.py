@@ -28,9 +28,7 @@ def strangers():
 
 @pytest.fixture(scope="module")
 def cases(strangers):
-    from twin.robots import names
-
-    return [*map(seeds.built_in, names()), *strangers]
+    return [*seeds.built_ins(), *strangers]
 
 
 def run(cases, count, tokens, budget, tmp_path, capsys, seed):

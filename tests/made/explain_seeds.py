@@ -37,6 +37,13 @@ class Case:
         return self.truth.with_parameters({n: symbols[n] + d for n, d in by.items()})
 
 
+def built_ins():
+    """Return a case for each robot of ours whose equations are in a file of its own, which can be loaded alone."""
+    from twin.robots import names
+
+    return [case for case in map(built_in, names()) if case.path.stem == case.name]
+
+
 def built_in(name):
     from twin import api
     from twin.robots import load_formula
