@@ -147,7 +147,10 @@ def test_a_gamepad_leads_both_hands_pedals_and_jaws_and_rumbles_at_a_wall(page):
     before = rest(page)
     page("window.pad.buttons[7] = {pressed: true, value: 0.8}")
     headset.until(lambda: joints(page)[0][6] > before[0][6] + 0.2, "a trigger opens the jaw")
-    page("window.pad.buttons[7] = {pressed: false, value: 0}; twin.app.console.walls = () => 1")
+    # On a busy machine the sticks led an arm to one of its limits, which was felt, too.
+    page("window.pad.buttons[7] = {pressed: false, value: 0}; twin.app.console.walls = () => 0")
+    page.pictures(2)
+    page("window.felt = []; twin.app.console.walls = () => 1")
     page.until("window.felt.length > 0", "the wall is felt")
     page("delete twin.app.console.walls")
     assert page("window.felt") == ["dual-rumble"], "a wall is felt once"
