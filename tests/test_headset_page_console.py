@@ -149,7 +149,7 @@ def test_a_gamepad_leads_both_hands_pedals_and_jaws_and_rumbles_at_a_wall(page):
     headset.until(lambda: joints(page)[0][6] > before[0][6] + 0.2, "a trigger opens the jaw")
     # On a busy machine the sticks led an arm to one of its limits, which was felt, too.
     page("window.pad.buttons[7] = {pressed: false, value: 0}; twin.app.console.walls = () => 0")
-    page.pictures(2)
+    page.until("twin.app.console.pad.walls === 0", "no wall")
     page("window.felt = []; twin.app.console.walls = () => 1")
     page.until("window.felt.length > 0", "the wall is felt")
     page("delete twin.app.console.walls")
