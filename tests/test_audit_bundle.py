@@ -171,6 +171,7 @@ TRACKS = {
     "model hash": (track(lambda d: d.update(model_hash="sha256:0")), "compare.model_hash"),
     "nested arrays": (track(lambda d: d.update(poses=[d["poses"]])), "tracks.unreadable"),
     "RCM missed": (track(_rcm), "tracks.rcm"),
+    "shaft axis of length 2": (track(lambda d: (_rcm(d), d.update(shaft_axis=[0, 0, 2]))), "tracks.shape"),
     "said of too few phases whether the RCM is kept": (track(lambda d: _rcm(d, [1])), "tracks.shape"),
 }
 

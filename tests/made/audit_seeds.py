@@ -1002,6 +1002,7 @@ for kind, change, says in (
     ("title", lambda d: d.__setitem__("title", "Another title"), "called"),
     ("model hash", lambda d: d.__setitem__("model_hash", "sha256:0123"), "model"),
     ("moved frame unknown", lambda d: d.__setitem__("moved_frame", "nowhere"), "moved_frame"),
+    ("shaft axis not a unit vector", lambda d: d.__setitem__("shaft_axis", [1, 1, 0]), "shaft_axis"),
     ("length unit", lambda d: d.__setitem__("length_unit", "mm"), "length_unit"),
     ("quaternion order", lambda d: d.__setitem__("quaternion_order", "wxyz"), "quaternion_order"),
     ("link without a name", lambda d: d["links"].__setitem__(-1, ""), "name"),

@@ -59,8 +59,8 @@ class Track(Table):
         list[Flag],
         Field(
             description=(
-                "1: the shaft (z axis of a named frame on the tool's link) must pass through the RCM; 0: the RCM is "
-                "only monitored"
+                "1: the shaft (shaft_axis of moved_frame, or z axis of a named frame on the tool's link) must pass "
+                "through the RCM; 0: the RCM is only monitored"
             )
         ),
     ]
@@ -68,6 +68,12 @@ class Track(Table):
     tool_link: Identifier
     tool_frame: Annotated[list[float], Field(min_length=7, max_length=7, description="pose of the tool in its link")]
     moved_frame: Annotated[Identifier, Field(description="name of the frame that the protocol moves")]
+    shaft_axis: list[float] = Field(
+        default_factory=lambda: [0.0, 0.0, 1.0],
+        min_length=3,
+        max_length=3,
+        description="unit vector along the shaft in moved_frame; the z axis if absent",
+    )
     frame_names: list[Identifier]
     frame_links: list[Identifier]
     frames_local: Annotated[list[float], Field(description="frame_names x 7, pose of the frame in its link")]

@@ -85,7 +85,7 @@ def check_rcm(data: dict[str, Any], clip: Clip, local: Array, ledger: Ledger) ->
             continue
         if missed > SHAFT and stay.enforced is None:
             text = (
-                f"phase '{stay.name}': the shaft (z of '{name}') misses the RCM by {missed * 1e3:.4g} mm; the "
+                f"phase '{stay.name}': the shaft (axis of '{name}') misses the RCM by {missed * 1e3:.4g} mm; the "
                 "file does not state whether the RCM is enforced or only monitored."
             )
             ledger.add("tracks.rcm_watched", "info", text, where=stay.name, when=at, size=missed * 1e3, unit="mm")
@@ -96,7 +96,7 @@ def check_rcm(data: dict[str, Any], clip: Clip, local: Array, ledger: Ledger) ->
             ledger.add(
                 "tracks.rcm",
                 "disagreement",
-                f"phase '{stay.name}': the shaft (z of '{name}') misses the RCM by {quantity(missed, 'm')}.",
+                f"phase '{stay.name}': the shaft (axis of '{name}') misses the RCM by {quantity(missed, 'm')}.",
                 where=name,
                 when=at,
                 size=missed * 1e6,
@@ -122,6 +122,11 @@ def _stays(data: dict[str, Any], clip: Clip, local: Array, ledger: Ledger) -> li
         ledger.add("tracks.shape", "disagreement", text, where="phase_rcm_enforced")
         return None
     tool, stated = data.get("tool_link"), data.get("rcm")
+    moved, along = data.get("moved_frame"), data.get("shaft_axis", [0.0, 0.0, 1.0])  # absent in earlier versions
+    if not _is_unit(along):
+        text = f"shaft_axis is {along!r}, not a unit vector of three numbers."
+        ledger.add("tracks.shape", "disagreement", text, where="shaft_axis")
+        return None
     out = []
     for i in np.flatnonzero(has).tolist():
         inside = (clip.times >= start[i] - 1e-9) & (clip.times <= end[i] + 1e-9)
@@ -129,7 +134,8 @@ def _stays(data: dict[str, Any], clip: Clip, local: Array, ledger: Ledger) -> li
         for name, link, seven in zip(names, on, local.reshape(-1, 7), strict=True):
             if link == tool and link in clip.links and inside.any():
                 T = clip.links[link][inside] @ poses.from_seven(seven)
-                lines[str(name)] = (T[:, :3, 3], T[:, :3, 2])
+                axis = along if name == moved else [0.0, 0.0, 1.0]
+                lines[str(name)] = (T[:, :3, 3], T[:, :3, :3] @ axis)
         if lines:
             must = None if enforced is None else bool(enforced[i])
             out.append(_Stay(str(phases[i]), point[3 * i : 3 * i + 3], must, clip.times[inside], lines))
@@ -140,6 +146,11 @@ def _stays(data: dict[str, Any], clip: Clip, local: Array, ledger: Ledger) -> li
             text = f"entry 'rcm' is {quantity(off, 'm')} from the RCM of the first phase with an RCM."
             ledger.add("tracks.rcm", "disagreement", text, where="rcm", size=off * 1e6, unit="um")
     return out
+
+
+def _is_unit(value: Any) -> bool:
+    numbers = isinstance(value, list) and len(value) == 3 and all(isinstance(x, int | float) for x in value)
+    return numbers and abs(float(np.linalg.norm(value)) - 1) < 1e-6
 
 
 def _centre(stay: _Stay) -> Array | None:

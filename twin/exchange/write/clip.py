@@ -84,6 +84,7 @@ class Clip:
             by components.
         budget: the error budget for which the rate was chosen; None if the keys are the samples of a file.
         frame: name of the frame that the protocol moves.
+        shaft_axis: (3,) unit vector along the shaft in `frame`.
         phase_rcm: for each phase the RCM (3,) in the base frame in m, or None.
         phase_rcm_enforced: for each phase whether the shaft must go through its RCM; otherwise the RCM is only
             monitored.
@@ -102,6 +103,7 @@ class Clip:
     between: Between
     budget: Budget | None = None
     frame: str = ""
+    shaft_axis: Array = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
     phase_rcm: tuple[Array | None, ...] = ()
     phase_rcm_enforced: tuple[bool, ...] = ()
     assumed: tuple[str, ...] = ()
@@ -180,6 +182,7 @@ def make_clip(
                     found,
                     budget,
                     trajectory.frame,
+                    np.asarray(trajectory.shaft_axis, float),
                     tuple(None if p.rcm is None else np.asarray(p.rcm, float) for p in trajectory.phases),
                     tuple(p.rcm_mode == "enforced" for p in trajectory.phases),
                     assumed,

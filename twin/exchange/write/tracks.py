@@ -103,6 +103,7 @@ def track(
         "tool_link": tool.body,
         "tool_frame": _flat(_seven(tool.T_body_frame[None])),
         "moved_frame": clip.frame or mechanism.tool,
+        "shaft_axis": _flat(clip.shaft_axis),
         "frame_names": [f.name for f in mechanism.frames],
         "frame_links": [f.body for f in mechanism.frames],
         "frames_local": _flat([_seven(f.T_body_frame[None])[0] for f in mechanism.frames]),
