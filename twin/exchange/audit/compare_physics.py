@@ -534,7 +534,7 @@ def _plain(value: Any) -> str:
     if isinstance(value, np.ndarray):
         return _vector(value)
     if isinstance(value, Mapping):
-        return " + ".join(f"{c:.6g} {n}" for n, c in value.items()) or "nothing"
+        return " + ".join(f"{c:.9g} {n}" for n, c in value.items()) or "nothing"
     if isinstance(value, tuple):
         return " .. ".join(f"{v:g}" for v in value) if _all_numbers(value) else ", ".join(map(str, value)) or "nothing"
     return str(value)
