@@ -15,6 +15,7 @@ from twin.core import spatial
 from twin.core.errors import AssemblyError, MechanismError
 from twin.kinematics.closed_loops import LoopSolver, linear
 from twin.kinematics.closed_loops.equations import Equations
+from twin.kinematics.closed_loops.placing import LinkPoses
 from twin.model.mechanism import Coupling
 from twin.reference import ReferenceModel
 
@@ -65,6 +66,29 @@ def test_one_state_is_the_same_as_many(solvers, name, rng):
     many = solver.forward_many(q).Ts_base_tool
     for i in range(9):
         assert np.abs(solver.forward(q[i]) - many[i]).max() < 1e-12
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_links_of_small_and_large_moves_are_those_of_the_reference(solvers, name, rng):
+    solver = solvers[name]
+    model = ReferenceModel(solver.mechanism)
+    links, seed = LinkPoses(solver), None
+    small = solver.q + np.cumsum(rng.normal(size=(4, len(solver.q))) * 1e-3, axis=0)
+    for q in (*small, *around(solver, rng, 3), solver.q):
+        seed, found = model.solve(q, seed), links(q)
+        assert found.keys() == seed.link_poses.keys()
+        for body, T in seed.link_poses.items():
+            np.testing.assert_allclose(found[body], T, atol=1e-9, err_msg=body)
+
+
+def test_links_of_loops_that_cannot_be_closed_raise_and_the_next_state_is_found(solvers):
+    solver = solvers["sils"]
+    links = LinkPoses(solver)
+    home = links(solver.q)
+    with pytest.raises(AssemblyError, match="cannot be closed"):
+        links(solver.q + np.eye(len(solver.q))[0] * 0.5)
+    again = links(solver.q)
+    assert all(np.allclose(again[body], T, atol=1e-12) for body, T in home.items())
 
 
 def test_sils_is_closed_on_its_branch_from_a_cold_start_anywhere(solvers, rng):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import astuple, dataclass
 from typing import Any
 
@@ -40,10 +40,11 @@ PEDALS, FULCRUM = "pedals", "pedals.fulcrum"
 
 @dataclass(frozen=True)
 class Member:
-    """A robot of the scene, with its mechanism and its equations."""
+    """A robot of the scene, with its mechanism and its equations; for `links`, see `twin.simulation.world.Placed`."""
 
     mechanism: Mechanism
     kin: Kinematics
+    links: Callable[[Array], Mapping[str, Array]] | None = None
 
 
 def start(place: Place, mechanism: Mechanism) -> Array:
@@ -137,7 +138,7 @@ def world(
         controllers.append(HapticSwitch(PEDALS, haptics))
         plants += _forces(scene, members, limits, felt, [o.name for o in objects], dt)
     return World(
-        robots=[Placed(p.name, members[p.name].mechanism, p.T_world_base) for p in led],
+        robots=[Placed(p.name, members[p.name].mechanism, p.T_world_base, members[p.name].links) for p in led],
         objects=objects,
         devices=[device],
         controllers=controllers,

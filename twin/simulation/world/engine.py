@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import chain
 from typing import NamedTuple
@@ -24,11 +24,16 @@ from twin.simulation.world.signals import Signals, put
 
 @dataclass(frozen=True)
 class Placed:
-    """A mechanism and its pose T_world_base (4, 4); the signal `<name>.q` of a robot has its active joints (n,)."""
+    """A mechanism and its pose T_world_base (4, 4); the signal `<name>.q` of a robot has its active joints (n,).
+
+    `links` returns T_base_body (4, 4) of each body at active joint values (n,). The default is the reference model; a
+    compiled function is worth its compilation in a World that is drawn many times per second.
+    """
 
     name: str
     mechanism: Mechanism
     T_world_base: Array = field(default_factory=lambda: np.eye(4))
+    links: Callable[[Array], Mapping[str, Array]] | None = None
 
 
 class _Run(NamedTuple):
@@ -204,6 +209,8 @@ class World:
         return Frame(self.t, poses, fields)
 
     def _poses(self, placed: Placed) -> dict[str, Array]:
+        if placed.links is not None:
+            return {name: placed.T_world_base @ T for name, T in placed.links(self.signals[f"{placed.name}.q"]).items()}
         model, last = self._assemblies.get(placed.name) or (ReferenceModel(placed.mechanism), None)
         if f"{placed.name}.q" in self.signals:
             q = self.signals[f"{placed.name}.q"]

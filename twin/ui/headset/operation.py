@@ -105,6 +105,7 @@ class Operation(LiveConsole):
         self.feed, self._bends = feed, Bends(feed)
         self._bends.send = lambda document: self.send(document)
         self._bodies = {n: [b.name for b in m.mechanism.bodies] for n, m in self.members.items()}
+        self._T_base_world = {n: spatial.inverse(self._places[n].T_world_base) for n in self.members}
         self._tick, self._sent, self._seq = -1.0, float(-HEARTBEAT), 0
         self._shown: Array | None = None
         self._links: dict[str, dict[str, Array]] = {}
@@ -228,13 +229,15 @@ class Operation(LiveConsole):
     def _look(self) -> None:
         frame = self.world.frame()
         self._links = dict(frame.link_poses)
-        for name, bodies in self._bodies.items():
-            T_base_world = spatial.inverse(self._places[name].T_world_base)
-            poses = wire.sevens(T_base_world @ np.stack([frame.link_poses[name][b] for b in bodies]))
+        drawn = [
+            self._T_base_world[n] @ np.stack([frame.link_poses[n][b] for b in bodies])
+            for n, bodies in self._bodies.items()
+        ]
+        drawn += [np.stack([frame.link_poses[item.name][item.name] for item in self.objects])] if self.objects else []
+        names = [*self._bodies, *([wire.OBJECTS] if self.objects else [])]
+        counts = np.cumsum([len(Ts) for Ts in drawn])[:-1]
+        for name, poses in zip(names, np.split(wire.sevens(np.concatenate(drawn)), counts), strict=True):
             self._sevens[name] = wire.near_signs(poses, self._sevens.get(name))
-        if self.objects:
-            poses = wire.sevens(np.stack([frame.link_poses[item.name][item.name] for item in self.objects]))
-            self._sevens[wire.OBJECTS] = wire.near_signs(poses, self._sevens.get(wire.OBJECTS))
 
     def _publish(self) -> None:
         """Offer the newest report as a file."""

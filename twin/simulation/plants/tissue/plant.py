@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 from twin.core.errors import WorldError, unknown
 from twin.core.spatial import Array
 from twin.kinematics.closed_loops import LoopSolver
+from twin.kinematics.closed_loops.placing import LinkPoses
 from twin.model.mechanism import Mechanism
 from twin.model.tissue import Tissue
 from twin.simulation.plants.tissue.organs import PERIOD, SLOWEST, Organs, Tool
@@ -32,8 +33,7 @@ class Links:
                 raise WorldError(unknown(f"body of {robot}", name, known))
         self.signal = f"{robot}.q"
         self.tools = [Tool(robot, known[name]) for name in bodies]
-        self._T_world_base, self._loops = np.array(T_world_base, float), LoopSolver(mechanism)
-        self._q, self._states = np.zeros(0), np.zeros(0)
+        self._T_world_base, self._loops = np.array(T_world_base, float), LinkPoses(LoopSolver(mechanism))
         self._solve(np.array(q, float))
 
     def poses(self, q: Array | None = None) -> list[Array]:
@@ -44,18 +44,10 @@ class Links:
 
     def pose(self, body: str) -> Array:
         """Return T_world_body (4, 4) of any body at the latest joint values."""
-        return self._T_world_base @ self._links[body][0]
+        return self._T_world_base @ self._links[body]
 
     def _solve(self, q: Array) -> None:
-        """Close the loops from the latest state; if that fails, from the rest poses."""
-        states = self._loops.close(q, self._states) if len(self._q) else None
-        if states is None:
-            found = self._loops.forward_many(q[None])
-            if not np.isfinite(found.Ts_base_tool).all():
-                self._loops.forward(q)  # raises, with the joint values
-            states = found.states[:, 0]
-        self._q, self._states = q, states
-        self._links = self._loops.link_poses(q[None], states[:, None])
+        self._q, self._links = q, self._loops(q)
 
 
 class Tissues(Block):

@@ -1,0 +1,49 @@
+"""Poses of all bodies of a mechanism that moves little from call to call, as in a simulation."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+
+from twin.codegen import Kernel, Stage
+from twin.core.spatial import Array
+from twin.kinematics.closed_loops.solver import LoopSolver
+
+_JUMP = 0.5
+"""Largest change (m, rad) of an unknown in one call; after a larger one, the state is solved from the rest poses."""
+
+
+class LinkPoses:
+    """Returns the body poses at joint values; each call continues from the state of the last one."""
+
+    def __init__(self, loops: LoopSolver) -> None:
+        """Compile the poses of all bodies of a mechanism whose loops are compiled."""
+        self._loops, e, bodies = loops, loops.equations, loops.mechanism.bodies
+        rows = [ca.vec(e.pose(b.name)[:3, :].T) for b in bodies]
+        function = ca.Function("links", [e.q, e.states], [ca.densify(ca.vertcat(*rows))], {"cse": True})
+        inputs = {"q": e.q.numel(), "states": e.states.numel()}
+        self._rows = Kernel([Stage(function, tuple(inputs), ("links",))], inputs, ["links"], single=True).single()
+        self._names = [b.name for b in bodies]
+        self._states: Array | None = None
+
+    def __call__(self, q: Array) -> dict[str, Array]:
+        """Return T_base_body (4, 4) of every body at active joint values q (n,) in m or rad, by name.
+
+        Raises:
+            AssemblyError: the loops cannot be closed at q.
+            MechanismError: q has the wrong length or is not finite.
+        """
+        self._states = self._solved(np.asarray(q, float))
+        Ts = np.zeros((len(self._names), 4, 4))
+        Ts[:, :3], Ts[:, 3, 3] = self._rows(q, self._states).reshape(-1, 3, 4), 1.0
+        return dict(zip(self._names, Ts, strict=True))
+
+    def _solved(self, q: Array) -> Array:
+        if self._states is not None:
+            states = self._loops.close(q, self._states)
+            if states is not None and np.abs(states - self._states).max(initial=0.0) < _JUMP:
+                return states
+        found = self._loops.forward_many(q[None])
+        if not np.isfinite(found.Ts_base_tool).all():
+            self._loops.forward(q)  # raises, with the joint values
+        return found.states[:, 0]
