@@ -10,7 +10,7 @@ import numpy as np
 from twin.core.errors import WorldError
 from twin.model.mechanism import Mechanism
 from twin.model.scene import Place, Scene, Task
-from twin.simulation import procedure_scene, tissue_scene
+from twin.simulation import operating_scene, procedure_scene, tissue_scene
 from twin.simulation.console_scene import Member, start
 from twin.simulation.devices.procedure_surgeon import Arm, Manner, Mistake, ProcedureSurgeon
 from twin.simulation.devices.recorded import Recorded
@@ -29,7 +29,7 @@ _STAGES = ("begin", "expose", "show", "clip", "cut", "remove")
 
 def _arm(place: Place, member: Member) -> Arm:
     T = place.T_world_base @ member.kin.forward(start(place, member.mechanism))
-    return Arm(place.name, procedure_scene.port_of(place), T[:3, 3])
+    return Arm(place.name, operating_scene.port_of(place), T[:3, 3])
 
 
 def surgeon(
@@ -47,8 +47,8 @@ def surgeon(
         TwinError: the task is no procedure, or an organ cannot be built.
         WorldError: there is no such mistake, or no robot can carry a tool that is needed.
     """
-    procedure = procedure_scene.procedure_of(scene, task)
-    *arms, camera = (_arm(p, members[p.name]) for p in procedure_scene.robots_of(scene, procedure))
+    procedure = operating_scene.procedure_of(scene, task)
+    *arms, camera = (_arm(p, members[p.name]) for p in operating_scene.robots_of(scene, procedure))
     organs = tissue_scene.tissues(scene, drawn)
     return ProcedureSurgeon(arms, camera, organs, scene.vessels, scene.tools, procedure, TICK, seed, mistake, manner)
 
