@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from twin.api.act import anatomy_of, load_scene, robots_at
+from twin.api.act import anatomy_of, load_scene, props_of, robots_at
 from twin.api.robot import Progress, silent
 from twin.core.atomic import Scratch
 from twin.core.errors import TwinError
@@ -208,7 +208,7 @@ def replay_procedure(
     task = task_of(placed, session.head.task)
     progress("read CAD", 0.0)
     members, drawn, organ = _parts(placed, task)
-    ran = procedure_run.replay(session, path, placed, members, task, drawn, progress)
+    ran = procedure_run.replay(session, path, placed, members, task, drawn, progress, props_of(placed))
     return ProcedureSession(placed, task, str(path), session.head.seed, "", ran, organ, session.lost)
 
 

@@ -107,10 +107,8 @@ class ProcedureGuide(ProcedureReferee):
             if state != self._told.get(c.name, "open" if c.t is not None or not c.done else state):
                 self._tell("good" if c.done else "bad", f"{_TITLES[c.name]}: {'passed' if c.done else c.text}")
             self._told[c.name] = state
-        m = self.measures()
         rows = [["Time", f"{self.t:.1f} s"], ["Clips left", f"{self.clips - len(self.closed)} of {self.clips}"]]
-        rows.append(["Energy in the bed", f"{m.energy:.0f} J"])
-        rows.append(["Largest pull of a grasper", f"{m.largest_pull:.1f} N"])
+        rows.append(["Energy in the bed", f"{self.energy.sum():.0f} J"])
         self._content = {
             "rows": rows,
             "rings": [],
@@ -132,7 +130,7 @@ class ProcedureGuide(ProcedureReferee):
         p, states = self.procedure, {c.name: _state(c) for c in checks}
         holder = next((n for n in self.robots if self._holds[n] == 0), None)
         if states["expose"] == "open" and holder is None:
-            return self._with("grasper", f"bring its tip to the {p.organ}; open its jaws, then close them")
+            return self._with("grasper", f"bring its tip to the {p.organ}; open its jaws, close them")
         if states["expose"] == "open":
             return f"Lift the {p.organ} with {holder}: {self.lift / MM:.0f} of {p.lift_mm:g} mm"
         if states["show"] == "open":
@@ -146,11 +144,11 @@ class ProcedureGuide(ProcedureReferee):
             )
         if not self.cut:
             return self._with(
-                "scissors", f"bring the {p.vessel} between its blades, between the clips; open them, then close them"
+                "scissors", f"bring the {p.vessel} between its blades, between the clips; open them, close them"
             )
         if not self.freed.all():
             count = f"{int(self.freed.sum())} of {len(self.freed)} cells are free"
-            return self._with("cautery", f"touch the bed of the {p.organ} with its tip, and switch it on: {count}")
+            return self._with("cautery", f"touch a yellow mark of the bed with its tip, and switch it on: {count}")
         if holder is None:
             return self._with("grasper", f"grasp the {p.organ}")
         return f"Pull the {p.organ} out with {holder}: {self.out / MM:.0f} mm from a port, at most {p.out_mm:g} mm"

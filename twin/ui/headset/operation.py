@@ -28,6 +28,7 @@ from twin.simulation.controllers.following import SCALE
 from twin.simulation.controllers.pivot import Fulcrum
 from twin.simulation.devices.given import HandState
 from twin.simulation.devices.packets import Packets
+from twin.simulation.plants.tissue import Links
 from twin.simulation.session.condition import Condition
 from twin.ui.door.answers import File
 from twin.ui.door.mqtt import ScaleTopic
@@ -108,6 +109,10 @@ class Operation(LiveConsole):
         self._bends = Bends(self.feed or feed)
         self._bends.send = lambda document: self.send(document)
         self._bodies = {n: [b.name for b in m.mechanism.bodies] for n, m in self.members.items()}
+        self._closed = {
+            n: Links(n, m.mechanism, self._places[n].T_world_base, self._bodies[n], self.world.signals[f"{n}.q"])
+            for n, m in self.members.items()
+        }
         self._tick, self._sent, self._seq = -1.0, float(-HEARTBEAT), 0
         self._shown: Array | None = None
         self._links: dict[str, dict[str, Array]] = {}
@@ -236,14 +241,14 @@ class Operation(LiveConsole):
             packets.answer([self.world.signals[f"{hand}.force"] for hand in HANDS], t)
 
     def _look(self) -> None:
-        frame = self.world.frame()
-        self._links = dict(frame.link_poses)
         for name, bodies in self._bodies.items():
             T_base_world = spatial.inverse(self._places[name].T_world_base)
-            poses = wire.sevens(T_base_world @ np.stack([frame.link_poses[name][b] for b in bodies]))
+            found = self._closed[name].poses(self.world.signals[f"{name}.q"])
+            self._links[name] = dict(zip(bodies, found, strict=True))
+            poses = wire.sevens(T_base_world @ np.stack(found))
             self._sevens[name] = wire.near_signs(poses, self._sevens.get(name))
         if self.objects:
-            poses = wire.sevens(np.stack([frame.link_poses[item.name][item.name] for item in self.objects]))
+            poses = wire.sevens(np.stack([self.world.signals[f"{o.name}.pose"].reshape(4, 4) for o in self.objects]))
             self._sevens[wire.OBJECTS] = wire.near_signs(poses, self._sevens.get(wire.OBJECTS))
 
     def _publish(self) -> None:

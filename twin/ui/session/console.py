@@ -148,7 +148,9 @@ class LiveConsole:
         self._report: tuple[int, Call] | None = None
         self.attempt = 0
         self._begin()
-        self.feed = WorldFeed(lambda: self.world) if self.world.deformables else None
+        self.feed: WorldFeed | None = None
+        if task is not None and task.procedure is not None:
+            self.feed = WorldFeed(lambda: self.world, operating_scene.organ_of(task.procedure, organs))
         self.reading = self._read()
 
     # -- the task -------------------------------------------------------------------------------------
@@ -508,7 +510,8 @@ class LiveConsole:
             do = "first let go of what it holds" if holds else f"draw the tip back to {change}"
             waits = f"{self.scene.tools[tool].title} is not taken yet: {do}"
         active = bool(signals[f"{arm}.pedal"][0] > 0.5) and self.scene.tools[carries].kind == "cautery"
-        return {"tool": tool, "carries": carries, "waits": waits, "active": active}
+        opened = bool(signals[f"{arm}.opening"][0] > 0.5)
+        return {"tool": tool, "carries": carries, "waits": waits, "open": opened, "active": active}
 
     def _wall(self, name: str) -> str | None:
         """Return a text on the joint limit that prevents an arm from reaching its goal; None if there is none."""

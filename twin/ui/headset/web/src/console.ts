@@ -148,6 +148,14 @@ export class Console {
     this.app.ask('tool', { hand: side, name });
   }
 
+  /** Choose the tool after the chosen one. */
+  nextTool(side: Side): void {
+    const { tools } = this.info;
+    const at = tools.findIndex((t) => t.name === this.app.model.console?.hands[side].tool);
+    const next = tools[(at + 1) % tools.length];
+    if (next) this.takeTool(side, next.name);
+  }
+
   setScale(value: number): void {
     const [low, high] = this.info.scale as [number, number];
     this.app.ask('scale', { value: Math.min(high, Math.max(low, value)) });

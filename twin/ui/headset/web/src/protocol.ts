@@ -136,6 +136,8 @@ export interface HandState {
   carries?: string;
   /** In a procedure: why it does not carry the chosen tool yet. */
   waits?: string | null;
+  /** In a procedure: whether the jaws are open. */
+  open?: boolean;
   /** In a procedure: whether the tool gives off energy. */
   active?: boolean;
 }

@@ -39,7 +39,7 @@ export class Score {
     this.card.hidden = !task?.over;
     if (!task) return;
     this.board.classList.toggle('guided', Boolean(task.stages));
-    this.board.replaceChildren(make('h2', '', task.title), ...next(task), stages(task), rows(task), rings(task), events(task));
+    this.board.replaceChildren(make('h2', '', task.title), ...next(task), ...body(task));
     if (task.over)
       this.card.replaceChildren(make('h2', '', task.over), stages(task), rows(task), this.report(task), this.again());
   }
@@ -87,6 +87,12 @@ function next(task: TaskState): HTMLElement[] {
   const node = make('p', 'next', task.next);
   node.dataset['id'] = 'next';
   return [node];
+}
+
+/** Return the parts of the board: the events of a procedure are above its stages, so that they are always visible. */
+function body(task: TaskState): HTMLElement[] {
+  if (task.stages) return [events(task), stages(task), rows(task)];
+  return [rows(task), rings(task), events(task)];
 }
 
 const MARK = { done: '✓', open: '○', failed: '✗' } as const;
