@@ -9,7 +9,7 @@ export UV_PYTHON_DOWNLOADS ?= never
 # Where it is set, every process compiles all that it imports anew, and the suites start hundreds.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test test-slow test-pages witnesses check cad-check usd-check bench bench-check lock-check clean
+.PHONY: demo test test-slow test-pages test-long witnesses check cad-check usd-check bench bench-check lock-check clean
 
 demo: .venv/.synced
 	$(UV) run --frozen --no-sync twin run sils
@@ -22,6 +22,9 @@ test-slow: .venv/.synced-dev  ## what the default suite leaves out
 
 test-pages: .venv/.synced-dev  ## the pages of twin view and twin serve in Chromium
 	$(RUN) pytest -m browser --durations 25
+
+test-long: .venv/.synced-dev  ## a whole procedure by gamepad in Chromium, in real time
+	$(RUN) pytest -m long -s
 
 witnesses:  ## programs that are not ours read what twin writes (about 3 GB of environments, once)
 	.ci/witness

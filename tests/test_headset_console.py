@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import logging
+import time
 from dataclasses import replace
 
 import numpy as np
@@ -26,7 +27,7 @@ from twin.ui.headset import operation, served, server
 from twin.ui.headset import protocol as wire
 from twin.ui.headset.operation import Operation
 from twin.ui.headset.protocol import RefusedError
-from twin.ui.headset.scene_frame import unpack_scene
+from twin.ui.headset.scene_frame import pack_scene, unpack_scene
 from twin.ui.session import console
 from twin.ui.session.timeline import RATE
 
@@ -448,3 +449,52 @@ def test_where_a_camera_looks_is_the_inverse_of_its_view(at):
 def test_a_camera_beside_its_remote_centre_is_refused():
     with pytest.raises(WorldError, match="passes 5 mm from its remote centre"):
         looking(spatial.pose(None, (0.005, 0, -0.1)))
+
+
+class Slow:
+    """A source whose frames take 30 ms, as on a slow machine; it notes the numbers of the hands."""
+
+    replays, version, frames = False, wire.VERSION, 0
+
+    def __init__(self):
+        self.heard, self.send = [], lambda document: None
+
+    def frame(self, tick, server_time):
+        time.sleep(0.03)
+        self.frames += 1
+        return pack_scene(self.frames, server_time, 0.0, 0, [], [])
+
+    def ask(self, client, message):
+        self.heard.append(message.number)
+
+    def state(self):
+        return {"type": "state", "robots": []}
+
+    def welcome(self):
+        return []
+
+    def holds(self, client):
+        return True
+
+    def release(self, client):
+        pass
+
+    def close(self):
+        pass
+
+
+def test_hands_are_heard_at_once_where_a_frame_takes_longer_than_the_time_between_two_messages(scene, robots):
+    slow = Slow()
+
+    async def go():
+        async with serving(lambda: served.of_console(scene, robots, None), source=slow) as s, joined(s.port) as peer:
+            pose = {"pose": [0, 0, 0, 0, 0, 0, 1], "grip": 0}
+            for number in range(150):
+                await peer.say("hands", number=number, right=pose, left=pose, clutch=False, camera=False)
+                await asyncio.sleep(0.005)
+            before = slow.frames
+            await peer.until(lambda: slow.heard[-1:] == [149])
+            assert slow.frames - before <= 10, "a frame for each message would be 150"
+            assert len(peer.frames) >= 3, "the stream went on meanwhile"
+
+    asyncio.run(go())

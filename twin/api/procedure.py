@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from twin.api.act import anatomy_of, load_scene, robots_at
+from twin.api.act import anatomy_of, load_scene, props_of, robots_at
 from twin.api.robot import Progress, silent
 from twin.core.atomic import Scratch
 from twin.core.errors import TwinError
@@ -22,7 +22,7 @@ from twin.model.mechanism import Mechanism
 from twin.model.procedure import ProcedureTable
 from twin.model.scene import Scene, Task
 from twin.model.tissue import Tissue
-from twin.simulation import procedure_scene, tissue_scene
+from twin.simulation import operating_scene, tissue_scene
 from twin.simulation.console_scene import Member
 from twin.simulation.devices.procedure_surgeon import Mistake
 from twin.simulation.session import procedure_checks, procedure_run
@@ -66,12 +66,12 @@ class ProcedureSession(Result):
     @property
     def procedure(self) -> ProcedureTable:
         """The procedure."""
-        return procedure_scene.procedure_of(self.scene, self.task)
+        return operating_scene.procedure_of(self.scene, self.task)
 
     @cached_property
     def measures(self) -> ProcedureMeasures:
         """The checks and measures, from the signals of the World."""
-        ports: list[Array] = [procedure_scene.port_of(p) for p in procedure_scene.robots_of(self.scene, self.procedure)]
+        ports: list[Array] = [operating_scene.port_of(p) for p in operating_scene.robots_of(self.scene, self.procedure)]
         return procedure_checks.measure(self.ran.kept, self.procedure, self.organ, self.scene.vessels, ports)
 
     @property
@@ -147,8 +147,8 @@ class ProcedureSession(Result):
 
 
 def _parts(scene: Scene, task: Task) -> tuple[dict[str, Member], Mechanism | None, Tissue]:
-    procedure = procedure_scene.procedure_of(scene, task)
-    robots = robots_at(procedure_scene.robots_of(scene, procedure))
+    procedure = operating_scene.procedure_of(scene, task)
+    robots = robots_at(operating_scene.robots_of(scene, procedure))
     drawn = anatomy_of(scene)
     organ = next(t for t in tissue_scene.tissues(scene, drawn) if t.name == procedure.organ)
     return {n: Member(r.mechanism, r.kinematics()) for n, r in robots.items()}, drawn, organ
@@ -176,7 +176,7 @@ def operate_procedure(
         WorldError: there is no such mistake, no robot can carry a tool, or a link is inside an organ at the start.
     """
     chosen = task_of(scene, task)
-    procedure_scene.procedure_of(scene, chosen)
+    operating_scene.procedure_of(scene, chosen)
     progress("read CAD", 0.0)
     members, drawn, organ = _parts(scene, chosen)
     with Scratch() as folder:
@@ -208,7 +208,7 @@ def replay_procedure(
     task = task_of(placed, session.head.task)
     progress("read CAD", 0.0)
     members, drawn, organ = _parts(placed, task)
-    ran = procedure_run.replay(session, path, placed, members, task, drawn, progress)
+    ran = procedure_run.replay(session, path, placed, members, task, drawn, progress, props_of(placed))
     return ProcedureSession(placed, task, str(path), session.head.seed, "", ran, organ, session.lost)
 
 

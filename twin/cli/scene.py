@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from twin import api
 from twin.api.about import scene_commands
@@ -16,7 +16,8 @@ from twin.core.errors import TwinError, unknown
 
 if TYPE_CHECKING:
     from twin.model.mechanism import Mechanism
-    from twin.model.scene import Scene
+    from twin.model.scene import Scene, Task
+    from twin.model.tissue import Tissue
     from twin.ui.session.organs import OrganFeed
 
 names, find = assets.scenes, assets.scene_file
@@ -53,9 +54,18 @@ def content(scene: Scene) -> tuple[dict[str, api.Robot], Mechanism | None]:
     return robots_at(scene.places), props_of(scene)
 
 
-def organs(scene: Scene, robots: Mapping[str, api.Robot]) -> OrganFeed | None:
-    """Return the soft organs of a scene for a page; None: the scene has none."""
+def tissues(scene: Scene) -> tuple[Tissue, ...]:
+    """Return the soft organs of a scene; empty: it has none."""
     if (drawn := anatomy_of(scene)) is None:
+        return ()
+    from twin.simulation import tissue_scene
+
+    return tissue_scene.tissues(scene, drawn)
+
+
+def organs(scene: Scene, robots: Mapping[str, api.Robot]) -> OrganFeed | None:
+    """Return the soft organs of a scene for a page whose robots are not in a World with them; None: it has none."""
+    if not (found := tissues(scene)):
         return None
     from twin.simulation import tissue_scene
     from twin.ui.session.organs import OrganFeed
@@ -63,7 +73,14 @@ def organs(scene: Scene, robots: Mapping[str, api.Robot]) -> OrganFeed | None:
     links = {
         name: [robots[name].mechanism.body(b) for b in bodies] for name, bodies in tissue_scene.touching(scene).items()
     }
-    return OrganFeed(tissue_scene.tissues(scene, drawn), links)
+    return OrganFeed(found, links)
+
+
+def bending(scene: Scene, robots: Mapping[str, api.Robot], task: Task | None) -> dict[str, Any]:
+    """Return the arguments `feed` and `organs` of a page with a console: in a procedure, its World has the organs."""
+    if task is not None and task.procedure is not None:
+        return {"feed": None, "organs": tissues(scene)}
+    return {"feed": organs(scene, robots), "organs": ()}
 
 
 def run(file: Path, args: argparse.Namespace) -> int:

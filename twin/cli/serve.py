@@ -88,7 +88,7 @@ def _what(args: argparse.Namespace) -> tuple[str, Callable[[], Served]]:
             key = f"instrument_mm to the table [console] of {file.name}"
             raise TwinError(f"--fulcrum: the instruments of scene '{scene.name}' have no length: add {key}")
         connections = (args.packets, args.mqtt, args.mqtt_topic)
-        more = {"fulcrum": args.fulcrum or "compensated", "feed": scenes.organs(scene, robots)}
+        more = {"fulcrum": args.fulcrum or "compensated", **scenes.bending(scene, robots, task)}
         return scene.name, lambda: served.of_console(
             scene, robots, props, session, *connections, task, report, condition, **more
         )

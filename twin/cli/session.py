@@ -17,7 +17,7 @@ def report(file: str, scene: str) -> bytes:
     from twin.ui.report.files import write_result
 
     with Scratch() as folder:
-        found = replay_session(file, scene)
+        found = (replay_procedure if is_procedure(file, scene) else replay_session)(file, scene)
         pages = write_result(found, Path(folder))
         return (Path(folder) / pages[0]).read_bytes()
 

@@ -136,9 +136,10 @@ def _what(
         from twin.ui.viewer.console import ConsoleFront
 
         robots, props = scenes.content(scene)
-        stopping, feed = more["stopping"], scenes.organs(scene, robots)
+        stopping, bending = more["stopping"], scenes.bending(scene, robots, task)
         fulcrum = args.fulcrum or "compensated"
-        return ConsoleFront(f"twin · {scene.name}", scene, robots, props, server, stopping, task, report, fulcrum, feed)
+        title = f"twin · {scene.name}"
+        return ConsoleFront(title, scene, robots, props, server, stopping, task, report, fulcrum, **bending)
 
     if args.watch is not None:
         return scene.name, lambda server, more: _spectator(scene, server, more["stopping"], args.watch)

@@ -15,9 +15,12 @@ from twin.core.errors import TwinError, unknown
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM
 from twin.kinematics import Kinematics
+from twin.model.deformable import Deformable
 from twin.model.mechanism import Mechanism
+from twin.model.movable import Movable
 from twin.model.scene import CameraTable, ConsoleTable, Place, Scene, Task
-from twin.simulation import contact_scene
+from twin.model.tissue import Tissue
+from twin.simulation import contact_scene, operating_scene
 from twin.simulation.controllers.camera import Drag, Dragging, HandsToCamera, looking
 from twin.simulation.controllers.following import Arm, HandToPose
 from twin.simulation.controllers.hand_force import Surface
@@ -27,6 +30,7 @@ from twin.simulation.controllers.pedals import Pedals
 from twin.simulation.controllers.pivot import FULCRUMS, Fulcrum, Pivot
 from twin.simulation.controllers.reaching import PoseToJoints
 from twin.simulation.controllers.through_port import ThroughPort
+from twin.simulation.controllers.tool_grip import GripToTool
 from twin.simulation.limits import Limits
 from twin.simulation.plants.contact.feel import NAME as PLANES
 from twin.simulation.plants.kinematic import Kinematic
@@ -36,6 +40,9 @@ HANDS = ("right", "left")
 """Names of the hands; the device of the pedals is named `pedals`."""
 
 PEDALS, FULCRUM = "pedals", "pedals.fulcrum"
+
+ORGANS = 16e-3
+"""Time in s between two steps of the organs of a procedure, so that the World keeps real time beside a page."""
 
 
 @dataclass(frozen=True)
@@ -80,6 +87,7 @@ def world(
     task: Task | None = None,
     props: Mechanism | None = None,
     haptics: bool | None = None,
+    organs: Sequence[Tissue] = (),
 ) -> World:
     """Return a World in which a console controls the robots of a scene.
 
@@ -94,14 +102,17 @@ def world(
         dt: duration of one tick in s.
         records: whether every tick is recorded; see `World`.
         watch: blocks without outputs that read all signals at the end of a tick.
-        task: a task; if it has transfers, the instruments touch objects and the solid bodies of the props.
+        task: a task; if it has transfers, the instruments touch objects and the solid bodies of the props. If it is a
+            procedure, the grippers close the jaws of tools in the organs.
         props: mechanism of the props; only needed for such a task, and for the forces of contacts.
         haptics: whether the forces on the hands are on at the start; None: the World has none. With forces, the
             instruments touch the solid bodies and each other in every task.
+        organs: the organs of the scene; only needed for a procedure.
 
     Raises:
         TwinError: the scene has no console, the camera is not on its robot's tool, a start value is wrong, or a solid
-            body is not in the props.
+            body is not in the props; or the procedure needs a robot or an organ that is not there.
+        WorldError: a link is inside an organ at the start.
     """
     table, led = console_of(scene), led_by(scene)
     places = {p.name: p for p in scene.places}
@@ -134,12 +145,24 @@ def world(
     if objects or felt:
         arms = {n: (places[n], members[n].mechanism, members[n].kin) for hand in HANDS for n in getattr(table, hand)}
         plants.append(contact_scene.contact(scene, props, arms, q, objects, felt))
+    deformables: Sequence[Deformable] = ()
+    clips: Sequence[Movable] = ()
+    if task is not None and task.procedure is not None:
+        mechanisms = {n: m.mechanism for n, m in members.items()}
+        operated = operating_scene.field(scene, task, mechanisms, q, organs, ORGANS)
+        clips, deformables = operated.objects, operated.deformables
+        hands = {n: hand for hand in HANDS for n in getattr(table, hand)}
+        if without := [n for n in task.procedure.start if n not in hands]:
+            raise TwinError(f"{scene.file}: task '{task.name}': no hand of [console] moves {', '.join(without)}")
+        controllers += [GripToTool(hands[n], n) for n in task.procedure.start]
+        plants.append(operated.plant)
     if haptics is not None:
         controllers.append(HapticSwitch(PEDALS, haptics))
         plants += _forces(scene, members, limits, felt, [o.name for o in objects], dt)
     return World(
         robots=[Placed(p.name, members[p.name].mechanism, p.T_world_base, members[p.name].links) for p in led],
-        objects=objects,
+        deformables=deformables,
+        objects=[*objects, *clips],
         devices=[device],
         controllers=controllers,
         plants=[*plants, *watch],
@@ -190,16 +213,19 @@ def drag(table: ConsoleTable) -> Drag:
     return Drag(lower=tuple(low), upper=tuple(high))
 
 
-def settings(scene: Scene, fulcrum: Fulcrum = "compensated") -> dict[str, float]:
+def settings(scene: Scene, fulcrum: Fulcrum = "compensated", task: Task | None = None) -> dict[str, float]:
     """Return the settings of the device of a scene's console, with their first values.
 
     `pedals.fulcrum`: which end of the instruments the hands lead, see `pivot`. `<robot>.tool`: number of the chosen
-    tool, in the order of the scene file. Without instruments in ports or without tools, there are no such settings.
+    tool, in the order of the scene file; the first one is that of the task, if the task is a procedure. Without
+    instruments in ports or without tools, there are no such settings.
     """
     table = console_of(scene)
     out = {FULCRUM: float(FULCRUMS.index(fulcrum))} if table.instrument_mm else {}
     hands = [n for hand in HANDS for n in getattr(table, hand)]
-    return out | {f"{n}.tool": float(k % len(scene.tools)) for k, n in enumerate(hands) if scene.tools}
+    out |= {f"{n}.tool": float(k % len(scene.tools)) for k, n in enumerate(hands) if scene.tools}
+    first = {} if task is None or task.procedure is None else task.procedure.start
+    return out | {f"{n}.tool": float([*scene.tools].index(tool)) for n, tool in first.items()}
 
 
 def led_by(scene: Scene) -> list[Place]:
@@ -214,16 +240,14 @@ def identity(
     task: Task | None = None,
     props: Mechanism | None = None,
     haptics: bool | None = None,
+    organs: Sequence[Tissue] = (),
 ) -> str:
     """Return the hash "sha256:..." of the inputs of `world`: console, camera, places, start values, limits and frames.
 
     The equations and the version of the program are not included. Numbers are rounded to 1e-9, so that the hash does
     not depend on the processor.
     """
-
-    def plain(x: Any) -> Any:
-        return (np.round(np.asarray(x, float), 9) + 0.0).tolist()
-
+    plain = operating_scene.plain
     table = console_of(scene)
     about: list[Any] = [scene.name, table.model_dump(include={"right", "left", "camera"})]
     if table.through or table.instrument_mm or table.camera_range or scene.tools:
@@ -253,6 +277,8 @@ def identity(
     if task is not None and (a := task.alignment) is not None:
         about.append([plain(a.T_world_plate), plain(a.size), plain(a.plate), plain(a.line), camera.view_deg])
         about.append([plain(a.tolerance), plain(a.off)])
+    if task is not None and task.procedure is not None:
+        about += operating_scene.about(scene, task, organs)
     return "sha256:" + hashlib.sha256(json.dumps(about).encode()).hexdigest()
 
 

@@ -1,6 +1,7 @@
 """Judge a procedure from the signals of its World: five stages, and what must not happen in any of them.
 
-Nothing that the surgeon says is used: clips, cuts, the bed, depths and places are those of the World.
+Nothing that the surgeon says is used: clips, cuts, the bed, depths and places are those of the World. A page shows the
+checks of a `ProcedureReferee` so far; a report shows those of another one from the recorded signals.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from twin.core.units import MM
 from twin.model.procedure import ProcedureTable
 from twin.model.tissue import Tissue
 from twin.model.vessel import Vessel
-from twin.simulation.world import Recording
+from twin.simulation.world import Block, Recording, Signals
 
 _SHUT = 1 - 1e-9
 """Smallest fraction of a vessel's width between the legs of a clip that shuts it."""
@@ -30,12 +31,14 @@ class Check:
         done: whether it is passed.
         t: time in s at which it was passed; None: not passed, or a check of the whole session.
         text: what was measured, and the limit.
+        lost: whether it can no longer be passed.
     """
 
     name: str
     done: bool
     t: float | None
     text: str
+    lost: bool = False
 
 
 @dataclass(frozen=True)
@@ -66,6 +69,238 @@ class ProcedureMeasures:
         return all(c.done for c in self.checks)
 
 
+@dataclass(frozen=True)
+class Closed:
+    """A clip that was closed at t in s: on which vessel (-1: on none), where along it in m, and its cover."""
+
+    t: float
+    on: int
+    at: float
+    cover: float
+
+    @property
+    def shuts(self) -> bool:
+        """Whether it shuts the vessel on its whole width."""
+        return self.cover >= _SHUT
+
+
+class ProcedureReferee(Block):
+    """Judges a procedure while it is performed; it writes no signal.
+
+    It reads the signals that `twin.simulation.plants.tissue.Operating` writes.
+
+    Attributes:
+        t: time in s of the last sample.
+        closed: the clips that were closed so far, in order of time.
+        lift: height in m of the held point of the organ above its place in the last sample; 0: nothing holds it.
+        seen: fraction of the vessel that the camera sees in the last sample.
+        freed: (n,) whether each cell of the bed is free.
+        out: distance in m of the middle of the organ from the nearest port.
+    """
+
+    outputs: Mapping[str, Array] = {}
+
+    def __init__(
+        self,
+        p: ProcedureTable,
+        organ: Tissue,
+        vessels: Sequence[Vessel],
+        ports: Sequence[Array],
+        clips: Sequence[str],
+        period: float,
+    ) -> None:
+        """Begin with no sample.
+
+        Args:
+            p: the procedure.
+            organ: the organ that is taken out.
+            vessels: all vessels, in the order of their numbers in `clip_<k>.on`.
+            ports: (3,) of each port in the World in m.
+            clips: names of the signals `clip_<k>.on`.
+            period: time in s between two samples.
+        """
+        self.procedure, self.period = p, period
+        self.robots = [*p.start]
+        self._organ, self._vessels, self._ports = organ, tuple(vessels), np.array(ports)
+        self._middle = organ.weights.mean(axis=0)
+        self._number = next(k for k, v in enumerate(vessels) if v.name == p.vessel)
+        self._clips = [n.removesuffix(".on") for n in clips]
+        self.closed, self.t, self._samples = list[Closed](), 0.0, 0
+        self.lift = self.seen = 0.0
+        self._last_lift = 0.0  # of the sample before the first clip
+        self._high: float | None = None
+        self._run = self._best = 0
+        self._shown: float | None = None
+        self._t_cut = np.inf
+        self._cuts = [np.zeros(v.segments) for v in vessels]
+        self.freed, self.energy = np.zeros(len(organ.held), bool), np.zeros(len(organ.held))
+        self.out = np.inf
+        self._removed: tuple[float, bool] | None = None  # first time at which it was done, whether it is now
+        self._depths = dict.fromkeys(p.spare, 0.0)
+        self._paths, self._tips = dict.fromkeys(self.robots, 0.0), dict[str, Array]()
+        self._pull = self._slipped = 0.0
+
+    @property
+    def clips(self) -> int:
+        """Number of clips that all appliers had at the start."""
+        return len(self._clips) + len(self.closed)
+
+    def step(self, signals: Signals, t: float, dt: float) -> dict[str, Array]:
+        """Judge the signals at the end of this tick."""
+        self.see(signals.now, t)
+        return {}
+
+    def see(self, now: Mapping[str, Array], t: float) -> None:
+        """Judge a sample at a time t in s, `period` after the sample before."""
+        p = self.procedure
+        self.t, self._samples = t, self._samples + 1
+        for name in [n for n in self._clips if now[f"{n}.on"][0] > -1.5]:
+            self._clips.remove(name)
+            on, at, cover = (float(now[f"{name}.{what}"][0]) for what in ("on", "at", "cover"))
+            self.closed.append(Closed(t, round(on), at, cover))
+        self.lift = max((float(now[f"{n}.lifted"][2]) for n in self.robots if now[f"{n}.holds"][0] == 0), default=0.0)
+        self.lift, self.seen = max(self.lift, 0.0), float(now[f"{p.vessel}.seen"][0])
+        if not self.closed:
+            self._before_clips(t)
+        for k, v in enumerate(self._vessels):
+            self._cuts[k] = now[f"{v.name}.cut"].copy()
+        if self._t_cut == np.inf and self._cuts[self._number].any():
+            self._t_cut = t
+        self._see_organ(now, t)
+        for name in p.spare:
+            self._depths[name] = max(self._depths[name], float(now[f"{name}.depth"][0]))
+        for n in self.robots:
+            tip = now[f"{n}.tip"].copy()
+            self._paths[n] += float(np.linalg.norm(tip - self._tips.get(n, tip)))
+            self._tips[n] = tip
+            self._pull = max(self._pull, float(np.linalg.norm(now[f"{n}.pull"])))
+            self._slipped = max(self._slipped, float(now[f"{n}.slipped"][0]))
+
+    def _before_clips(self, t: float) -> None:
+        p = self.procedure
+        self._last_lift = self.lift
+        if self._high is None and self.lift >= p.lift_mm * MM:
+            self._high = t
+        self._run = self._run + 1 if self.seen >= p.seen else 0
+        self._best = max(self._best, self._run)
+        if self._shown is None and self._run * self.period >= p.seen_s:
+            self._shown = t
+
+    def _see_organ(self, now: Mapping[str, Array], t: float) -> None:
+        p, organ = self.procedure, self._organ
+        self.freed, self.energy = now[f"{organ.name}.freed"] > 0.5, now[f"{organ.name}.energy"].copy()
+        middle = self._middle @ now[f"{organ.name}.nodes"].reshape(-1, 3)
+        self.out = float(np.linalg.norm(middle - self._ports, axis=1).min())
+        done = bool(self.freed.all() and self.energy.min() >= p.bed_j and self.out <= p.out_mm * MM)
+        if done and self._removed is None:
+            self._removed = t, True
+        elif self._removed is not None:
+            self._removed = self._removed[0], done
+
+    # -- checks ----------------------------------------------------------------------------------------------
+
+    @property
+    def on_vessel(self) -> int:
+        """Number of clips that shut the vessel of the procedure."""
+        return sum(c.on == self._number and c.shuts for c in self.closed)
+
+    @property
+    def cut(self) -> bool:
+        """Whether the vessel of the procedure is cut."""
+        return self._t_cut < np.inf
+
+    @property
+    def removed(self) -> bool:
+        """Whether the organ is free and out."""
+        return self._removed is not None and self._removed[1]
+
+    def checks(self) -> list[Check]:
+        """Return the five stages in order, then the checks of the whole session."""
+        stages = [self._expose(), self._show(), self._clip(), self._cut(), self._remove()]
+        return [*stages, self._spared(), self._other_vessels()]
+
+    def measures(self) -> ProcedureMeasures:
+        """Return the checks and measures of all samples so far."""
+        checks = self.checks()
+        times = [c.t for c in checks[:5] if c.t is not None]
+        time = max(times) if len(times) == 5 else self.t
+        energy = float(self.energy.sum())
+        return ProcedureMeasures(checks, time, dict(self._paths), len(self.closed), energy, self._pull, self._slipped)
+
+    def _expose(self) -> Check:
+        p = self.procedure
+        done = self._last_lift >= p.lift_mm * MM
+        when = "when the first clip was placed" if self.closed else "at the end"
+        text = (
+            f"the held point of the {p.organ} was {self._last_lift / MM:.1f} mm above its place {when} "
+            f"(required: {p.lift_mm:g} mm)"
+        )
+        return Check("expose", done, self._high if done else None, text, bool(self.closed) and not done)
+
+    def _show(self) -> Check:
+        p = self.procedure
+        text = (
+            f"{p.camera} saw at least {p.seen:.0%} of the {p.vessel} for {self._best * self.period:.1f} s"
+            f"{' before the first clip' if self.closed else ''} (required: {p.seen_s:g} s)"
+        )
+        done = self._shown is not None
+        return Check("show", done, self._shown, text, bool(self.closed) and not done)
+
+    def _clip(self) -> Check:
+        p = self.procedure
+        wanted = p.clips_kept + p.clips_taken
+        shut = sorted(c.t for c in self._shut() if c.t <= self._t_cut)
+        part = sum(c.on == self._number and not c.shuts for c in self.closed)
+        beside = sum(c.on == -1 for c in self.closed)
+        more = "".join(
+            f"; {n} {what}" for n, what in ((part, "closed on a part of its width"), (beside, "closed beside it")) if n
+        )
+        text = f"{len(shut)} clips shut the {p.vessel} before it was cut (required: {wanted}){more}"
+        done = len(shut) >= wanted
+        lost = not done and (self.cut or len(shut) + len(self._clips) < wanted)
+        return Check("clip", done, shut[wanted - 1] if done else None, text, lost)
+
+    def _shut(self) -> list[Closed]:
+        return [c for c in self.closed if c.on == self._number and c.shuts]
+
+    def _cut(self) -> Check:
+        v, gone = self._vessels[self._number], np.flatnonzero(self._cuts[self._number])
+        if not len(gone):
+            return Check("cut", False, None, f"the {v.name} is not cut")
+        low, high = v.arc[gone[0]], v.arc[gone[-1] + 1]
+        taken, kept = (sum(c.at < low for c in self._shut()), sum(c.at > high for c in self._shut()))
+        open_ends = [side for side, n in (("the organ", taken), ("the side that stays", kept)) if n == 0]
+        text = f"cut {low / MM:.1f} mm from the organ, clips: {taken} on its side, {kept} on the side that stays"
+        if open_ends:
+            text += f"; the end towards {' and '.join(open_ends)} is open: bile leaks"
+        return Check("cut", not open_ends, None if open_ends else self._t_cut, text, bool(open_ends))
+
+    def _remove(self) -> Check:
+        p = self.procedure
+        text = (
+            f"{int(self.freed.sum())} of {len(self.freed)} cells of the bed are free (at least {p.bed_j:g} J each); "
+            f"the middle of the {p.organ} is {self.out / MM:.0f} mm from the nearest port (allowed: {p.out_mm:g} mm)"
+        )
+        return Check("remove", self.removed, self._removed[0] if self._removed and self.removed else None, text)
+
+    def _spared(self) -> Check:
+        p, depths = self.procedure, self._depths
+        worst = max(depths, key=lambda n: depths[n])
+        deep = f"{depths[worst] / MM:.1f} mm below the rest surface of the {worst}"
+        text = f"deepest tip {deep} (allowed: {p.depth_mm:g} mm)"
+        done = depths[worst] <= p.depth_mm * MM
+        return Check("organs", done, None, text, not done)
+
+    def _other_vessels(self) -> Check:
+        wrong = [
+            f"{sum(c.on == k for c in self.closed)} clips on and {int(self._cuts[k].sum())} cuts of the {v.name}"
+            for k, v in enumerate(self._vessels)
+            if k != self._number and (any(c.on == k for c in self.closed) or self._cuts[k].any())
+        ]
+        text = "; ".join(wrong) or "no other vessel was clipped or cut"
+        return Check("vessels", not wrong, None, text, bool(wrong))
+
+
 def measure(
     kept: Recording,
     p: ProcedureTable,
@@ -73,138 +308,10 @@ def measure(
     vessels: Sequence[Vessel],
     ports: Sequence[Array],
 ) -> ProcedureMeasures:
-    """Return the measures of a session.
-
-    Args:
-        kept: the signals that `twin.simulation.plants.tissue.Operating` writes, and their times.
-        p: the procedure.
-        organ: the organ that is taken out.
-        vessels: all vessels, in the order of their numbers in `clip_<k>.on`.
-        ports: (3,) of each port in the World in m.
-    """
-    robots = [n for n in p.start if f"{n}.holds" in kept.sizes]
-    number = next(k for k, v in enumerate(vessels) if v.name == p.vessel)
-    clips = [
-        _Clip(kept, n.removesuffix(".on")) for n in sorted(kept.sizes) if n.startswith("clip_") and n.endswith(".on")
-    ]
-    first = min((c.t for c in clips), default=np.inf)
-    before = slice(0, int(np.searchsorted(kept.t, first)))
-    cut = kept[f"{p.vessel}.cut"]
-    severed = np.flatnonzero(cut.any(axis=1))
-    t_cut = float(kept.t[severed[0]]) if len(severed) else np.inf
-    shut = [c for c in clips if c.on == number and c.cover >= _SHUT]
-    stages = [
-        _expose(kept, p, robots, first, before),
-        _show(kept, p, first, before),
-        _clip(p, [c for c in shut if c.t <= t_cut], clips, number),
-        _cut(vessels[number], cut[-1], shut, t_cut),
-        _remove(kept, p, organ, ports),
-    ]
-    whole = [_organs(kept, p), _vessels(kept, vessels, clips, number)]
-    times = [c.t for c in stages if c.t is not None]
-    paths = {n: float(np.linalg.norm(np.diff(kept[f"{n}.tip"], axis=0), axis=1).sum()) for n in robots}
-    return ProcedureMeasures(
-        [*stages, *whole],
-        max(times) if len(times) == len(stages) else float(kept.t[-1]),
-        paths,
-        sum(c.t < np.inf for c in clips),
-        float(kept[f"{organ.name}.energy"][-1].sum()),
-        max((float(np.linalg.norm(kept[f"{n}.pull"], axis=1).max()) for n in robots), default=0.0),
-        max((float(kept[f"{n}.slipped"].max()) for n in robots), default=0.0),
-    )
-
-
-class _Clip:
-    """A clip at the end: on which vessel (-1: none), where in m, its cover; when in s, infinite: unused."""
-
-    def __init__(self, kept: Recording, name: str) -> None:
-        on = kept[f"{name}.on"][:, 0]
-        used = np.flatnonzero(on > -1.5)
-        self.t = float(kept.t[used[0]]) if len(used) else np.inf
-        self.on = round(float(on[-1]))
-        self.at, self.cover = float(kept[f"{name}.at"][-1, 0]), float(kept[f"{name}.cover"][-1, 0])
-
-
-def _expose(kept: Recording, p: ProcedureTable, robots: Sequence[str], first: float, before: slice) -> Check:
-    lifts = np.zeros(len(kept.t[before]))
-    for n in robots:
-        held = kept[f"{n}.holds"][before, 0] == 0
-        lifts = np.maximum(lifts, np.where(held, kept[f"{n}.lifted"][before, 2], 0.0))
-    last = float(lifts[-1]) if len(lifts) else 0.0
-    high = np.flatnonzero(lifts >= p.lift_mm * MM)
-    done = last >= p.lift_mm * MM
-    when = "when the first clip was placed" if np.isfinite(first) else "at the end"
-    text = f"the held point of the {p.organ} was {last / MM:.1f} mm above its place {when} (required: {p.lift_mm:g} mm)"
-    return Check("expose", done, float(kept.t[high[0]]) if done else None, text)
-
-
-def _show(kept: Recording, p: ProcedureTable, first: float, before: slice) -> Check:
-    seen = kept[f"{p.vessel}.seen"][before, 0] >= p.seen
-    run = best = 0
-    t = None
-    for k, yes in enumerate(seen):
-        run = run + 1 if yes else 0
-        best = max(best, run)
-        if t is None and run * kept.dt >= p.seen_s:
-            t = float(kept.t[k])
-    text = (
-        f"{p.camera} saw at least {p.seen:.0%} of the {p.vessel} for {best * kept.dt:.1f} s"
-        f"{' before the first clip' if np.isfinite(first) else ''} (required: {p.seen_s:g} s)"
-    )
-    return Check("show", t is not None, t, text)
-
-
-def _clip(p: ProcedureTable, shut: Sequence[_Clip], clips: Sequence[_Clip], number: int) -> Check:
-    wanted = p.clips_kept + p.clips_taken
-    part = sum(c.on == number and c.cover < _SHUT for c in clips)
-    beside = sum(c.on == -1 for c in clips)
-    more = "".join(
-        f"; {n} {what}" for n, what in ((part, "closed on a part of its width"), (beside, "closed beside it")) if n
-    )
-    text = f"{len(shut)} clips shut the {p.vessel} before it was cut (required: {wanted}){more}"
-    times = sorted(c.t for c in shut)
-    done = len(shut) >= wanted
-    return Check("clip", done, times[wanted - 1] if done else None, text)
-
-
-def _cut(v: Vessel, cut: Array, shut: Sequence[_Clip], t: float) -> Check:
-    gone = np.flatnonzero(cut)
-    if not len(gone):
-        return Check("cut", False, None, f"the {v.name} is not cut")
-    low, high = v.arc[gone[0]], v.arc[gone[-1] + 1]
-    taken, kept = (sum(c.at < low for c in shut), sum(c.at > high for c in shut))
-    open_ends = [side for side, n in (("the organ", taken), ("the side that stays", kept)) if n == 0]
-    text = f"cut {low / MM:.1f} mm from the organ, clips: {taken} on its side, {kept} on the side that stays"
-    if open_ends:
-        text += f"; the end towards {' and '.join(open_ends)} is open: bile leaks"
-    return Check("cut", not open_ends, None if open_ends else t, text)
-
-
-def _remove(kept: Recording, p: ProcedureTable, organ: Tissue, ports: Sequence[Array]) -> Check:
-    freed, energy = kept[f"{organ.name}.freed"] > 0.5, kept[f"{organ.name}.energy"]
-    mean = organ.weights.mean(axis=0)
-    middle = np.einsum("j,tjk->tk", mean, kept[f"{organ.name}.nodes"].reshape(len(freed), -1, 3))
-    far = np.min([np.linalg.norm(middle - port, axis=1) for port in ports], axis=0)
-    done = freed.all(axis=1) & (energy.min(axis=1) >= p.bed_j) & (far <= p.out_mm * MM)
-    text = (
-        f"{int(freed[-1].sum())} of {freed.shape[1]} cells of the bed are free (at least {p.bed_j:g} J each); the "
-        f"middle of the {organ.name} is {far[-1] / MM:.0f} mm from the nearest port (allowed: {p.out_mm:g} mm)"
-    )
-    yes = bool(done[-1])
-    return Check("remove", yes, float(kept.t[np.flatnonzero(done)[0]]) if yes else None, text)
-
-
-def _organs(kept: Recording, p: ProcedureTable) -> Check:
-    depths = {name: float(kept[f"{name}.depth"].max()) for name in p.spare}
-    worst = max(depths, key=lambda n: depths[n])
-    text = f"deepest tip {depths[worst] / MM:.1f} mm below the rest surface of the {worst} (allowed: {p.depth_mm:g} mm)"
-    return Check("organs", depths[worst] <= p.depth_mm * MM, None, text)
-
-
-def _vessels(kept: Recording, vessels: Sequence[Vessel], clips: Sequence[_Clip], number: int) -> Check:
-    wrong = [
-        f"{sum(c.on == k for c in clips)} clips on and {int(kept[f'{v.name}.cut'][-1].sum())} cuts of the {v.name}"
-        for k, v in enumerate(vessels)
-        if k != number and (any(c.on == k for c in clips) or kept[f"{v.name}.cut"][-1].any())
-    ]
-    return Check("vessels", not wrong, None, "; ".join(wrong) or "no other vessel was clipped or cut")
+    """Return the measures of a session; `kept`: the signals that the referee reads. See `ProcedureReferee`."""
+    clips = [n for n in sorted(kept.sizes) if n.startswith("clip_") and n.endswith(".on")]
+    referee = ProcedureReferee(p, organ, vessels, ports, clips, kept.dt)
+    columns = [(name, kept[name]) for name in kept.sizes]
+    for k, t in enumerate(kept.t.tolist()):
+        referee.see({name: column[k] for name, column in columns}, t)
+    return referee.measures()

@@ -10,7 +10,7 @@ import numpy as np
 from twin.core.errors import WorldError
 from twin.model.mechanism import Mechanism
 from twin.model.scene import Place, Scene, Task
-from twin.simulation import procedure_scene, tissue_scene
+from twin.simulation import console_scene, operating_scene, procedure_scene, tissue_scene
 from twin.simulation.console_scene import Member, start
 from twin.simulation.devices.procedure_surgeon import Arm, Manner, Mistake, ProcedureSurgeon
 from twin.simulation.devices.recorded import Recorded
@@ -29,7 +29,7 @@ _STAGES = ("begin", "expose", "show", "clip", "cut", "remove")
 
 def _arm(place: Place, member: Member) -> Arm:
     T = place.T_world_base @ member.kin.forward(start(place, member.mechanism))
-    return Arm(place.name, procedure_scene.port_of(place), T[:3, 3])
+    return Arm(place.name, operating_scene.port_of(place), T[:3, 3])
 
 
 def surgeon(
@@ -47,18 +47,23 @@ def surgeon(
         TwinError: the task is no procedure, or an organ cannot be built.
         WorldError: there is no such mistake, or no robot can carry a tool that is needed.
     """
-    procedure = procedure_scene.procedure_of(scene, task)
-    *arms, camera = (_arm(p, members[p.name]) for p in procedure_scene.robots_of(scene, procedure))
+    procedure = operating_scene.procedure_of(scene, task)
+    *arms, camera = (_arm(p, members[p.name]) for p in operating_scene.robots_of(scene, procedure))
     organs = tissue_scene.tissues(scene, drawn)
     return ProcedureSurgeon(arms, camera, organs, scene.vessels, scene.tools, procedure, TICK, seed, mistake, manner)
 
 
-def keep_for(world: World, task: Task) -> Keep:
-    """Return what keeps all signals but the nodes of vessels and of organs that stay, which no measure uses."""
+def by_hand(session: Session) -> bool:
+    """Return whether the hands of a console have performed a procedure, not a simulated surgeon."""
+    return any(s.name == f"{console_scene.PEDALS}.clutch" for s in session.head.device)
+
+
+def keep_for(world: World, task: Task, sample: float = _SAMPLE) -> Keep:
+    """Return what keeps, every `sample` s, the signals that measures use: not the nodes of vessels and other organs."""
     assert task.procedure is not None
     own = f"{task.procedure.organ}.nodes"
     names = [n for n in world.signals.sizes if n == own or not n.endswith((".nodes", ".pose", ".goal", ".command"))]
-    return Keep(world, names, _SAMPLE)
+    return Keep(world, names, sample)
 
 
 def perform(
@@ -118,6 +123,7 @@ def replay(
     task: Task,
     drawn: Mechanism | None,
     progress: Progress,
+    props: Mechanism | None = None,
 ) -> Ran:
     """Replay a session in a new World, and compare all signals of every tick.
 
@@ -129,27 +135,34 @@ def replay(
         task: its task.
         drawn: mechanism whose bodies are the organs.
         progress: called with "replay" and the fraction done.
+        props: mechanism of the props; only needed for a session by hand, for the forces of contacts.
 
     Raises:
         WorldError: the session is of another scene, of one that has changed since, or of a World with other signals.
     """
-    begin = session.head
-    identity = procedure_scene.identity(scene, members, task, tissue_scene.tissues(scene, drawn))
+    begin, tape = session.head, Tape()
+    own, device = file.sizes(begin.device), session.device
+    recorded = Recorded(Recording(begin.dt, own, device), *own)
+    organs = tissue_scene.tissues(scene, drawn)
+    if by_hand(session):
+        haptics = None if begin.condition is None else begin.condition.haptics
+        more = {"task": task, "props": props, "haptics": haptics, "organs": organs}
+        identity = console_scene.identity(scene, members, **more)
+        world = console_scene.world(scene, members, recorded, records=False, watch=[tape], **more)
+    else:
+        identity = procedure_scene.identity(scene, members, task, organs)
+        world = procedure_scene.world(scene, members, task, drawn, recorded, records=False, watch=[tape])
     if begin.scene != scene.name or begin.identity != identity:
         raise WorldError(
             f"{path}: the session was recorded in scene '{begin.scene}', which is another one or has changed since: "
             "restore the earlier scene to replay the session"
         )
-    own, device = file.sizes(begin.device), session.device
-    tape = Tape()
-    recorded = Recorded(Recording(begin.dt, own, device), *own)
-    world = procedure_scene.world(scene, members, task, drawn, recorded, records=False, watch=[tape])
     if world.signals.sizes != file.sizes(begin.world) or not np.isclose(begin.dt, world.dt):
         raise WorldError(
             f"{path}: the session was written by twin {begin.twin}, whose World has other signals: replay it with that "
             "version"
         )
-    keep, difference, t = keep_for(world, task), None, 0.0
+    keep, difference, t = keep_for(world, task, console_scene.ORGANS if by_hand(session) else _SAMPLE), None, 0.0
     for chunk in session.chunks:
         world.step(len(chunk.device))
         rows = tape.take()

@@ -13,6 +13,7 @@ from twin.core.spatial import Array
 from twin.core.units import DEG
 from twin.model.mechanism import Mechanism
 from twin.model.scene import Scene, Task
+from twin.model.tissue import Tissue
 from twin.simulation import console_scene, contact_scene
 from twin.simulation.console_scene import HANDS, PEDALS, Member
 from twin.simulation.devices.camera_surgeon import CameraSurgeon
@@ -220,10 +221,11 @@ def head_of(
     seed: int | None = None,
     props: Mechanism | None = None,
     condition: Condition | None = None,
+    organs: Sequence[Tissue] = (),
 ) -> file.Head:
     """Return the first line of the session file of a World with a device."""
     own = {n: s for n, s in world.signals.sizes.items() if n in device.outputs}
-    identity = console_scene.identity(scene, members, task, props, _switch(condition))
+    identity = console_scene.identity(scene, members, task, props, _switch(condition), organs)
     name = None if task is None else task.name
     return file.head(scene.name, identity, world.dt, own, world.signals.sizes, name, seed, condition)
 

@@ -61,6 +61,7 @@ class World:
         tick: number of completed ticks.
         signals: the current signals.
         ended: whether the input of a device has ended.
+        deformables: the deformables.
     """
 
     def __init__(
@@ -87,7 +88,7 @@ class World:
         if not dt > 0:
             raise WorldError(f"dt is {dt:g} s; it must be above 0")
         self.dt, self.tick, self.ended = dt, 0, False
-        self._robots, self._props, self._deformables = tuple(robots), tuple(props), tuple(deformables)
+        self._robots, self._props, self.deformables = tuple(robots), tuple(props), tuple(deformables)
         self._objects = tuple(objects)
         _once(p.name for p in (*robots, *props, *deformables, *objects))
         initial: dict[str, ArrayLike] = {}
@@ -202,11 +203,24 @@ class World:
         """Return the link poses and vertices at the current time; the World does not change."""
         poses = {p.name: self._poses(p) for p in chain(self._robots, self._props)}
         poses |= {o.name: {o.name: self.signals[f"{o.name}.pose"].reshape(4, 4)} for o in self._objects}
+        return Frame(self.t, poses, self._fields(poses))
+
+    def fields(self) -> dict[str, Array]:
+        """Return the vertices (n, 3) in m of all deformables in the World, by name; faster than `frame`."""
+        owners = {d.owner for d in self.deformables}
+        return self._fields({p.name: self._poses(p) for p in chain(self._robots, self._props) if p.name in owners})
+
+    def _fields(self, poses: Mapping[str, Mapping[str, Array]]) -> dict[str, Array]:
         fields = {}
-        for d in self._deformables:
+        for d in self.deformables:
             T = poses[d.owner][d.body] if d.owner else np.eye(4)
             fields[d.name] = d.vertices(self.signals[d.signal]) @ T[:3, :3].T + T[:3, 3]
-        return Frame(self.t, poses, fields)
+        return fields
+
+    def link_poses(self) -> dict[str, dict[str, Array]]:
+        """Return T_world_link (4, 4) at the current time as in `Frame`, without the vertices; the World does not change."""
+        poses = {p.name: self._poses(p) for p in chain(self._robots, self._props)}
+        return poses | {o.name: {o.name: self.signals[f"{o.name}.pose"].reshape(4, 4)} for o in self._objects}
 
     def _poses(self, placed: Placed) -> dict[str, Array]:
         if placed.links is not None:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +20,7 @@ from twin.core.errors import TwinError
 from twin.core.spatial import Array
 from twin.model.mechanism import Mechanism
 from twin.model.scene import Scene, Task
+from twin.model.tissue import Tissue
 from twin.model.tool import DOES
 from twin.simulation import console_scene
 from twin.simulation.console_scene import HANDS, PEDALS
@@ -76,6 +77,7 @@ class Operation(LiveConsole):
         condition: Condition | None = None,
         fulcrum: Fulcrum = "compensated",
         feed: Feed | None = None,
+        organs: Sequence[Tissue] = (),
     ) -> None:
         """Create the World with the robots at the places of the scene; for other arguments see `LiveConsole`.
 
@@ -88,7 +90,8 @@ class Operation(LiveConsole):
             report: makes the report of an attempt.
             condition: condition of the session.
             fulcrum: which end of the instruments the hands lead at the start.
-            feed: deformables; None: no deformables.
+            feed: deformables that are not in the World; None: none.
+            organs: the organs of the scene; only needed for a procedure, whose World has them.
 
         Raises:
             TwinError: the scene has no console, the console does not match its robots, or the task its props.
@@ -99,10 +102,10 @@ class Operation(LiveConsole):
         self._connection: asyncio.Future[None] | None = None
         self.files: dict[str, File] = {}
         scale = 1.0 if scene.console is None else scene.console.scale
-        device = Packets(PEDALS, HANDS, scale, settings=console_scene.settings(scene, fulcrum))
-        super().__init__(scene, robots, device, session, task, props, report, condition)
+        device = Packets(PEDALS, HANDS, scale, settings=console_scene.settings(scene, fulcrum, task))
+        super().__init__(scene, robots, device, session, task, props, report, condition, organs=organs)
         self.send: Callable[[dict[str, Any]], object] = lambda document: None
-        self.feed, self._bends = feed, Bends(feed)
+        self._bends = Bends(self.feed or feed)
         self._bends.send = lambda document: self.send(document)
         self._bodies = {n: [b.name for b in m.mechanism.bodies] for n, m in self.members.items()}
         self._T_base_world = {n: spatial.inverse(self._places[n].T_world_base) for n in self.members}
@@ -123,8 +126,15 @@ class Operation(LiveConsole):
             "scale": list(SCALE),
             "patience": self.device.patience,
             "fulcrum": bool(table.instrument_mm),
+            "jaws": {hand: self._has_jaw(hand) for hand in HANDS},
             "tools": [{"name": n, "title": t.title, "kind": t.kind, "does": DOES[t.kind]} for n, t in tools.items()],
         }
+
+    def _has_jaw(self, hand: str) -> bool:
+        """Return whether the gripper of a hand moves something: a joint of an arm, or the jaws of a tool."""
+        if self.task is not None and self.task.procedure is not None:
+            return True
+        return any(self.members[n].kin.auxiliary.any() for n in getattr(self.table, hand))
 
     @property
     def links(self) -> tuple[str, ...]:
@@ -227,13 +237,9 @@ class Operation(LiveConsole):
             packets.answer([self.world.signals[f"{hand}.force"] for hand in HANDS], t)
 
     def _look(self) -> None:
-        frame = self.world.frame()
-        self._links = dict(frame.link_poses)
-        drawn = [
-            self._T_base_world[n] @ np.stack([frame.link_poses[n][b] for b in bodies])
-            for n, bodies in self._bodies.items()
-        ]
-        drawn += [np.stack([frame.link_poses[item.name][item.name] for item in self.objects])] if self.objects else []
+        self._links = links = self.world.link_poses()
+        drawn = [self._T_base_world[n] @ np.stack([links[n][b] for b in bodies]) for n, bodies in self._bodies.items()]
+        drawn += [np.stack([links[item.name][item.name] for item in self.objects])] if self.objects else []
         names = [*self._bodies, *([wire.OBJECTS] if self.objects else [])]
         counts = np.cumsum([len(Ts) for Ts in drawn])[:-1]
         for name, poses in zip(names, np.split(wire.sevens(np.concatenate(drawn)), counts), strict=True):

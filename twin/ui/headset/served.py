@@ -20,6 +20,7 @@ from twin.model import alignment
 from twin.model.mechanism import Mechanism
 from twin.model.movable import together
 from twin.model.scene import Place, Scene, Task
+from twin.model.tissue import Tissue
 from twin.ui.door.answers import File
 from twin.ui.headset import files
 from twin.ui.headset import protocol as wire
@@ -123,6 +124,7 @@ def of_console(
     condition: Condition | None = None,
     fulcrum: Fulcrum = "compensated",
     feed: Feed | None = None,
+    organs: Sequence[Tissue] = (),
 ) -> Served:
     """Return the content for a scene whose robots are controlled by its console; call this function in an event loop.
 
@@ -138,7 +140,8 @@ def of_console(
         report: makes the report of an attempt at the task, see `LiveConsole`.
         condition: condition of the session; None: that of the scene.
         fulcrum: which end of the instruments the hands lead at the start.
-        feed: deformables; None: no deformables.
+        feed: deformables that are not in the World; None: none.
+        organs: the organs of the scene; only needed for a procedure.
 
     Raises:
         TwinError: the scene has no console, the console does not match its robots, or the port of packets is in use.
@@ -147,7 +150,7 @@ def of_console(
     # It imports MuJoCo and the simulation, which a single robot does not need.
     from twin.ui.headset.operation import Operation
 
-    operation = Operation(scene, robots, session, task, props, report, condition, fulcrum, feed)
+    operation = Operation(scene, robots, session, task, props, report, condition, fulcrum, feed, organs)
     try:
         if packets is not None:
             operation.listen(*packets)
@@ -159,7 +162,7 @@ def of_console(
     about = [describe(robots[p.name], Desk(robots[p.name]), {}, {}, p) for p in scene.places]
     nothing = {"protocols": [], "variants": [], "postures": [], "has_workspace": False}
     shown = alignment.beside(props, None if task is None else task.alignment)
-    return _placed(scene, robots, operation, [a | nothing for a in about], shown, feed)
+    return _placed(scene, robots, operation, [a | nothing for a in about], shown, operation.feed or feed)
 
 
 def _placed(

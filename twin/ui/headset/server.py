@@ -32,7 +32,7 @@ STATE = 6
 """Number of ticks between two `state` documents."""
 
 GAP = 0.004
-"""Minimum time in s between two frames; frames after a message `hands` are also sent between ticks."""
+"""Minimum time in s from one frame to the next; frames after a message `hands` are also sent between ticks."""
 
 SILENCE, GRACE = 5.0, 3.0
 """Times in s after which a grab is released: without a message of its client, and after a disconnection."""
@@ -70,6 +70,7 @@ class StreamServer:
         self._dirty = False
         self._tick = 0
         self._begin = self._framed = time.monotonic()
+        self._pause = GAP
         self._response: asyncio.TimerHandle | None = None
         self._numbers = 0
         self.source = source
@@ -129,8 +130,10 @@ class StreamServer:
 
     def _advance(self, tick: float, server_time: float) -> None:
         """Advance the source to a tick, possibly with a fraction; store its frame for the clients."""
-        self._framed = server_time
+        begun = time.monotonic()
         frame = self.source.frame(tick, server_time)
+        self._framed = time.monotonic()
+        self._pause = max(GAP, self._framed - begun)
         if frame is None:
             return
         self._frame = frame
@@ -140,9 +143,13 @@ class StreamServer:
             client.behind = True
 
     def _respond(self, now: float) -> None:
-        """Send the effect of a message `hands` as soon as `GAP` allows, instead of at the next tick."""
+        """Send the effect of a message `hands` as soon as `GAP` allows, instead of at the next tick.
+
+        The pause is at least as long as the last frame took: on a slow machine, messages would otherwise wait for a
+        frame each, and their delay would grow without limit.
+        """
         self._response = None
-        if (wait := GAP - (now - self._framed)) > 0:
+        if (wait := self._pause - (now - self._framed)) > 0:
             self._response = asyncio.get_running_loop().call_later(wait, lambda: self._respond(time.monotonic()))
             return
         self._advance(max((now - self._begin) * RATE, self._tick), now)

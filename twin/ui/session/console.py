@@ -9,7 +9,7 @@ from __future__ import annotations
 import logging
 import math
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -25,20 +25,26 @@ from twin.core.units import DEG, MM
 from twin.kinematics.closed_loops import LoopSolver
 from twin.kinematics.closed_loops.placing import LinkPoses
 from twin.model.mechanism import Mechanism
+from twin.model.movable import Movable
+from twin.model.procedure import ProcedureTable
 from twin.model.scene import Scene, Task
-from twin.simulation import console_scene, contact_scene
+from twin.model.tissue import Tissue
+from twin.simulation import console_scene, contact_scene, operating_scene
 from twin.simulation.console_scene import HANDS, Member
 from twin.simulation.controllers.pedals import CAMERA, FREE, TOOLS
 from twin.simulation.controllers.pivot import FULCRUMS, Fulcrum
 from twin.simulation.devices.given import GivenHands, HandState
+from twin.simulation.plants.tissue import clips_of
 from twin.simulation.session import rings
 from twin.simulation.session.camera_referee import CameraReferee
 from twin.simulation.session.condition import Condition
+from twin.simulation.session.procedure_guide import ProcedureGuide
 from twin.simulation.session.run import SAMPLE, head_of
 from twin.simulation.session.tape import Tape
 from twin.simulation.world import World
 from twin.ui.session.force_peaks import ForcePeaks
 from twin.ui.session.recorder import Recorder
+from twin.ui.session.world_feed import WorldFeed
 
 _BUDGET, _CHUNK = 0.012, 4
 """Maximum real time in s for steps of the World per call; usual number of steps between two checks of this time."""
@@ -75,7 +81,8 @@ class LiveConsole:
         members: mechanism and equations of each robot.
         task: the task; None: no task.
         objects: the movable objects of the World.
-        referee: judge of a task with rings or of the camera task; None for other tasks.
+        referee: judge of a task with rings, of the camera task or of a procedure; None for other tasks.
+        feed: deformables of the World; None: it has none.
         attempt: number of times that the World has been started, from 1.
         condition: condition of the session, for its file.
         reading: the last state: controlled arms, arms at a limit, and the reason if nothing moves.
@@ -92,6 +99,7 @@ class LiveConsole:
         report: MakeReport | None = None,
         condition: Condition | None = None,
         fulcrum: Fulcrum = "compensated",
+        organs: Sequence[Tissue] = (),
     ) -> None:
         """Create the World with the robots at the places of the scene.
 
@@ -101,26 +109,23 @@ class LiveConsole:
             device: the input device; None: `GivenHands`.
             session: session file; the files of later attempts have its name with a number. None: no file, or a
                 temporary one if a report is made.
-            task: a task; if it has transfers, the World has movable objects and contact.
+            task: a task; if it has transfers, the World has movable objects and contact; if it is a procedure, organs,
+                vessels and clips.
             props: mechanism of the props; only needed for such a task, and for the forces of contacts.
             report: makes the report of an attempt, in another process; None: no reports.
             condition: condition of the session, with the switch of the forces; None: that of the scene.
             fulcrum: which end of the instruments the hands lead at the start; only for `device` None.
+            organs: the organs of the scene; only needed for a procedure.
 
         Raises:
-            TwinError: the scene has no console, the console does not match its robots, or the task its props;
-                or the task is a procedure, in which only the simulated surgeon can use tools.
+            TwinError: the scene has no console, the console does not match its robots, or the task its props.
+            WorldError: a link is inside an organ at the start.
             OutputError: the session cannot be written.
         """
         if scene.console is None:
             raise TwinError(f"scene '{scene.name}' has no console: add the table [console] to {scene.file.name}")
-        if task is not None and task.procedure is not None:
-            raise TwinError(
-                f"task '{task.name}' is a procedure, in which hands cannot use tools yet; let the simulated surgeon "
-                f"perform it: twin operate {scene.name} --task {task.name}"
-            )
         self.scene, self.table = scene, scene.console
-        settings = console_scene.settings(scene, fulcrum)
+        settings = console_scene.settings(scene, fulcrum, task)
         self.device = device or GivenHands(console_scene.PEDALS, HANDS, self.table.scale, settings=settings)
         self.members = {
             n: Member(r.mechanism, r.kinematics(), LinkPoses(LoopSolver(r.mechanism))) for n, r in robots.items()
@@ -130,10 +135,13 @@ class LiveConsole:
         self.condition = condition or Condition(haptics=on)
         self.device.feel(self.condition.haptics)
         with_rings = task is not None and bool(task.transfers)
-        self.objects = scene.objects if with_rings else ()
+        self._organs, self._first = tuple(organs), settings
+        self.objects: Sequence[Movable] = scene.objects if with_rings else ()
+        if task is not None and task.procedure is not None:
+            self.objects = clips_of(scene.tools)
         self._pegs = contact_scene.pegs(scene, props, task) if task is not None and with_rings else {}
         self._scratch = None
-        judged = with_rings or (task is not None and task.alignment is not None)
+        judged = task is not None and bool(task.transfers or task.alignment or task.procedure)
         if session is None and judged and report is not None:
             self._scratch = Scratch()
             session = Path(self._scratch.name) / "hands.session"
@@ -144,6 +152,9 @@ class LiveConsole:
         self._report: tuple[int, Call] | None = None
         self.attempt = 0
         self._begin()
+        self.feed: WorldFeed | None = None
+        if task is not None and task.procedure is not None:
+            self.feed = WorldFeed(lambda: self.world, operating_scene.organ_of(task.procedure, organs))
         self.reading = self._read()
 
     # -- the task -------------------------------------------------------------------------------------
@@ -155,11 +166,13 @@ class LiveConsole:
             path = path.with_name(f"{path.stem}-{attempt}{path.suffix}")
         tape = None if path is None else Tape()
         referee = None
-        if self.task is not None and self.objects:
+        if self.task is not None and self.task.transfers:
             robots = [n for hand in HANDS for n in getattr(self.table, hand)]
             referee = rings.Referee(self.task, self.objects, self._pegs, robots, SAMPLE)
         elif self.task is not None and self.task.alignment is not None:
             referee = CameraReferee(self._camera, SAMPLE)
+        elif self.task is not None and self.task.procedure is not None:
+            referee = self._guide(self.task.procedure)
         peaks = ForcePeaks(HANDS)
         world = console_scene.world(
             self.scene,
@@ -170,16 +183,26 @@ class LiveConsole:
             task=self.task,
             props=self._props,
             haptics=self.condition.haptics,
+            organs=self._organs,
         )
         recorder = None
         if path is not None and tape is not None:
-            told = {"props": self._props, "condition": self.condition}
+            told = {"props": self._props, "condition": self.condition, "organs": self._organs}
             head = head_of(self.scene, self.members, world, self.device, self.task, **told)
             recorder = Recorder(path, head, tape)
         self.world: World = world
         self._peaks = peaks
         self.referee, self.recorder, self.attempt = referee, recorder, attempt
         self._owed, self._rate, self._stopped, self._pressed, self._over = 0.0, 1.0, "", 0.0, ""
+
+    def _guide(self, procedure: ProcedureTable) -> ProcedureGuide:
+        """Return the referee of a procedure."""
+        organ = operating_scene.organ_of(procedure, self._organs)
+        ports = [operating_scene.port_of(p) for p in operating_scene.robots_of(self.scene, procedure)]
+        hands = {n: hand for hand in HANDS for n in getattr(self.table, hand)}
+        clips = [f"{item.name}.on" for item in self.objects]
+        vessels, tools = self.scene.vessels, self.scene.tools
+        return ProcedureGuide(procedure, organ, vessels, ports, clips, console_scene.ORGANS, tools, hands)
 
     def restart(self, client: str) -> None:
         """Begin a new attempt: objects, robots and measures are as at the start.
@@ -191,6 +214,8 @@ class LiveConsole:
         self._require_task()
         self.require_free(client)
         old, ticks = self.recorder, self.world.tick
+        for robot in {} if self.task is None or self.task.procedure is None else self.task.procedure.start:
+            self.device.set(f"{robot}.tool", self._first[f"{robot}.tool"])
         self._begin()
         if old is not None:
             old.close(ticks)
@@ -213,7 +238,7 @@ class LiveConsole:
 
     def _require_task(self) -> None:
         if self.referee is None:
-            raise TwinError("there is no task to end or restart: start this program with --task, such as pegboard")
+            raise TwinError("there is no task to end or restart: start this program with --task")
 
     def _finish(self, why: str) -> None:
         """Stop the World, complete the session file, and begin to make the report."""
@@ -269,7 +294,9 @@ class LiveConsole:
         if self.referee is None:
             return
         if self.referee.complete:
-            self._finish("All rings are on their pegs.")
+            self._finish(
+                self.referee.ending if isinstance(self.referee, ProcedureGuide) else "All rings are on their pegs."
+            )
         elif self.recorder is not None and not self.recorder.running:
             self._finish("The task was ended: the session is no longer recorded.")
 
@@ -442,7 +469,7 @@ class LiveConsole:
             jumps = int(sum(signals[f"{a}.jumps"][0] for a in getattr(self.table, hand)))
             hands[hand] = {"robot": arm, "follows": follows, "wall": wall, "jumps": jumps}
             if self.scene.tools:
-                hands[hand]["tool"] = list(self.scene.tools)[int(signals[f"{arm}.tool"][0])]
+                hands[hand] |= self._tools_of(arm)
         return {
             "owner": self.owner,
             "heard": self.device.heard,
@@ -460,7 +487,7 @@ class LiveConsole:
         }
 
     def _task(self) -> dict[str, Any] | None:
-        """Return the scoreboard of a task with rings or of the camera task; None for other tasks."""
+        """Return the scoreboard of a task that is judged; None for other tasks."""
         if self.referee is None or self.task is None:
             return None
         made = self.report()
@@ -471,6 +498,24 @@ class LiveConsole:
             "report": None if made is None else {"attempt": made[0], "ready": made[1] is not None, "problem": made[2]},
             **self.referee.content(),
         }
+
+    def _tools_of(self, arm: str) -> dict[str, Any]:
+        """Return the chosen tool of an arm; in a procedure also what it carries, and why it has not changed."""
+        signals, names = self.world.signals, [*self.scene.tools]
+        tool = names[int(signals[f"{arm}.tool"][0])]
+        if f"{arm}.carries" not in signals or self.task is None or self.task.procedure is None:
+            return {"tool": tool}
+        carries, waits = names[int(signals[f"{arm}.carries"][0])], None
+        if carries != tool:
+            port = next(iter(self._places[arm].p_world_ports.values()))
+            far = float(np.linalg.norm(signals[f"{arm}.tip"] - port)) / MM
+            change = f"at most {self.task.procedure.change_mm:g} mm from its port, now {far:.0f} mm"
+            holds = signals[f"{arm}.holds"][0] >= 0
+            do = "first let go of what it holds" if holds else f"draw the tip back to {change}"
+            waits = f"{self.scene.tools[tool].title} is not taken yet: {do}"
+        active = bool(signals[f"{arm}.pedal"][0] > 0.5) and self.scene.tools[carries].kind == "cautery"
+        opened = bool(signals[f"{arm}.opening"][0] > 0.5)
+        return {"tool": tool, "carries": carries, "waits": waits, "open": opened, "active": active}
 
     def _wall(self, name: str) -> str | None:
         """Return a text on the joint limit that prevents an arm from reaching its goal; None if there is none."""

@@ -7,7 +7,7 @@ World (`twin.ui.session.console`).
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from html import escape
 from typing import Any
 
@@ -22,6 +22,7 @@ from twin.core.units import DEG, MM
 from twin.model import alignment
 from twin.model.mechanism import Body, Mechanism
 from twin.model.scene import CameraTable, Scene, Task
+from twin.model.tissue import Tissue
 from twin.reference import ReferenceModel
 from twin.simulation.console_scene import HANDS
 from twin.simulation.controllers.camera import Drag
@@ -92,6 +93,7 @@ class ConsoleFront(Loop):
         report: MakeReport | None = None,
         fulcrum: Fulcrum = "compensated",
         feed: Feed | None = None,
+        organs: Sequence[Tissue] = (),
     ) -> None:
         """Create World and page.
 
@@ -102,17 +104,20 @@ class ConsoleFront(Loop):
             props: mechanism of the props; None: no props.
             server: the server of viser.
             stopping: set when the page shall end.
-            task: a task with rings, or None.
+            task: a task, or None.
             report: makes the report of an attempt, see `LiveConsole`.
             fulcrum: which end of the instruments the hands lead at the start.
-            feed: deformables; None: no deformables.
+            feed: deformables that are not in the World; None: none.
+            organs: the organs of the scene; only needed for a procedure, whose World has them.
 
         Raises:
             TwinError: the scene has no console, the console does not match its robots, or the task its props.
         """
         super().__init__(server, title, stopping)
-        self.console = LiveConsole(scene, robots, task=task, props=props, report=report, fulcrum=fulcrum)
-        self._fields = None if feed is None else FieldNodes(server, feed)
+        more = {"report": report, "fulcrum": fulcrum, "organs": organs}
+        self.console = LiveConsole(scene, robots, task=task, props=props, **more)
+        shown = self.console.feed or feed
+        self._fields = None if shown is None else FieldNodes(server, shown)
         self.pens = Pens(self.console)
         self._view_angle = scene.cameras[self.console.table.camera].view_deg * DEG
         self._poses = poses = self.console.world.frame().link_poses

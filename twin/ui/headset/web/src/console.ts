@@ -112,6 +112,14 @@ export class Console {
     this.pens[side].squeeze(open);
   }
 
+  /** Return a label for the gripper of a hand: it closes jaws, or switches energy on. */
+  jawLabel(side: Side): string {
+    const name = side === 'right' ? 'Right' : 'Left';
+    const carried = this.app.model.console?.hands[side].carries;
+    const burns = this.info.tools.find((t) => t.name === carried)?.kind === 'cautery';
+    return `${name} ${burns ? 'energy' : 'jaw'}`;
+  }
+
   toggleJaw(side: Side): void {
     this.squeeze(side, this.pens[side].grip > 0 ? 0 : 1);
   }
@@ -138,6 +146,14 @@ export class Console {
 
   takeTool(side: Side, name: string): void {
     this.app.ask('tool', { hand: side, name });
+  }
+
+  /** Choose the tool after the chosen one. */
+  nextTool(side: Side): void {
+    const { tools } = this.info;
+    const at = tools.findIndex((t) => t.name === this.app.model.console?.hands[side].tool);
+    const next = tools[(at + 1) % tools.length];
+    if (next) this.takeTool(side, next.name);
   }
 
   setScale(value: number): void {
@@ -181,6 +197,7 @@ export class Console {
   handText(side: Side): string {
     const hand = this.app.model.console?.hands[side];
     if (!hand) return '';
+    if (hand.waits) return `${side === 'right' ? 'Right' : 'Left'} hand: ${hand.waits}`;
     const doing = hand.wall ? `${hand.wall}` : hand.follows ? 'follows' : 'is at rest';
     return `${side === 'right' ? 'Right' : 'Left'} hand: ${hand.robot} ${doing}`;
   }

@@ -6,6 +6,8 @@ import { SIDES } from './pens';
 const DEAD = 0.15; // dead zone of a stick, as a fraction of its range
 const SPEED = 0.08; // m/s: speed of the hand at the end of the stick's range
 const AGAIN = 80; // ms between two commands while a force lasts; each vibrates for longer than that
+const TAP = 0.2; // part of the speed at which a depth button begins, so that a short press is a small step
+const RAMP = 0.5; // s until a depth button that is held moves at full speed
 const TURN = 1.5; // rad/s: angular speed at the end of the stick's range
 
 /** Indices of buttons and axes in the browsers' standard layout. */
@@ -14,6 +16,7 @@ const TRIGGER = { left: 6, right: 7 } as const;
 const PRESSED = { left: 10, right: 11 } as const;
 const DEEPER = { left: 12, right: 3 } as const;
 const NEARER = { left: 13, right: 0 } as const;
+const TOOL = { left: 14, right: 2 } as const;
 const CLUTCH = 4;
 const CAMERA = 5;
 
@@ -22,7 +25,8 @@ export const PAD: readonly (readonly [what: string, how: string])[] = [
   ['Instruments', 'left and right stick'],
   ['Rotate', 'press the stick'],
   ['Depth', 'left: direction pad up, down; right: Y, A'],
-  ['Jaws', 'triggers: pull to open'],
+  ['Jaws, energy', 'triggers: pull to open, or to switch on'],
+  ['Next tool', 'left: direction pad left; right: X'],
   ['Clutch, camera', 'left, right bumper'],
 ];
 
@@ -31,6 +35,9 @@ export class Pad {
   name = '';
   private last = 0;
   private pulled = { right: 0, left: 0 };
+  /** Speed of each depth button, as a part of the full speed. */
+  private depth = { right: 0, left: 0 };
+  private next = { right: false, left: false };
   private walls = 0;
   private felt = -Infinity;
 
@@ -49,12 +56,16 @@ export class Pad {
     console.pens.press('camera', 'pad', held(CAMERA));
     for (const side of SIDES) {
       const [x, y] = [live(pad.axes[STICK[side]]), -live(pad.axes[STICK[side] + 1])];
-      const z = Number(held(NEARER[side])) - Number(held(DEEPER[side]));
+      const way = Number(held(NEARER[side])) - Number(held(DEEPER[side]));
+      this.depth[side] = way ? Math.min(1, (this.depth[side] || TAP) + (seconds * (1 - TAP)) / RAMP) : 0;
+      const z = way * this.depth[side];
       const [v, w] = [SPEED * seconds, TURN * seconds];
       if (x || y || z) {
         if (held(PRESSED[side])) console.turn(side, -w * y, w * x, w * z);
         else console.move(side, v * x, v * y, v * z);
       }
+      if (held(TOOL[side]) && !this.next[side]) console.nextTool(side);
+      this.next[side] = held(TOOL[side]);
       const pull = pad.buttons[TRIGGER[side]]?.value ?? 0;
       if (Math.abs(pull - this.pulled[side]) > 0.02) {
         this.pulled[side] = pull;

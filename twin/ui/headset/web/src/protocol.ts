@@ -87,6 +87,8 @@ export interface ConsoleInfo {
   patience: number;
   /** Whether the hands can lead the outer ends of the instruments. */
   fulcrum: boolean;
+  /** Whether the gripper of a hand moves a jaw. */
+  jaws: Record<Side, boolean>;
   tools: ToolInfo[];
 }
 
@@ -122,6 +124,24 @@ export interface MqttState {
 /** Identifier of the owner while UDP packets control the hands. */
 export const UDP = 'udp';
 
+/** One hand at the console. */
+export interface HandState {
+  robot: string;
+  follows: boolean;
+  wall: string | null;
+  jumps: number;
+  /** The chosen tool. */
+  tool?: string;
+  /** In a procedure: the tool that the instrument carries. */
+  carries?: string;
+  /** In a procedure: why it does not carry the chosen tool yet. */
+  waits?: string | null;
+  /** In a procedure: whether the jaws are open. */
+  open?: boolean;
+  /** In a procedure: whether the tool gives off energy. */
+  active?: boolean;
+}
+
 export interface ConsoleState {
   /** Identifier of the controlling client, or `UDP`. */
   owner: string | null;
@@ -132,7 +152,7 @@ export interface ConsoleState {
   scale: number;
   /** Whether the forces on the hands are switched on. */
   haptics: boolean;
-  hands: Record<Side, { robot: string; follows: boolean; wall: string | null; jumps: number; tool?: string }>;
+  hands: Record<Side, HandState>;
   /** Which end of the instruments the hands lead: the tip, or the outer end; null: the mechanism decides. */
   fulcrum: 'compensated' | 'direct' | null;
   /** Text on the camera's limit; null if it is at no limit. */
@@ -144,7 +164,7 @@ export interface ConsoleState {
   pedal: string | null;
   packets: PacketsState | null;
   mqtt: MqttState | null;
-  /** Scoreboard of a task with objects; null for other tasks. */
+  /** Scoreboard of a task that is judged; null for other tasks. */
   task: TaskState | null;
 }
 
@@ -158,6 +178,10 @@ export interface TaskState {
   report: { attempt: number; ready: boolean; problem: string } | null;
   rows: [what: string, value: string][];
   rings: [name: string, state: string, color: string][];
+  /** Stages and checks of a procedure. */
+  stages?: [title: string, state: 'done' | 'open' | 'failed', text: string][];
+  /** What a procedure needs next. */
+  next?: string;
   /** The last events. */
   events: [t: number, tone: 'good' | 'plain' | 'bad', text: string][];
 }

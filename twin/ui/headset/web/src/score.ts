@@ -38,8 +38,10 @@ export class Score {
     this.board.hidden = !task;
     this.card.hidden = !task?.over;
     if (!task) return;
-    this.board.replaceChildren(make('h2', '', task.title), rows(task), rings(task), events(task));
-    if (task.over) this.card.replaceChildren(make('h2', '', task.over), rows(task), this.report(task), this.again());
+    this.board.classList.toggle('guided', Boolean(task.stages));
+    this.board.replaceChildren(make('h2', '', task.title), ...next(task), ...body(task));
+    if (task.over)
+      this.card.replaceChildren(make('h2', '', task.over), stages(task), rows(task), this.report(task), this.again());
   }
 
   /** Keep the scoreboard below the heading, whose height depends on its text. */
@@ -79,6 +81,35 @@ function rows(task: TaskState): HTMLElement {
   return table;
 }
 
+/** Return what the task needs next. */
+function next(task: TaskState): HTMLElement[] {
+  if (!task.next || task.over) return [];
+  const node = make('p', 'next', task.next);
+  node.dataset['id'] = 'next';
+  return [node];
+}
+
+/** Return the parts of the board: the events of a procedure are above its stages, so that they are always visible. */
+function body(task: TaskState): HTMLElement[] {
+  if (task.stages) return [events(task), stages(task), rows(task)];
+  return [rows(task), rings(task), events(task)];
+}
+
+const MARK = { done: '✓', open: '○', failed: '✗' } as const;
+
+/** Return the stages of a procedure; what was measured is shown for those that failed, and for all at the end. */
+function stages(task: TaskState): HTMLElement {
+  const list = make('ul', 'stages');
+  for (const [title, state, text] of task.stages ?? []) {
+    const shown = task.over && state === 'open' ? 'failed' : state;
+    const item = make('li', '', `${MARK[shown]} ${title}`);
+    item.dataset['state'] = shown;
+    if (shown === 'failed') item.append(make('small', '', text));
+    list.append(item);
+  }
+  return list;
+}
+
 function rings(task: TaskState): HTMLElement {
   const list = make('ul', 'rings');
   for (const [name, state, color] of task.rings) {
@@ -111,7 +142,7 @@ export function taskControls(app: App): Control[] {
       text: () => {
         const now = task();
         if (!now) return '';
-        const last = now.events.at(-1)?.[2] ?? '';
+        const last = now.next ?? now.events.at(-1)?.[2] ?? '';
         return `${now.rows.map(([what, value]) => `${what}: ${value}`).join(' · ')}\n${now.over ?? last}`;
       },
       tone: () => (task()?.over ? 'good' : task()?.events.at(-1)?.[1] === 'bad' ? 'bad' : 'plain'),

@@ -31,21 +31,24 @@ export function pedals(console: Console): Control {
     press: () => console.toggle(name),
     hint,
   });
-  const jaw = (side: Side, label: string): Button => ({
+  const jaw = (side: Side): Button => ({
     kind: 'button',
     id: `jaw-${side}`,
-    label: () => label,
+    label: () => console.jawLabel(side),
     on: () => console.pens[side].grip > 0,
+    off: () => !console.info.jaws[side],
     press: () => console.toggleJaw(side),
-    hint: 'Open or close the jaws',
+    hint: console.info.jaws[side]
+      ? 'Open or close the jaws, or switch the energy of a tool on and off'
+      : 'The instrument of this hand has no jaw that moves',
   });
   return {
     kind: 'row',
     items: [
       pedal('clutch', 'Clutch', 'While it is on, the hands move freely and the instruments are at rest'),
       pedal('camera', 'Camera', 'While it is on, the hands move the camera'),
-      jaw('left', 'Left jaw'),
-      jaw('right', 'Right jaw'),
+      jaw('left'),
+      jaw('right'),
     ],
   };
 }

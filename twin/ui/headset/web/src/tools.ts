@@ -59,10 +59,16 @@ export class Tools {
     this.window.hidden = wide < 260;
     Object.assign(this.window.style, { left: `${left}px`, top: `${beside.top}px`, width: `${wide}px`, height: `${beside.height}px` });
     for (const { side, tool, node } of this.buttons)
-      node.setAttribute('aria-pressed', String(state?.hands[side].tool === tool.name));
+      {
+        node.setAttribute('aria-pressed', String(state?.hands[side].tool === tool.name));
+        node.classList.toggle('carried', state?.hands[side].carries === tool.name);
+      }
     for (const side of SIDES) {
       const chosen = info.tools.find((t) => t.name === state?.hands[side].tool);
-      this.does[side].textContent = `${state?.hands[side].robot ?? ''}, ${side} hand: ${chosen ? `${chosen.title} – ${chosen.does}` : ''}`;
+      const hand = state?.hands[side];
+      const doing = hand?.active ? 'is switched on' : (chosen?.does ?? '');
+      this.does[side].textContent = `${hand?.robot ?? ''}, ${side} hand: ${hand?.waits ?? (chosen ? `${chosen.title} – ${doing}` : '')}`;
+      this.does[side].dataset['tone'] = hand?.waits ? 'warn' : hand?.active ? 'bad' : 'plain';
     }
     this.fulcrum.textContent = this.console.fulcrumText();
     this.fulcrum.setAttribute('aria-pressed', String(state?.fulcrum === 'direct'));

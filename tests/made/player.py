@@ -1,0 +1,163 @@
+"""A gamepad that is moved in a closed loop: it sees what the page draws, and steers tips to places in the World."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+
+from made import headset_page as headset
+from made.console_page import PAD
+
+STEER = (
+    PAD
+    + """
+window.pad.connected = true;
+window.steer = {right: null, left: null};
+window.player = {
+  tip: (side) => twin.app.fields.group.worldToLocal(twin.app.console.tip(side)).toArray(),
+  left: {stick: 0, deeper: 12, nearer: 13, tapped: false, moved: []},
+  right: {stick: 2, deeper: 3, nearer: 0, tapped: false, moved: []},
+  press: (k, on) => { window.pad.buttons[k] = {pressed: on, value: Number(on)}; },
+};
+(function steer() {
+  requestAnimationFrame(steer);
+  const c = window.twin?.app?.console;
+  if (!c || !c.tip('right')) return;
+  const scope = c.views.scope, group = twin.app.fields.group, full = 0.08 * c.scale;
+  for (const side of ['right', 'left']) {
+    const me = player[side], goal = window.steer[side];
+    let way = [0, 0, 0], depth = 0;
+    const pen = c.pens[side], heard = twin.app.model.console.heard;
+    me.moved.push({number: c.pens.number, p: pen.p.clone()}); // a person feels how far the own hand has moved
+    while (me.moved.length > 1 && me.moved[1].number <= heard) me.moved.shift();
+    if (goal) {
+      const tip = c.tip(side), to = tip.clone().fromArray(goal);
+      group.localToWorld(to);
+      scope.worldToLocal(tip);
+      scope.worldToLocal(to);
+      tip.addScaledVector(pen.p.clone().sub(me.moved[0].p), c.scale); // of the motion that is not drawn yet
+      const off = to.sub(tip);
+      const pace = Math.min(1, twin.app.model.console.rate); // slower hands for a slower World
+      me.tapped = !me.tapped;
+      depth = Math.abs(off.z) > 8e-3 * pace + 1e-3 || (Math.abs(off.z) > 1e-3 && me.tapped) ? Math.sign(off.z) : 0;
+      way = off.multiplyScalar((3 * pace) / full).clampLength(0, pace).toArray();
+    }
+    const live = (v) => Math.abs(v) < 0.01 ? 0 : Math.sign(v) * (0.15 + 0.85 * Math.abs(v));
+    window.pad.axes[me.stick] = live(way[0]);
+    window.pad.axes[me.stick + 1] = live(-way[1]);
+    player.press(me.deeper, depth < 0);
+    player.press(me.nearer, depth > 0);
+  }
+})();
+"""
+)
+"""Script of a page: a gamepad whose sticks and depth buttons lead the tips to `window.steer`, as a person who looks."""
+
+_TRIGGER = {"left": 6, "right": 7}
+_NEXT = {"left": 14, "right": 2}
+_SIDES = 8  # of a vessel's prisms, whose rings end with their centre
+
+
+class Player:
+    """What a person sees on the page of a procedure, and does with a gamepad."""
+
+    def __init__(self, page, ports):
+        self.page, self.ports, self.tips = page, ports, {}
+
+    # -- what is seen ----------------------------------------------------------------------------------------
+
+    def tip(self, side):
+        return np.array(self.page(f"player.tip('{side}')"))
+
+    def vertices(self, name):
+        return np.array(self.page(f"twin.app.fields.vertices('{name}')")).reshape(-1, 3)
+
+    def line(self, vessel):
+        """Return the centre line (n + 1, 3) of a vessel."""
+        rings = self.vertices(vessel).reshape(-1, 2, _SIDES + 1, 3)[:, :, -1]
+        return np.vstack([rings[:, 0], rings[-1:, 1]])
+
+    def place(self, vessel, part):
+        """Return the point (3,) at a part of the length of a vessel."""
+        line = self.line(vessel)
+        k = part * (len(line) - 1)
+        i = min(int(k), len(line) - 2)
+        return line[i] + (k - i) * (line[i + 1] - line[i])
+
+    def marks(self):
+        """Return the middles (k, 3) of the marks of the bed that are still there."""
+        corners = self.vertices("gallbladder_bed").reshape(-1, 6, 3)
+        return corners.mean(axis=1)[np.ptp(corners, axis=1).max(axis=1) > 1e-3]
+
+    def until_marks(self, count):
+        headset.until(lambda: len(self.marks()) <= count, f"{count} cells of the bed are left")
+
+    def inwards(self, side, p):
+        way = p - self.ports[side]
+        return way / np.linalg.norm(way)
+
+    def stages(self):
+        """Return the state of each check, by its title on the page."""
+        return {s[0]: s[1] for s in self.page("twin.app.model.console.task.stages")}
+
+    def hand(self, side):
+        return self.page(f"twin.app.model.console.hands.{side}")
+
+    # -- what is done ----------------------------------------------------------------------------------------
+
+    def go(self, near=1.5e-3, **to):
+        """Steer tips to places (3,) in the World, all at once."""
+        for side, p in to.items():
+            self.page(f"window.steer.{side} = {np.asarray(p).tolist()}")
+
+        def there():
+            return all(np.linalg.norm(self.tip(side) - p) < near for side, p in to.items())
+
+        headset.until(there, f"the tips reach {to}", 120)
+        for side in to:
+            self.page(f"window.steer.{side} = null")
+
+    def approach(self, side, see, before=15e-3):
+        """Go to a place that `see` returns along the shaft; it may move meanwhile."""
+        p = see()
+        self.go(4e-3, **{side: p - before * self.inwards(side, p)})
+        self.go(**{side: see()})
+
+    def back(self, side, way=15e-3):
+        p = self.tip(side)
+        self.go(5e-3, **{side: p - way * self.inwards(side, p)})
+
+    def press(self, button, on=True):
+        self.page(f"player.press({button}, {str(on).lower()})")
+
+    def pull(self, side):
+        """Pull the trigger, until the server has received it."""
+        self.press(_TRIGGER[side])
+        self.page.until(f"twin.app.console.pens.{side}.gripped > 0.6", "the trigger is pulled")
+        heard = self.page("twin.app.model.console.heard")
+        self.page.until(
+            f"twin.app.model.console.heard > {heard + 5} && twin.app.model.console.hands.{side}.open", "the jaws open"
+        )
+
+    def release(self, side):
+        self.press(_TRIGGER[side], False)
+        self.page.until(f"!twin.app.model.console.hands.{side}.open", "the jaws close")
+
+    def snap(self, side):
+        self.pull(side)
+        self.release(side)
+
+    def take(self, side, tool, change=0.11):
+        """Draw a tip back to its port, and choose the next tool until it is the wanted one."""
+        self.back(side)
+        port, p = self.ports[side], self.tip(side)
+        self.go(4e-3, **{side: port + 0.85 * change * self.inwards(side, p)})
+        for _ in range(8):
+            if (chosen := self.hand(side)["tool"]) == tool:
+                break
+            self.press(_NEXT[side])
+            self.page.until(f"twin.app.model.console.hands.{side}.tool !== '{chosen}'", "the next tool")
+            self.press(_NEXT[side], False)
+            time.sleep(0.1)
+        self.page.until(f"twin.app.model.console.hands.{side}.carries === '{tool}'", f"{side} carries {tool}")

@@ -1,0 +1,162 @@
+"""The page of a procedure, in Chromium: a gamepad takes out the gallbladder in five stages; a mistake is shown."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+import pytest
+
+import twin
+from made import headset_page as headset
+from made.console_page import console, joints
+from made.player import STEER, Player
+
+STAGES = ["Expose the organ", "Show the vessel", "Clip it", "Cut between the clips", "Take the organ out"]
+DUCT = "cystic_duct"
+
+
+@pytest.fixture(scope="module")
+def browser():
+    yield from headset.chromium()
+
+
+@pytest.fixture(scope="module")
+def serving():
+    server = headset.Serving("vsrs", None, "--task", "cholecystectomy")
+    yield server
+    server.stop()
+
+
+@pytest.fixture(scope="module")
+def page(browser, serving):
+    with console(browser, serving.url, size=(700, 440), scripts=(STEER,)) as page:
+        page.until("twin.app.loaded && twin.app.fields.vertices('cystic_duct').length > 0", "the vessels")
+        yield page
+
+
+@pytest.fixture
+def player(page):
+    scene = twin.load_scene("vsrs")
+    ports = {p.name: next(iter(p.p_world_ports.values())) for p in scene.places}
+    hands = page("twin.app.console.info.hands")
+    return Player(page, {side: ports[names[0]] for side, names in hands.items()})
+
+
+def grasp_and_lift(player):
+    """Grasp the gallbladder at its end away from the duct, and lift it."""
+    root = player.line(DUCT)[0]
+
+    def end():
+        v = player.vertices("gallbladder")
+        high = v[v[:, 2] > np.quantile(v[:, 2], 0.8)]
+        return high[np.argmax(np.linalg.norm(high - root, axis=1))]
+
+    player.approach("left", end)
+    player.snap("left")
+    player.page.until("twin.app.model.console.task.events.some(e => e[2].includes('holds the'))", "it is held")
+    player.go(left=player.tip("left") + np.array([-0.010, -0.006, 0.022]))
+
+
+def close_at(player, part, jaw):
+    """Bring the middle of the right jaws to a part of the length of the duct, and close them."""
+
+    def see():
+        p = player.place(DUCT, part)
+        return p + player.inwards("right", p) * jaw / 2
+
+    player.approach("right", see)
+    player.snap("right")
+
+
+def again(page):
+    """Begin a new attempt."""
+    page("window.steer.left = window.steer.right = null")
+    page("twin.app.console.pens.drop()")
+    attempt = page("twin.app.model.console.task.attempt")
+    page.until("twin.app.model.console.owner === null", "the hands are free")
+    page.id("task-restart").click()
+    page.until(f"twin.app.model.console.task.attempt === {attempt + 1}", "a new attempt")
+
+
+@pytest.mark.browser
+def test_a_gamepad_grasps_and_lifts_the_gallbladder_and_an_unplugged_one_keeps_it(page, player):
+    page.until("twin.app.model.console.task.next.includes('Grasper')", "the page says what is to be done")
+    before = player.vertices("gallbladder")
+    grasp_and_lift(player)
+    page.until("twin.app.model.console.task.stages[0][1] === 'done'", "exposed")
+    moved = np.linalg.norm(player.vertices("gallbladder") - before, axis=1)
+    assert moved.max() > 8e-3, "the page draws the gallbladder where it was lifted"
+    page("window.pad.connected = false")
+    page.until("twin.app.console.pad.name === ''", "the pad is gone")
+    headset.until(lambda: "gamepad was disconnected" in page.id("status").inner_text(), "it is told")
+    page.until("twin.app.model.console.silent || !twin.app.console.pens.active", "nothing is sent")
+    time.sleep(1.0)
+    held, still = player.tip("left"), joints(page)
+    time.sleep(1.0)
+    assert all(np.array_equal(a, b) for a, b in zip(still, joints(page), strict=True)), "nothing moves"
+    np.testing.assert_array_equal(player.tip("left"), held)
+    assert not player.hand("left")["open"], "the jaws stay closed"
+    assert not any("let go" in e[2] for e in page("twin.app.model.console.task.events"))
+    assert player.stages()["Expose the organ"] == "done"
+    page("window.pad.connected = true")
+    page.until("twin.app.console.pad.name !== ''", "the pad is back")
+
+
+@pytest.mark.browser
+def test_a_cut_without_clips_is_shown_as_failed_checks(page, player):
+    again(page)
+    player.take("right", "scissors")
+    close_at(player, 0.46, 12e-3)
+    page.until("twin.app.model.console.task.stages[3][1] === 'failed'", "the mistake is shown")
+    states = player.stages()
+    assert [states[s] for s in STAGES] == ["open", "done", "failed", "failed", "open"]
+    board = page.id("score").inner_text()
+    assert "✗ Cut between the clips" in board
+    assert "is open: bile leaks" in board
+    rings = player.vertices(DUCT).reshape(-1, 2, 9, 3)
+    assert (np.ptp(rings[:, :, -1], axis=1).max(axis=1) < 1e-6).any(), "the page draws the gap of the cut"
+
+
+@pytest.mark.long
+def test_a_gamepad_does_the_five_stages(page, player):
+    again(page)
+    begin = time.monotonic()
+    told = []
+
+    def tell(what):
+        told.append(f"{what} {time.monotonic() - begin:.0f} s")
+
+    page.until("twin.app.model.console.task.next.includes('Grasper')", "the page says what is to be done")
+    grasp_and_lift(player)
+    page.until("twin.app.model.console.task.stages[0][1] === 'done'", "exposed")
+    tell("exposed")
+    for k, part in enumerate((0.62, 0.74, 0.3), 1):
+        close_at(player, part, 10e-3)
+        page.until(f"parseInt(twin.app.model.console.task.rows[1][1]) === {6 - k}", "a clip is used")
+        player.back("right")
+        tell(f"clip {k}")
+    assert player.stages()["Clip it"] == "done", page("JSON.stringify(twin.app.model.console.task.events)")
+    player.take("right", "scissors")
+    tell("scissors")
+    close_at(player, 0.46, 12e-3)
+    page.until("twin.app.model.console.task.stages[3][1] === 'done'", "cut")
+    tell("cut")
+    player.take("right", "cautery")
+    tell("cautery")
+    while len(marks := player.marks()):
+        nearest = marks[np.argmin(np.linalg.norm(marks - player.ports["right"], axis=1))]
+        player.approach("right", lambda p=nearest: p)
+        player.press(7)
+        player.until_marks(len(marks) - 1)
+        player.press(7, False)
+        player.back("right")
+        player.go(3e-3, left=player.tip("left") + np.array([-0.004, -0.001, 0.006]))
+        tell(f"{len(marks) - 1} cells left")
+    port = player.ports["left"]
+    player.go(6e-3, left=port + 0.05 * player.inwards("left", player.tip("left")))
+    page.until("twin.app.model.console.task.over !== null", "the end")
+    tell("out")
+    print(", ".join(told), page("twin.app.model.console.rate"))
+    assert [player.stages()[s] for s in STAGES] == ["done"] * 5
+    page.id("result").get_by_text("All checks are passed").wait_for()

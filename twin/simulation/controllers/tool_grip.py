@@ -1,0 +1,43 @@
+"""Open and close the jaws of a tool by a gripper, or switch its energy on, without a jump after use of the clutch."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from twin.core.spatial import Array
+from twin.core.units import DEG
+from twin.simulation.world import Block, Signals
+
+HALF = 20 * DEG
+"""Angle of a gripper in rad above which it is open: half of its travel."""
+
+
+class GripToTool(Block):
+    """Reads `<hand>.grip` in rad and `<robot>.follows`; writes `<robot>.opening` (0 or 1) and `<robot>.pedal` (0 or 1).
+
+    The jaws begin open. They stay as they are while the robot does not follow the hand, and afterwards until the
+    gripper is as they are: a gripper that is closed at the start must be opened before it can close the jaws. While
+    the gripper is open and leads the jaws, the pedal is 1; only a tool with energy uses it.
+    """
+
+    def __init__(self, hand: str, robot: str) -> None:
+        """Connect a gripper to a tool."""
+        self._grip, self._follows = f"{hand}.grip", f"{robot}.follows"
+        self._opening, self._pedal = f"{robot}.opening", f"{robot}.pedal"
+        self._open, self._led = True, False
+        self.outputs = {self._opening: 1.0, self._pedal: 0.0}
+
+    def attach(self, signals: Signals, memory: Mapping[str, Array]) -> None:
+        """Store views of the signals that this block reads."""
+        self._gripped, self._followed = signals.now[self._grip].item, signals.now[self._follows].item
+        self._out = memory[self._opening], memory[self._pedal]
+
+    def step(self, signals: Signals, t: float, dt: float) -> None:
+        """Let the gripper lead the jaws."""
+        wanted = self._gripped() > HALF
+        if self._followed() <= 0.5:
+            self._led = False
+        elif self._led or wanted is self._open:
+            self._led, self._open = True, wanted
+        opening, pedal = self._out
+        opening[0], pedal[0] = float(self._open), float(self._led and self._open)

@@ -1,0 +1,140 @@
+"""The plant of a procedure: the organs, vessels and tools of a scene under its robots, whatever leads these."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from twin.core.errors import TwinError
+from twin.core.spatial import Array
+from twin.core.units import DEG
+from twin.model.deformable import Deformable
+from twin.model.mechanism import Mechanism
+from twin.model.movable import Movable
+from twin.model.procedure import ProcedureTable
+from twin.model.scene import Place, Scene, Task
+from twin.model.tissue import Tissue
+from twin.simulation import tissue_scene
+from twin.simulation.plants.tissue import Instrument, Links, Operating, Sight, clips_of
+from twin.simulation.plants.tissue.organs import PERIOD
+
+_TIP = "instrument_tip"
+"""Name of the frame at the tip of an instrument, z out of it."""
+
+
+@dataclass(frozen=True)
+class Field:
+    """What is operated on: the plant, and the deformables and objects that it moves."""
+
+    plant: Operating
+    deformables: Sequence[Deformable]
+    objects: Sequence[Movable]
+
+
+def procedure_of(scene: Scene, task: Task) -> ProcedureTable:
+    """Return the procedure of a task.
+
+    Raises:
+        TwinError: the task is another one.
+    """
+    if task.procedure is None:
+        raise TwinError(f"{scene.name}: task '{task.name}' is no procedure; it is performed at a console")
+    return task.procedure
+
+
+def port_of(place: Place) -> Array:
+    """Return the port (3,) of a robot's only trocar in the World in m."""
+    return next(iter(place.p_world_ports.values()))
+
+
+def bound(place: Place, mechanism: Mechanism) -> Mechanism:
+    """Return the mechanism with its trocar in its port."""
+    if not mechanism.trocars:
+        return mechanism
+    T = place.T_world_base
+    return mechanism.with_trocar((port_of(place) - T[:3, 3]) @ T[:3, :3])
+
+
+def robots_of(scene: Scene, procedure: ProcedureTable) -> list[Place]:
+    """Return the robots of a procedure: those with a tool, then the robot of the camera."""
+    places = {p.name: p for p in scene.places}
+    camera = scene.cameras[procedure.camera].robot
+    return [places[n] for n in (*(n for n in procedure.start if n != camera), camera)]
+
+
+def organ_of(procedure: ProcedureTable, organs: Sequence[Tissue]) -> Tissue:
+    """Return the organ that is taken out.
+
+    Raises:
+        TwinError: it is not among the organs.
+    """
+    found = next((o for o in organs if o.name == procedure.organ), None)
+    if found is None:
+        raise TwinError(f"the procedure needs the organ '{procedure.organ}': give the organs of the scene")
+    return found
+
+
+def field(
+    scene: Scene,
+    task: Task,
+    mechanisms: Mapping[str, Mechanism],
+    q: Mapping[str, Array],
+    organs: Sequence[Tissue],
+    period: float = PERIOD,
+) -> Field:
+    """Return what the robots of a procedure operate on.
+
+    Args:
+        scene: a scene with organs.
+        task: a task with a procedure.
+        mechanisms: mechanisms of the robots by the names of their places.
+        q: (n,) joint values of each robot at the start.
+        organs: the organs of the scene.
+        period: time in s between two steps of the organs.
+
+    Raises:
+        TwinError: the task is no procedure, a robot is not among those that touch organs, or the organs are not given.
+        WorldError: a link is inside an organ at the start.
+    """
+    procedure = procedure_of(scene, task)
+    places = robots_of(scene, procedure)
+    if len(places) != len(procedure.start) + 1:
+        raise TwinError(f"{scene.file}: task '{task.name}': the robot of the camera cannot carry a tool")
+    organ_of(procedure, organs)
+    touching = tissue_scene.touching(scene)
+    links: dict[str, Links] = {}
+    for place in places:
+        name = place.name
+        if name not in touching:
+            raise TwinError(f"{scene.file}: task '{task.name}': '{name}' has no link in `touching` of [anatomy]")
+        links[name] = Links(name, bound(place, mechanisms[name]), place.T_world_base, touching[name], q[name])
+    instruments = [
+        Instrument(links[p.name], mechanisms[p.name].frame(_TIP), port_of(p), procedure.start[p.name])
+        for p in places[:-1]
+    ]
+    camera = scene.cameras[procedure.camera]
+    frame, seeing = mechanisms[camera.robot].frame(camera.frame), links[camera.robot]
+    sight = Sight(lambda: seeing.pose(frame.body) @ frame.T_body_frame @ camera.in_frame, camera.view_deg * DEG)
+    plant = Operating(organs, [*links.values()], instruments, scene.vessels, scene.tools, procedure, sight, period)
+    deformables = [*(t.deformable for t in organs), *(v.deformable for v in scene.vessels)]
+    return Field(plant, deformables, clips_of(scene.tools))
+
+
+def about(scene: Scene, task: Task, organs: Sequence[Tissue]) -> list[Any]:
+    """Return the inputs of `field` except the robots, as plain data for a hash."""
+    procedure = procedure_of(scene, task)
+    camera = scene.cameras[procedure.camera]
+    out: list[Any] = [procedure.model_dump(), [camera.robot, camera.frame, plain(camera.in_frame), camera.view_deg]]
+    out.append([{n: t.model_dump() for n, t in scene.tools.items()}, tissue_scene.touching(scene)])
+    out += [
+        [t.name, plain(t.nodes), len(t.surface.vertices), t.young, t.poisson, t.damping, t.friction] for t in organs
+    ]
+    return out + [[v.name, plain(v.points), v.organ, plain(v.radius), v.young] for v in scene.vessels]
+
+
+def plain(x: Any) -> Any:
+    """Return an array as lists of numbers rounded to 1e-9, so that a hash does not depend on the processor."""
+    return (np.round(np.asarray(x, float), 9) + 0.0).tolist()

@@ -1,0 +1,170 @@
+"""What a person who performs a procedure by hand sees of it: the state of each stage, what to do next, and events."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Literal
+
+from twin.core.spatial import Array
+from twin.core.units import MM
+from twin.model.procedure import ProcedureTable
+from twin.model.tissue import Tissue
+from twin.model.tool import Kind, ToolTable
+from twin.model.vessel import Vessel
+from twin.simulation.session.procedure_checks import Check, ProcedureReferee
+from twin.simulation.session.rings import Event
+
+_TITLES = {
+    "expose": "Expose the organ",
+    "show": "Show the vessel",
+    "clip": "Clip it",
+    "cut": "Cut between the clips",
+    "remove": "Take the organ out",
+    "organs": "Spare other organs",
+    "vessels": "Spare other vessels",
+}
+"""Titles of the checks."""
+
+_SAID = 0.2
+"""Time in s of the World between two new texts."""
+
+_OUT = 0.5
+"""Time in s for which the organ is out before the procedure is complete; ASSUMED."""
+
+
+class ProcedureGuide(ProcedureReferee):
+    """A referee that also tells the person what to do.
+
+    Attributes:
+        complete: whether the organ is free and has been out for some time.
+        events: what happened so far, in order of time.
+    """
+
+    def __init__(
+        self,
+        p: ProcedureTable,
+        organ: Tissue,
+        vessels: Sequence[Vessel],
+        ports: Sequence[Array],
+        clips: Sequence[str],
+        period: float,
+        tools: Mapping[str, ToolTable],
+        hands: Mapping[str, str],
+    ) -> None:
+        """Begin with no sample, as `ProcedureReferee`; `tools`: those of the scene, `hands`: the hand of each robot."""
+        super().__init__(p, organ, vessels, ports, clips, period)
+        self.complete, self.events = False, list[Event]()
+        self._kinds, self._titles = [t.kind for t in tools.values()], [t.title for t in tools.values()]
+        self._tools, self._hands = dict(tools), dict(hands)
+        self._carried = dict.fromkeys(self.robots, -1)
+        self._holds, self._told = dict.fromkeys(self.robots, -1), dict[str, str]()
+        self._out_since: float | None = None
+        self._content: dict[str, Any] = {}
+        self._next = 0.0
+
+    def see(self, now: Mapping[str, Array], t: float) -> None:
+        """Judge a sample at a time t in s, and note what has happened."""
+        clips, freed = len(self.closed), int(self.freed.sum())
+        super().see(now, t)
+        for clip in self.closed[clips:]:
+            name = self._vessels[clip.on].name if clip.on >= 0 else ""
+            if not name:
+                self._tell("bad", "a clip was closed beside all vessels")
+            elif not clip.shuts:
+                self._tell("bad", f"a clip was closed on {clip.cover:.0%} of the width of the {name}")
+            else:
+                self._tell("good" if name == self.procedure.vessel else "bad", f"a clip shuts the {name}")
+        if (free := int(self.freed.sum())) > freed:
+            self._tell("good", f"{free} of {len(self.freed)} cells of the bed are free")
+        for n in self.robots:
+            holds, before = round(float(now[f"{n}.holds"][0])), self._holds[n]
+            self._carried[n], self._holds[n] = round(float(now[f"{n}.carries"][0])), holds
+            if holds != before:
+                what = self._held(holds if holds >= 0 else before)
+                self._tell("plain", f"{n} {'holds' if holds >= 0 else 'has let go of'} the {what}")
+        out_since = self._out_since if self._out_since is not None else t
+        self._out_since = out_since if self.removed else None
+        self.complete = self.removed and t - out_since >= _OUT
+        if t >= self._next or self.complete:
+            self._next = t + _SAID
+            self._say(now)
+
+    def content(self) -> dict[str, Any]:
+        """Return the scoreboard as plain data: measures, stages with their state, the next step, the last events."""
+        return self._content or {"rows": [], "rings": [], "events": [], "stages": [], "next": ""}
+
+    @property
+    def ending(self) -> str:
+        """Sentences on the end and the checks."""
+        missed = [_TITLES[c.name] for c in self.checks() if not c.done]
+        said = f"Not passed: {', '.join(missed)}." if missed else "All checks are passed."
+        return f"The {self.procedure.organ} is out. {said}"
+
+    def _say(self, now: Mapping[str, Array]) -> None:
+        checks = self.checks()
+        for c in checks:
+            state = _state(c)
+            if state != self._told.get(c.name, "open" if c.t is not None or not c.done else state):
+                self._tell("good" if c.done else "bad", f"{_TITLES[c.name]}: {'passed' if c.done else c.text}")
+            self._told[c.name] = state
+        rows = [["Time", f"{self.t:.1f} s"], ["Clips left", f"{self.clips - len(self.closed)} of {self.clips}"]]
+        rows.append(["Energy in the bed", f"{self.energy.sum():.0f} J"])
+        self._content = {
+            "rows": rows,
+            "rings": [],
+            "stages": [[_TITLES[c.name], _state(c), c.text] for c in checks],
+            "next": self._hint(checks, now),
+            "events": [[round(e.t, 1), e.tone, e.text] for e in self.events[-5:]],
+        }
+
+    def _tell(self, tone: Literal["good", "plain", "bad"], text: str) -> None:
+        self.events.append(Event(self.t, tone, text))
+
+    def _held(self, number: int) -> str:
+        return self.procedure.organ if number == 0 else self._vessels[number - 1].name
+
+    # -- what to do next ---------------------------------------------------------------------------------------
+
+    def _hint(self, checks: Sequence[Check], now: Mapping[str, Array]) -> str:
+        """Return the step that the first open stage needs now."""
+        p, states = self.procedure, {c.name: _state(c) for c in checks}
+        holder = next((n for n in self.robots if self._holds[n] == 0), None)
+        if states["expose"] == "open" and holder is None:
+            return self._with("grasper", f"bring its tip to the {p.organ}; open its jaws, close them")
+        if states["expose"] == "open":
+            return f"Lift the {p.organ} with {holder}: {self.lift / MM:.0f} of {p.lift_mm:g} mm"
+        if states["show"] == "open":
+            part = f"{self.seen:.0%} of at least {p.seen:.0%}"
+            return f"Hold the camera pedal and move both hands until the endoscope sees the {p.vessel}: {part}"
+        if states["clip"] == "open":
+            where = "near the organ" if self.on_vessel >= p.clips_kept else "away from the organ"
+            count = f"{self.on_vessel} of {p.clips_kept + p.clips_taken} clips"
+            return self._with(
+                "clip_applier", f"bring the {p.vessel} between its jaws, {where}, and close them: {count}"
+            )
+        if not self.cut:
+            return self._with(
+                "scissors", f"bring the {p.vessel} between its blades, between the clips; open them, close them"
+            )
+        if not self.freed.all():
+            count = f"{int(self.freed.sum())} of {len(self.freed)} cells are free"
+            return self._with("cautery", f"touch a yellow mark of the bed with its tip, and switch it on: {count}")
+        if holder is None:
+            return self._with("grasper", f"grasp the {p.organ}")
+        return f"Pull the {p.organ} out with {holder}: {self.out / MM:.0f} mm from a port, at most {p.out_mm:g} mm"
+
+    def _with(self, kind: Kind, do: str) -> str:
+        """Return a step that needs a tool; if no robot carries it, first how to take it."""
+        carrier = next((n for n in self.robots if self._kinds[self._carried[n]] == kind), None)
+        if carrier is not None:
+            return f"{self._titles[self._carried[carrier]]} of {carrier}, {self._hands[carrier]} hand: {do}"
+        title = next(t.title for t in self._tools.values() if t.kind == kind)
+        free = next((n for n in self.robots if self._holds[n] < 0), self.robots[0])
+        return (
+            f"Choose {title} for {free}, {self._hands[free]} hand, and draw its tip back to at most "
+            f"{self.procedure.change_mm:g} mm from the port"
+        )
+
+
+def _state(c: Check) -> Literal["done", "open", "failed"]:
+    return "done" if c.done else "failed" if c.lost else "open"

@@ -1,0 +1,62 @@
+"""The deformables of a World in the pages: organs and vessels of a procedure, as the World has moved them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+
+from twin.core.spatial import Array
+from twin.core.units import MM
+from twin.model.tissue import Tissue
+from twin.simulation.frame import Frame
+from twin.simulation.world import World
+from twin.ui.session.feed import Surface
+
+_BALL = 2.5 * MM * np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]])
+"""Corners of the octahedron that marks a cell of the bed in m."""
+
+_FACES = np.array([[0, 2, 4], [2, 1, 4], [1, 3, 4], [3, 0, 4], [2, 0, 5], [1, 2, 5], [3, 1, 5], [0, 3, 5]])
+"""Its triangles, counter-clockwise as seen from outside."""
+
+_BED = (0.9, 0.75, 0.35)
+"""Colour of the marks, linear."""
+
+
+class WorldFeed:
+    """A feed whose vertices are those of a World; a new World, after a restart, has the same deformables.
+
+    `<organ>_bed` marks the cells that hold the organ of a procedure; a cell that has let go has no mark.
+
+    Attributes:
+        surfaces: triangles and colours by name.
+        duration: 0, because nothing is played.
+        touching: no links, because the World moves its deformables by itself.
+    """
+
+    duration = 0.0
+    touching: Mapping[str, Sequence[str]] = {}
+
+    def __init__(self, world: Callable[[], World], organ: Tissue) -> None:
+        """Prepare for the deformables of a World that a function returns, and for the bed of an organ."""
+        self._world, self._organ, self._bed = world, organ, f"{organ.name}_bed"
+        deformables = world().deformables
+        self.surfaces = {d.name: Surface(d.mesh.triangles, d.mesh.color_rgba[:3]) for d in deformables}
+        marks = np.concatenate([_FACES + len(_BALL) * k for k in range(len(organ.held))])
+        self.surfaces[self._bed] = Surface(marks, _BED)
+        self._signals, self._shown = [*(d.signal for d in deformables), f"{organ.name}.freed"], b""
+
+    def follow(self, links: Mapping[str, Mapping[str, Array]], passed: float) -> bool:
+        """Return whether a vertex has moved since the last call."""
+        now = self._world().signals
+        shown = b"".join(now[name].tobytes() for name in self._signals)
+        moved, self._shown = shown != self._shown, shown
+        return moved
+
+    def at(self, t: float) -> Frame:
+        """Return the present vertices, at a time in s."""
+        world, name = self._world(), self._organ.name
+        cells = world.signals[f"{name}.nodes"].reshape(-1, 3)[self._organ.held]
+        holds = world.signals[f"{name}.freed"] < 0.5
+        marks = cells[:, None] + holds[:, None, None] * _BALL
+        return Frame(t, {}, world.fields() | {self._bed: marks.reshape(-1, 3)})
