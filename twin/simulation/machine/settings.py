@@ -120,9 +120,11 @@ class Settings(Table):
         return np.array([j.coulomb for j in self.of_joints(mechanism)])
 
     def parameters(self) -> list[Parameter]:
-        """Return the numbers of the control software with their provenance."""
+        """Return the numbers of the control software and the joints' friction with their provenance."""
         numbers = ((name, getattr(self.number, name)) for name in Numbers.model_fields)
-        return [Parameter(name, n.value, n.unit, n.value, n.provenance, n.note) for name, n in numbers]
+        out = [Parameter(name, n.value, n.unit, n.value, n.provenance, n.note) for name, n in numbers]
+        frictions = ((f"{j.name}.coulomb", j) for j in self.joint)
+        return out + [Parameter(n, j.coulomb, j.unit, j.coulomb, j.provenance, j.note) for n, j in frictions]
 
 
 def load(path: Path, mechanism: Mechanism) -> Settings:
