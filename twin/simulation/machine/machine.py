@@ -87,6 +87,7 @@ class Machine:
         wanted: (n,) desired joint values.
         dac: (n,) counts of the DAC that the motors get.
         held: number of packets whose target was out of reach; the arm kept the last one within reach.
+        filter_share: share of a difference that its low-pass takes over in one tick.
     """
 
     def __init__(
@@ -125,7 +126,7 @@ class Machine:
         self.level, self.t, self.tick, self.held = Level.E_STOP, float("-inf"), 0, 0
         self._bit = self._initialised = self._pedal = False
         self._count = 2 * np.pi / s.number.counts_per_turn.value
-        self._pass = 1 - np.exp(-2 * np.pi * s.number.velocity_cutoff.value * TICK)
+        self.filter_share = 1 - np.exp(-2 * np.pi * s.number.velocity_cutoff.value * TICK)
         self._limits = np.array([j.limits or (-np.inf, np.inf) for j in m.active]).T
         self._angles = np.array([j.is_angle for j in m.active])
         self._fast = self._angles & (brakes > 0)
@@ -195,7 +196,7 @@ class Machine:
         motors = counts * self._count
         if self._motors is None:
             self._motors = motors
-        self._speeds = self._speeds + self._pass * ((motors - self._motors) / TICK - self._speeds)
+        self._speeds = self._speeds + self.filter_share * ((motors - self._motors) / TICK - self._speeds)
         self._motors = motors
         self.q, self.qd = m.from_motors(motors), m.from_motors(self._speeds)
         self.level = level = self._reader.read([self.plc.level])
@@ -214,7 +215,7 @@ class Machine:
         elif level == Level.PEDAL_DN:
             for packet in packets:
                 self._follow(packet)
-        self._rates = self._rates + self._pass * ((self.wanted - old) / TICK - self._rates)
+        self._rates = self._rates + self.filter_share * ((self.wanted - old) / TICK - self._rates)
         if level in (Level.INIT, Level.PEDAL_DN):
             error, change = m.motors(self.wanted - self.q), m.motors(self._rates - self.qd)
             self.dac = self.servo.counts_of(error, change, self.parts.gravity(self.q))
