@@ -26,7 +26,7 @@ class Beside:
     """
 
     def __init__(self, machine: Machine, cue: Cue | None = None) -> None:
-        """Start at the machine's joint values, with the cue's default parameters if none are given; both are in E_STOP."""
+        """Start at the machine's joint values, in E_STOP; without a cue, one with its default parameters."""
         self.machine, self.cue = machine, cue or Cue()
         self.model = Machine(machine.parts, q=machine.plant.q)
         self.joints, self.force = np.zeros_like(machine.q), np.zeros(3)
