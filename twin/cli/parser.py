@@ -28,7 +28,7 @@ exit codes: 0 agree or done, 1 disagree, 2 could not check or wrong usage
 
 NAMES = ("list", "info", "build", "plan", "validate", "explain", "run", "view", "serve")
 NAMES += ("operate", "session", "track", "study", "console", "export", "audit", "new", "selftest")
-NAMES += ("workspace", "tolerance", "sweep", "machine", "doctor")
+NAMES += ("workspace", "tolerance", "sweep", "machine", "hazards", "doctor")
 """Names of all commands."""
 
 
@@ -110,6 +110,21 @@ def _machine(add: Callable[[str, str, str], argparse.ArgumentParser], robot: Cal
     sub.add_argument("--mass-error", **error, help="how much heavier the machine is than its software knows")
     sub.add_argument("--friction-error", **error, help="how much more friction it has")
     sub.add_argument("--tilt-deg", type=float, default=0.0, metavar="DEG", help="tilt of its base about x")
+
+
+def _hazards(add: Callable[[str, str, str], argparse.ArgumentParser], robot: Callable[..., None]) -> None:
+    """Add the command `hazards`."""
+    sub = add(
+        "hazards",
+        "run a campaign of faults on the machine of a robot; the same command goes on where it was interrupted",
+        "  twin hazards raven_left --campaign table1\n  twin hazards raven_left --sessions 100 --processes 1",
+    )
+    robot(sub)
+    text = "name of a campaign of the robot, or path of a file (default table1)"
+    sub.add_argument("--campaign", default="table1", metavar="NAME", help=text)
+    sub.add_argument("--sessions", type=int, metavar="N", help="run at most N of the sessions that are left")
+    sub.add_argument("--processes", type=int, metavar="N", help="number of processes (default: of processors)")
+    sub.add_argument("--out", metavar="FOLDER", help="folder of the log (default ./twin-out/<robot>/<name>-hazards/)")
 
 
 @cache
@@ -573,5 +588,6 @@ def parser() -> argparse.ArgumentParser:
     add_sweeps(add, robot, out)
 
     _machine(add, robot)
+    _hazards(add, robot)
     add("doctor", "list the installed packages and programs, and their purposes", "  twin doctor")
     return root

@@ -26,7 +26,7 @@ class Fault(Hazard):
         signal: name of the signal.
         start, stop: the trigger, from `start` until before `stop`: times in s, or with `counts`, packet numbers.
         operation, value: see `Operation`; value is one number, or one for each of the signal.
-        target: place of the number in the signal; None: all.
+        target: place of the number in the signal, or places; None: all.
         counts: whether the trigger counts packets.
     """
 
@@ -35,7 +35,7 @@ class Fault(Hazard):
     stop: float
     operation: Operation
     value: ArrayLike = 0.0
-    target: int | None = None
+    target: int | list[int] | None = None
     counts: bool = False
     _kept: Array | None = field(default=None, repr=False)
     _past: deque[Array] = field(default_factory=deque, repr=False)
