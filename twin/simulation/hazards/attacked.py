@@ -34,7 +34,7 @@ class Outcome:
     """What a session showed; times are in ms from the start of the fault, None: never.
 
     Attributes:
-        peak: largest distance in mm of the machine's true tip from the model's, which stands still once a check has
+        peak: largest distance in mm of the machine's true tip from the model's, which is at rest once a check has
             stopped the machine.
         harm: time at which this distance exceeds `HARM`.
         beyond: time at which it exceeds the limit of the cue.
