@@ -298,6 +298,18 @@ def test_an_unknown_signal_of_a_fault_is_refused(parts):
         machine(parts, faults=[Fault("dca", 0, 1, "add")])
 
 
+def test_only_packets_can_be_lost(parts):
+    with pytest.raises(WorldError, match="skip loses packets; give hold"):
+        machine(parts, faults=[Fault("dac", 0, 1, "skip")])
+
+
+def test_the_start_button_does_nothing_while_the_arm_works(master):
+    master.arm.start()
+    for _ in range(10):
+        master.tick(STILL)
+        assert master.arm.plc.level == Level.PEDAL_DN
+
+
 def test_faults_act_after_the_checks_of_their_layer(parts):
     """A DAC value far above every limit reaches the motor; a packet's increment comes after its checksum."""
     start = Master(machine(parts)).ready().k * 1e-3

@@ -107,12 +107,14 @@ class Machine:
             faults: faults of the signals `packet`, `encoder` and `dac`.
 
         Raises:
-            WorldError: a fault has an unknown signal.
+            WorldError: a fault has an unknown signal, or loses what is not a packet.
             MechanismError: a parameter of the plant is impossible.
         """
         for fault in faults:
             if fault.signal not in SIGNALS:
                 raise WorldError(unknown("signal of the machine", fault.signal, SIGNALS))
+            if fault.operation == "skip" and fault.signal != "packet":
+                raise WorldError(f"fault of {fault.signal}: skip loses packets; give hold for other signals")
         self.parts, s, m = parts, parts.settings, parts.arm.mechanism
         self._faults = {name: [f for f in faults if f.signal == name] for name in SIGNALS}
         self.plant = parts.plant.another(physics)
@@ -140,7 +142,9 @@ class Machine:
         self._brake(True)
 
     def start(self) -> None:
-        """Press the start button."""
+        """Press the start button; it has an effect in E_STOP only."""
+        if self.plc.level != Level.E_STOP:
+            return
         self.servo.reset()
         self._initialised, self._homing = False, None
         self.plc.start(max(self.t, 0.0))
@@ -206,7 +210,8 @@ class Machine:
             self._initialised, self._homing = False, None
         self._check_speed()
         if level != before:
-            self.servo.reset() if not self.servo.stop else None
+            if not self.servo.stop:
+                self.servo.reset()
             self.wanted, self._rates = self.q.copy(), np.zeros_like(self.q)
             self._target = self.parts.kin.forward(self.q) if level == Level.PEDAL_DN else None
         old = self.wanted
