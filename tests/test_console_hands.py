@@ -21,7 +21,7 @@ from twin.simulation.controllers.jaw import Jaw
 from twin.simulation.controllers.pedals import CAMERA, FREE, TOOLS, Pedals
 from twin.simulation.controllers.reaching import PoseToJoints
 from twin.simulation.devices.recorded import Recorded
-from twin.simulation.hazards.frozen import Frozen
+from twin.simulation.hazards.fault import Fault
 from twin.simulation.limits import Limits
 
 DT = 1e-3
@@ -391,7 +391,7 @@ def test_a_session_happens_again(session):
 
 def test_a_session_with_a_pedal_that_sticks_happens_again():
     def made(device):
-        return consoles.world(device, hazards=(Frozen("pedals.clutch", 0.05, 0.2),))
+        return consoles.world(device, hazards=(Fault("pedals.clutch", 0.05, 0.2, "hold"),))
 
     world = made(consoles.Hands(consoles.moving))
     world.step(250)

@@ -20,8 +20,7 @@ from twin.core.errors import WorldError
 from twin.core.units import MM
 from twin.reference import ReferenceModel
 from twin.simulation.devices.recorded import Recorded
-from twin.simulation.hazards.frozen import Frozen
-from twin.simulation.hazards.spike import Spike
+from twin.simulation.hazards.fault import Fault
 from twin.simulation.limits import Limits
 from twin.simulation.plants.field import Field
 from twin.simulation.plants.kinematic import Kinematic
@@ -63,9 +62,9 @@ def test_another_seed_gives_another_world():
     [
         tuple,
         lambda: (
-            Frozen("hand.pedal", 0.3, 0.5),
-            Spike("sher.encoder", 0.4, 0.45, 1e-5),
-            Spike("hand.handle", 0.4, 0.5, 1e-3),
+            Fault("hand.pedal", 0.3, 0.5, "hold"),
+            Fault("sher.encoder", 0.4, 0.45, "add", 1e-5),
+            Fault("hand.handle", 0.4, 0.5, "add", 1e-3),
         ),
     ],
     ids=["quiet", "hazards"],
@@ -190,7 +189,7 @@ def test_a_world_without_devices_does_not_run_for_ever():
 def test_a_pedal_that_sticks_lets_the_tool_follow_the_hand_back():
     """The handle goes back to the middle with the pedal up; where it sticks down, the tool goes along."""
     far = (9, 0, 0)
-    quiet, stuck = worlds.sher(mm=far), worlds.sher(mm=far, hazards=(Frozen("hand.pedal", 1.0, 60.0),))
+    quiet, stuck = worlds.sher(mm=far), worlds.sher(mm=far, hazards=(Fault("hand.pedal", 1.0, 60.0, "hold"),))
     quiet.step(3000)
     stuck.step(3000)
     first, other = quiet.recording(), stuck.recording()
@@ -205,7 +204,7 @@ def test_a_pedal_that_sticks_lets_the_tool_follow_the_hand_back():
 
 
 def test_an_encoder_that_jumps_pushes_the_robot_away_and_spares_the_plant():
-    spike = Spike("sher.encoder", 0.5, 0.6, np.array([1, 0, 0, 0, 0]) * 0.1 * MM)
+    spike = Fault("sher.encoder", 0.5, 0.6, "add", np.array([1, 0, 0, 0, 0]) * 0.1 * MM)
     quiet, loud = worlds.sher(), worlds.sher(hazards=(spike,))
     quiet.step(600)
     loud.step(600)
@@ -241,7 +240,7 @@ ARM = {"robots": [Placed("arm", two_links())], "plants": [Kinematic("arm", np.ze
         ({"controllers": [Count("Slow")]}, "signal 'Slow.count' must be called <owner>.<what>"),
         (ARM | {"props": [Placed("arm", two_links())]}, "'arm' is used twice in one World"),
         ({"plants": 2 * ARM["plants"]}, "'arm.q' is used twice in one World"),
-        (ARM | {"hazards": [Spike("arm.encodre", 0, 1, 1)]}, "no signal 'arm.encodre'. Did you mean 'arm.encoder'?"),
+        (ARM | {"hazards": [Fault("arm.encodre", 0, 1, "hold")]}, "no signal 'arm.encodre'. Did you mean 'arm.enc"),
         ({"controllers": [Count("slow", period=0.0015)]}, "Count steps every 0.0015 s, which is not a multiple of"),
         ({"deformables": [worlds.cloth()]}, "'cloth' has no plant: no block writes 'cloth.vertices'"),
         (

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import re
+from collections.abc import Callable
 from functools import cache
 from typing import Any, NoReturn
 
@@ -27,7 +28,7 @@ exit codes: 0 agree or done, 1 disagree, 2 could not check or wrong usage
 
 NAMES = ("list", "info", "build", "plan", "validate", "explain", "run", "view", "serve")
 NAMES += ("operate", "session", "track", "study", "console", "export", "audit", "new", "selftest")
-NAMES += ("workspace", "tolerance", "sweep", "doctor")
+NAMES += ("workspace", "tolerance", "sweep", "machine", "hazards", "doctor")
 """Names of all commands."""
 
 
@@ -87,6 +88,43 @@ def _by_hand(sub: argparse.ArgumentParser) -> None:
         help="whether the hands lead the tips of instruments in ports, or their outer ends (default: the tips)",
     )
     sub.add_argument("--protocols", action="store_true", help="play the protocols of a scene that has a console")
+
+
+def _machine(add: Callable[[str, str, str], argparse.ArgumentParser], robot: Callable[..., None]) -> None:
+    """Add the command `machine`."""
+    sub = add(
+        "machine",
+        "run a robot as a machine: control software, motors and links at 1 kHz, with packets by UDP, states by TCP",
+        "  twin machine raven_left --port 36000 --state-port 36001 --start\n"
+        "  twin machine raven_left --mass-error 5 --friction-error 20 --overdrive hard",
+    )
+    robot(sub)
+    sub.add_argument("--port", type=_port, default=0, help="UDP port of the packets (default 0: any free port)")
+    sub.add_argument("--state-port", type=_port, default=0, help="TCP port of the states (default 0: any free port)")
+    sub.add_argument("--start", action="store_true", help="press the start button at once")
+    sub.add_argument("--duration", type=float, metavar="S", help="stop after a time (default: run until Ctrl-C)")
+    sub.add_argument("--mode", choices=("advanced", "moderate", "beginner"), help="limits of the DAC")
+    sub.add_argument("--overdrive", choices=("none", "soft", "hard"), help="above them: count, clip, or stop")
+    sub.add_argument("--master-timeout-ms", type=float, metavar="MS", help="silence after which the pedal is up")
+    error = {"type": float, "default": 0.0, "metavar": "PERCENT"}
+    sub.add_argument("--mass-error", **error, help="how much heavier the machine is than its software knows")
+    sub.add_argument("--friction-error", **error, help="how much more friction it has")
+    sub.add_argument("--tilt-deg", type=float, default=0.0, metavar="DEG", help="tilt of its base about x")
+
+
+def _hazards(add: Callable[[str, str, str], argparse.ArgumentParser], robot: Callable[..., None]) -> None:
+    """Add the command `hazards`."""
+    sub = add(
+        "hazards",
+        "run a campaign of faults on the machine of a robot; the same command goes on where it was interrupted",
+        "  twin hazards raven_left --campaign table1\n  twin hazards raven_left --sessions 100 --processes 1",
+    )
+    robot(sub)
+    text = "name of a campaign of the robot, or path of a file (default table1)"
+    sub.add_argument("--campaign", default="table1", metavar="NAME", help=text)
+    sub.add_argument("--sessions", type=int, metavar="N", help="run at most N of the sessions that are left")
+    sub.add_argument("--processes", type=int, metavar="N", help="number of processes (default: of processors)")
+    sub.add_argument("--out", metavar="FOLDER", help="folder of the log (default ./twin-out/<robot>/<name>-hazards/)")
 
 
 @cache
@@ -549,5 +587,7 @@ def parser() -> argparse.ArgumentParser:
 
     add_sweeps(add, robot, out)
 
+    _machine(add, robot)
+    _hazards(add, robot)
     add("doctor", "list the installed packages and programs, and their purposes", "  twin doctor")
     return root

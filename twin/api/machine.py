@@ -1,0 +1,71 @@
+"""Make the machine of a robot: its motors, control software and PLC, to run in real time or tick by tick."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from twin.api.robot import Robot
+from twin.core.errors import TwinError
+
+if TYPE_CHECKING:
+    from twin.simulation.hazards.fault import Fault
+    from twin.simulation.machine.machine import Machine, Parts
+    from twin.simulation.machine.settings import Mode, Policy
+
+
+def machine_parts(
+    robot: Robot,
+    *,
+    mode: Mode | None = None,
+    overdrive: Policy | None = None,
+    master_timeout: float | None = None,
+) -> Parts:
+    """Return what the machines of a robot are made of, compiled once.
+
+    Args:
+        robot: a robot with inertia.toml and machine.toml in its folder, and with a closed inverse.
+        mode: limits of the DAC; None: as in machine.toml.
+        overdrive: what happens above them; None: as in machine.toml.
+        master_timeout: time in s without a packet after which the pedal counts as up; None: as in machine.toml.
+
+    Raises:
+        TwinError: a file is missing or malformed, the mechanism has loops, or the time-out is not above 0.
+    """
+    from twin.simulation.dynamics import inertia
+    from twin.simulation.dynamics.arm import arm
+    from twin.simulation.machine import settings
+    from twin.simulation.machine.machine import Parts
+
+    if robot.files is None:
+        raise TwinError(f"{robot.name} is a stage; a machine needs a robot folder with {settings.NAME}")
+    model = arm(robot.mechanism, inertia.of_robot(robot.files.cad))
+    table = settings.load(robot.files.cad / settings.NAME, model.mechanism)
+    table = table.model_copy(update={"mode": mode or table.mode, "overdrive": overdrive or table.overdrive})
+    if master_timeout is not None:
+        if not master_timeout > 0:
+            raise TwinError(f"the time-out of the master is {master_timeout:g} s; it must be above 0")
+        kept = table.number.master_timeout.model_copy(update={"value": master_timeout})
+        table = table.model_copy(update={"number": table.number.model_copy(update={"master_timeout": kept})})
+    return Parts.of(model, robot.kinematics(), table)
+
+
+def machine(
+    parts: Parts, *, mass: float = 1.0, friction: float = 1.0, tilt: float = 0.0, faults: Sequence[Fault] = ()
+) -> Machine:
+    """Return a machine at home, in E_STOP; the control software does not know how its plant differs.
+
+    Args:
+        parts: see `machine_parts`.
+        mass: factor of all masses.
+        friction: factor of all friction.
+        tilt: tilt of the base about its x axis in rad.
+        faults: faults of the signals `packet`, `encoder` and `dac`.
+
+    Raises:
+        TwinError: a mass is not above 0, a friction is negative, or a fault has an unknown signal.
+    """
+    from twin.simulation.machine.machine import Machine
+
+    physics = parts.plant.physics.changed(mass, friction, tilt)
+    return Machine(parts, physics=physics, faults=faults)

@@ -1,0 +1,71 @@
+"""Haptic cue: a force towards the model's tip when the machine's tip deviates from it (second paper, eqs (3) to (6)).
+
+With p in mm and v in mm/s, of model and machine, dp = p_model - p_machine, and d = dp / |dp|:
+
+- "printed": F = 0.05 where |dp| > tol, and else kp |dp| + kd |dv|. So the force falls when the limit is passed, and is
+  not 0 below it; the unit of 0.05 is not printed.
+- "corrected": F = 0 where |dp| <= tol, and else min(kp |dp| + kd |dv|, most). This reading, kp, kd and the largest
+  force are ASSUMED: they are not published. The force jumps by kp tol at the limit; `blend` makes it grow over a
+  distance.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from twin.core.errors import TwinError
+from twin.core.spatial import Array
+
+_MM = 1e3
+
+_PRINTED = 0.05
+"""Force of the printed equation above the limit."""
+
+
+@dataclass(frozen=True)
+class Cue:
+    """Parameters of the cue.
+
+    Attributes:
+        reading: "printed" or "corrected" equation (5).
+        tol: deviation in mm above which there is a cue.
+        kp, kd: gains in N/mm and N s/mm.
+        most: largest force in N.
+        blend: distance in mm beyond `tol` over which the corrected force grows from 0; 0: it jumps.
+    """
+
+    reading: Literal["printed", "corrected"] = "corrected"
+    tol: float = 3.0
+    kp: float = 0.1
+    kd: float = 0.002
+    most: float = 1.5
+    blend: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in ("tol", "kp", "kd", "most", "blend"):
+            value = getattr(self, name)
+            if not (np.isfinite(value) and value >= 0):
+                raise TwinError(f"cue: {name} is {value:g}; it must be finite and at least 0")
+
+    def force(self, dp: Array, dv: Array) -> Array:
+        """Return the force (3,) in N on the operator's hand.
+
+        Args:
+            dp: (3,) tip of the model minus tip of the machine, m.
+            dv: (3,) velocity of the model's tip minus that of the machine's, m/s; linear parts only.
+        """
+        far, fast = _MM * float(np.linalg.norm(dp)), _MM * float(np.linalg.norm(dv))
+        if far == 0:
+            return np.zeros(3)
+        size = self.kp * far + self.kd * fast
+        if self.reading == "printed":
+            size = _PRINTED if far > self.tol else size
+        elif far <= self.tol:
+            size = 0.0
+        elif self.blend:
+            s = min((far - self.tol) / self.blend, 1.0)
+            size *= s * s * (3 - 2 * s)
+        return min(size, self.most) * _MM / far * np.asarray(dp, float)

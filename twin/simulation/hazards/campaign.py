@@ -1,0 +1,146 @@
+"""A campaign: classes of faults with ranges, read from TOML, from which sessions are drawn by a seed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import Field
+
+from twin.core.errors import DescriptionError, unknown
+from twin.schema import Table, error_at, load_toml
+from twin.simulation.hazards.fault import Fault, Operation
+
+_Range = tuple[float, float]
+_Positive = Annotated[float, Field(gt=0)]
+_Count = Annotated[int, Field(gt=0)]
+
+FREE = "none"
+"""Class of the sessions without a fault."""
+
+
+class Class(Table):
+    """Faults of one kind; one target, operation, length and value is drawn for each fault.
+
+    Attributes:
+        targets: each a list of names that are hit together; []: all numbers of the signal.
+        value: range of the value, of which each number of a target gets the same; `whole`: whole numbers only.
+        length: lengths in packets (signal packet) or ms.
+        weight: share of this class, relative to the others.
+    """
+
+    name: str = Field(min_length=1)
+    outcome: str
+    signal: Literal["packet", "encoder", "dac"]
+    targets: list[list[str]] = Field(min_length=1)
+    operations: list[Operation] = Field(min_length=1)
+    value: _Range
+    whole: bool = False
+    length: list[_Count] = Field(min_length=1)
+    weight: _Positive = 1.0
+
+
+class CampaignTable(Table):
+    """The campaign file: see cad/raven_left/campaigns/table1.toml."""
+
+    title: str
+    source: str
+    seed: Annotated[int, Field(ge=0)]
+    faults: Annotated[int, Field(ge=0)]
+    free: Annotated[int, Field(ge=0)]
+    mass: tuple[_Positive, _Positive]
+    friction: tuple[Annotated[float, Field(ge=0)], Annotated[float, Field(ge=0)]]
+    lead: _Count
+    class_: list[Class] = Field(min_length=1, alias="class")
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """One session of a campaign.
+
+    Attributes:
+        index: number of the session.
+        kind: class of its fault; `FREE`: no fault.
+        target, operation, value, start, length: of its fault; start and length in packets (one per ms).
+        mass, friction: factors of the machine's plant.
+    """
+
+    index: int
+    kind: str
+    signal: str
+    target: str
+    operation: Operation
+    value: float
+    start: int
+    length: int
+    mass: float
+    friction: float
+
+
+class Campaign:
+    """The classes of a file with the places of their targets."""
+
+    def __init__(self, table: CampaignTable, places: dict[str, tuple[str, ...]]) -> None:
+        """Take a table of `load` and, by signal, the names of its numbers."""
+        self.table, self._places = table, places
+
+    def __len__(self) -> int:
+        return self.table.faults + self.table.free
+
+    def draw(self, index: int) -> Drawn:
+        """Return a session; it depends on seed and index only."""
+        t = self.table
+        rng = np.random.default_rng([t.seed, index])
+        mass, friction = float(rng.uniform(*t.mass)), float(rng.uniform(*t.friction))
+        if index >= t.faults:
+            return Drawn(index, FREE, "", "", "hold", 0.0, t.lead, 1, mass, friction)
+        weights = np.array([c.weight for c in t.class_])
+        c = t.class_[rng.choice(len(weights), p=weights / weights.sum())]
+        target = c.targets[rng.integers(len(c.targets))]
+        operation = c.operations[rng.integers(len(c.operations))]
+        value = float(rng.uniform(*c.value))
+        value = float(round(value)) if c.whole else value
+        length = int(c.length[rng.integers(len(c.length))])
+        start = t.lead + int(rng.integers(100))
+        return Drawn(index, c.name, c.signal, " ".join(target), operation, value, start, length, mass, friction)
+
+    def faults(self, drawn: Drawn) -> list[Fault]:
+        """Return the faults of a session, for use in one machine; triggers count packets."""
+        if drawn.kind == FREE:
+            return []
+        target = [self._places[drawn.signal].index(n) for n in drawn.target.split()] or None
+        stop = drawn.start + drawn.length
+        more = {"target": target, "counts": True}
+        return [Fault(drawn.signal, drawn.start, stop, drawn.operation, drawn.value, **more)]
+
+
+def load(path: Path, places: dict[str, tuple[str, ...]]) -> Campaign:
+    """Read a campaign file.
+
+    Args:
+        path: the file.
+        places: by signal of the machine, the names of its numbers.
+
+    Raises:
+        DescriptionError: the file does not exist or is invalid, a target is unknown, or a class is there twice; the
+            message has file, line, key and value.
+    """
+    if not path.is_file():
+        found = sorted(p.stem for p in path.parent.glob("*.toml"))
+        raise DescriptionError(f"{path}: the file does not exist; campaigns there: {', '.join(found) or 'none'}")
+    table = load_toml(path, CampaignTable)
+    for i, c in enumerate(table.class_):
+        for k, target in enumerate(c.targets):
+            for name in target:
+                if name not in places[c.signal]:
+                    wrong = unknown(f"target of {c.signal}", name, places[c.signal])
+                    raise error_at(path, ("class", i, "targets", k), wrong)
+        if c.name in [other.name for other in table.class_[:i]] or c.name == FREE:
+            raise error_at(path, ("class", i, "name"), f"class '{c.name}' is there twice, or its name is '{FREE}'")
+        if c.value[0] > c.value[1]:
+            raise error_at(path, ("class", i, "value"), f"the range {c.value} goes down: give the smaller number first")
+        if "delay" in c.operations and not (c.whole and c.value[0] >= 1):
+            raise error_at(path, ("class", i, "value"), "a delay needs whole = true and values of at least 1 packet")
+    return Campaign(table, places)

@@ -1,0 +1,82 @@
+"""A fault: it changes one number, or all, of a signal while its trigger says so."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from twin.core.errors import WorldError
+from twin.core.spatial import Array
+from twin.simulation.world import Hazard
+
+Operation = Literal["hold", "overwrite", "add", "add_once", "delay", "skip"]
+"""hold: the last value before the fault; overwrite: `value`; add: plus `value`; add_once: as add, and it stays after
+the fault; delay: what was written `value` steps before; skip: no value at all, a packet is lost."""
+
+
+@dataclass
+class Fault(Hazard):
+    """A fault of a signal in a World or in a machine; it is used once.
+
+    Attributes:
+        signal: name of the signal.
+        start, stop: the trigger, from `start` until before `stop`: times in s, or with `counts`, packet numbers.
+        operation, value: see `Operation`; value is one number, or one for each of the signal.
+        target: place of the number in the signal, or places; None: all.
+        counts: whether the trigger counts packets.
+    """
+
+    signal: str
+    start: float
+    stop: float
+    operation: Operation
+    value: ArrayLike = 0.0
+    target: int | list[int] | None = None
+    counts: bool = False
+    _kept: Array | None = field(default=None, repr=False)
+    _past: deque[Array] = field(default_factory=deque, repr=False)
+
+    def __post_init__(self) -> None:
+        if not self.start < self.stop:
+            raise WorldError(f"fault of {self.signal}: it stops at {self.stop:g}, which is not after {self.start:g}")
+        steps = np.asarray(self.value, float)
+        if not np.isfinite(steps).all():
+            raise WorldError(f"fault of {self.signal}: the value is {self.value}; it must be finite")
+        if self.operation == "delay" and not (steps.ndim == 0 and steps >= 1 and float(steps).is_integer()):
+            raise WorldError(f"fault of {self.signal}: a delay of {self.value} steps; give a whole number above 0")
+
+    def lost(self, t: float) -> bool:
+        """Return whether the value at t is lost."""
+        return self.operation == "skip" and self.start <= t < self.stop
+
+    def change(self, t: float, value: Array) -> Array:
+        """Return what the readers of the signal get at t instead of `value` (n,)."""
+        now = self.start <= t < self.stop
+        if self.operation == "delay":
+            self._past.append(value.copy())
+            if len(self._past) > int(np.asarray(self.value)) + 1:
+                self._past.popleft()
+        if self.operation == "hold" and (self._kept is None or not now):
+            self._kept = value.copy()
+        if not (now or (self.operation == "add_once" and t >= self.stop)):
+            return value
+        wrong = self._wrong(value)
+        if self.target is None:
+            return wrong
+        out = value.copy()
+        out[self.target] = wrong[self.target]
+        return out
+
+    def _wrong(self, value: Array) -> Array:
+        if self.operation == "hold":
+            assert self._kept is not None
+            return self._kept
+        if self.operation == "overwrite":
+            return np.broadcast_to(np.asarray(self.value, float), value.shape)
+        if self.operation == "delay":
+            return self._past[0]
+        return value if self.operation == "skip" else value + np.asarray(self.value, float)

@@ -1,0 +1,93 @@
+"""Packets of the Interoperable Telerobotics Protocol, as the software of the Raven-II receives them.
+
+A packet has 124 bytes, little-endian, without gaps; of two numbers, the first is for arm 0, the second for arm 1:
+
+| byte | type | what |
+|---|---|---|
+| 0, 4, 8 | uint32 | sequence number, packet type, version |
+| 12, 20, 28 | 2 int32 each | increments of the tool's position along x, y, z of base, µm |
+| 36, 52, 68, 84 | 2 float64 each | x, y, z, w of the quaternion that turns the tool further, in base; all 0: no turn |
+| 100 | 2 int32 | buttons, not used |
+| 108 | 2 int32 | increments of the opening of the jaws |
+| 116 | int32 | surgeon mode: 1 pedal down, 0 up |
+| 120 | int32 | checksum: surgeon mode + all six increments + both buttons + sequence number, modulo 2^32 |
+
+Layout and checksum are those of uw-biorobotics/raven2. The checksum covers neither quaternions nor jaws, and the
+released software does not check it. That increments are along the axes of {base} is ASSUMED.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from dataclasses import dataclass
+
+import numpy as np
+
+from twin.core.errors import DeviceError
+from twin.core.spatial import Array
+
+PACKET = struct.Struct("<3I6i8d6i")
+
+FIELDS = ("x", "y", "z", "qw", "qx", "qy", "qz", "grasp", "pedal")
+"""Names of the numbers of `Packet.values`."""
+
+_UNIT = 1e-3
+"""Largest accepted difference of a quaternion's length from 1."""
+
+
+@dataclass(frozen=True)
+class Packet:
+    """The part of a packet that concerns one arm.
+
+    Attributes:
+        sequence: sequence number.
+        values: (9,) see `FIELDS`: increments in µm, quaternion, increment of the jaws, pedal.
+    """
+
+    sequence: int
+    values: Array
+
+
+def checksum(numbers: tuple[float, ...]) -> int:
+    """Return the checksum of the 22 numbers of a packet before it, as a signed 32-bit number."""
+    total = int(numbers[21] + sum(numbers[3:9]) + numbers[17] + numbers[18] + numbers[0])
+    return (total + 2**31) % 2**32 - 2**31
+
+
+def pack(sequence: int, arm: int, values: Array, version: int = 0) -> bytes:
+    """Return the 124 bytes of a packet with the values (9,) of one arm; the other arm gets no increments."""
+    pairs = [[0.0, 0.0] for _ in range(8)]
+    x, y, z, qw, qx, qy, qz, grasp, pedal = values
+    for pair, value in zip(pairs, (x, y, z, qx, qy, qz, qw, grasp), strict=True):
+        pair[arm] = value
+    pairs[6][1 - arm] = 1.0
+    steps = [int(v) for pair in pairs[:3] for v in pair]
+    turns = [v for pair in pairs[3:7] for v in pair]
+    numbers = (sequence, 0, version, *steps, *turns, 0, 0, *(int(v) for v in pairs[7]), int(pedal))
+    return PACKET.pack(*numbers, checksum(numbers))
+
+
+def unpack(data: bytes, arm: int, version: int) -> Packet:
+    """Return what a packet says to one arm (0 or 1).
+
+    Raises:
+        DeviceError: length, version, checksum, pedal or a quaternion is wrong; the message has value and limit.
+    """
+    if len(data) != PACKET.size:
+        raise DeviceError(f"the length is {len(data)} bytes; it must be {PACKET.size}")
+    numbers = PACKET.unpack(data)
+    if numbers[2] != version:
+        raise DeviceError(f"the version is {numbers[2]}; it must be {version}")
+    if numbers[22] != checksum(numbers):
+        raise DeviceError(f"the checksum is {numbers[22]}; it must be {checksum(numbers)}")
+    if numbers[21] not in (0, 1):
+        raise DeviceError(f"the surgeon mode is {numbers[21]}; it must be 0 (pedal up) or 1 (pedal down)")
+    steps, turn = numbers[3 + arm : 9 : 2], np.array(numbers[9 + arm : 17 : 2])
+    if not turn.any():
+        turn[3] = 1.0
+    length = math.hypot(*turn)
+    if not abs(length - 1) <= _UNIT:
+        raise DeviceError(f"the quaternion of arm {arm} has length {length:g}; it must be 1 ± {_UNIT:g}, or all 0")
+    turn /= length
+    return Packet(numbers[0], np.array([*steps, turn[3], *turn[:3], numbers[19 + arm], numbers[21]]))

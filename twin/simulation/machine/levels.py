@@ -1,0 +1,69 @@
+"""Run levels: what the PLC allows, and how the control software reads it (as in uw-biorobotics/raven2)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from enum import IntEnum
+
+
+class Level(IntEnum):
+    """Run levels; a number is what the PLC says in its two bits."""
+
+    E_STOP = 0
+    INIT = 1
+    PEDAL_UP = 2
+    PEDAL_DN = 3
+
+
+class Plc:
+    """The controller of power and brakes, which is independent of the software.
+
+    The stop button, and a watchdog bit that the software has not changed for `timeout` s, lead to E_STOP. The start
+    button leads from there to INIT. When the software has initialised the arm, the pedal decides.
+
+    Attributes:
+        level: the level that the PLC allows.
+        reason: why it stopped; "" after a start.
+    """
+
+    def __init__(self, timeout: float) -> None:
+        """Start in E_STOP; the time-out of the watchdog is in s."""
+        self.level, self.reason = Level.E_STOP, "not started"
+        self._timeout, self._bit, self._changed = timeout, False, 0.0
+
+    def start(self, t: float) -> None:
+        """Press the start button at t in s."""
+        if self.level == Level.E_STOP:
+            self.level, self.reason, self._changed = Level.INIT, "", t
+
+    def stop(self, reason: str) -> None:
+        """Press the stop button."""
+        if self.level != Level.E_STOP:
+            self.level, self.reason = Level.E_STOP, reason
+
+    def step(self, t: float, bit: bool, initialised: bool, pedal: bool) -> Level:
+        """Return the level at t in s for the software's watchdog bit, and for whether it has initialised the arm."""
+        if bit != self._bit:
+            self._bit, self._changed = bit, t
+        if self.level != Level.E_STOP and t - self._changed > self._timeout:
+            self.stop(f"the watchdog bit has not changed for {self._timeout * 1e3:g} ms")
+        if self.level != Level.E_STOP:
+            self.level = (Level.PEDAL_DN if pedal else Level.PEDAL_UP) if initialised else Level.INIT
+        return self.level
+
+
+class Reader:
+    """The software's view of the levels: the lowest of all mechanisms, after `cycles` equal readings."""
+
+    def __init__(self, cycles: int) -> None:
+        """Start in E_STOP."""
+        self.level, self._cycles, self._read, self._count = Level.E_STOP, cycles, Level.E_STOP, 0
+
+    def read(self, levels: Sequence[Level]) -> Level:
+        """Return the level that counts in this cycle, for the levels of all mechanisms."""
+        lowest = min(levels)
+        self._count = self._count + 1 if lowest == self._read else 1
+        self._read = lowest
+        if self._count >= self._cycles:
+            self.level = lowest
+        return self.level

@@ -1,0 +1,293 @@
+"""A machine of one arm, tick by tick: network, PLC, control software, motors and links. It uses no clock, no socket.
+
+The control software follows the released one of the Raven-II (uw-biorobotics/raven2): increments of the tool pose are
+summed while the pedal is down, the inverse gives joints, the servo gives counts of the DAC. Where the plant's
+parameters differ from the software's, the machine is not its model. Faults act on three signals: `packet`
+(`itp.FIELDS`) after the packet has been accepted, `encoder` (counts of each motor) before the software, `dac` after its
+checks.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from twin.core import spatial
+from twin.core.errors import DeviceError, KinematicsError, TwinError, WorldError, unknown
+from twin.core.spatial import Array
+from twin.kinematics import Kinematics
+from twin.simulation.dynamics.arm import Arm
+from twin.simulation.hazards.fault import Fault
+from twin.simulation.machine.itp import Packet
+from twin.simulation.machine.levels import Level, Plc, Reader
+from twin.simulation.machine.plant import TICK, Physics, Plant
+from twin.simulation.machine.receiver import Receiver
+from twin.simulation.machine.servo import Servo, compensation
+from twin.simulation.machine.settings import Settings
+
+SIGNALS = ("packet", "encoder", "dac")
+"""Signals that faults change."""
+
+_MICRO = 1e-6
+
+_HOMED = (0.02, 2e-3)
+"""Largest error in rad and m at which homing is complete."""
+
+_EASE = 1.875
+"""Largest speed of a minimum-jerk motion over its mean speed."""
+
+
+@dataclass(frozen=True)
+class Parts:
+    """What a machine is made of, compiled once; machine and model share it.
+
+    Attributes:
+        arm: the mechanism with masses.
+        kin: the equations, with a closed inverse.
+        settings: motors, gains and limits.
+        plant: a plant with the physics that the files state.
+        gravity: efforts (n,) of the gravity compensation at joints (n,).
+        home: (n,) joint values of the posture home.
+    """
+
+    arm: Arm
+    kin: Kinematics
+    settings: Settings
+    plant: Plant
+    gravity: Callable[[Array], Array]
+    home: Array
+
+    @classmethod
+    def of(cls, arm: Arm, kin: Kinematics, settings: Settings) -> Parts:
+        """Compile the robot.
+
+        Raises:
+            MechanismError: the mechanism has loops, no posture home, or a frame of the settings is not in it.
+        """
+        m = arm.mechanism
+        if m.home is None:
+            raise WorldError(f"{m.name} has no posture 'home', to which a machine moves at its start")
+        plant = Plant(arm, Physics.of(arm, settings.coulomb(m)))
+        return cls(arm, kin, settings, plant, compensation(settings, m), m.posture("home"))
+
+
+class Machine:
+    """One arm with its control software and PLC.
+
+    Attributes:
+        parts: what the machine is made of.
+        plc, receiver, servo, plant: its parts.
+        level: run level as the software reads it.
+        t: time of the last tick in s.
+        tick: number of ticks.
+        q, qd: (n,) joint values and rates as the encoders measure them.
+        wanted: (n,) desired joint values.
+        dac: (n,) counts of the DAC that the motors get.
+        held: number of packets whose target was out of reach; the arm kept the last one within reach.
+        filter_share: share of a difference that its low-pass takes over in one tick.
+    """
+
+    def __init__(
+        self,
+        parts: Parts,
+        *,
+        physics: Physics | None = None,
+        q: Array | None = None,
+        faults: Sequence[Fault] = (),
+    ) -> None:
+        """Switch the machine on, in E_STOP.
+
+        Args:
+            parts: what it is made of.
+            physics: parameters of its plant; None: those of the robot's files.
+            q: (n,) joint values at the start; None: home.
+            faults: faults of the signals `packet`, `encoder` and `dac`.
+
+        Raises:
+            WorldError: a fault has an unknown signal, or loses what is not a packet.
+            MechanismError: a parameter of the plant is impossible.
+        """
+        for fault in faults:
+            if fault.signal not in SIGNALS:
+                raise WorldError(unknown("signal of the machine", fault.signal, SIGNALS))
+            if fault.operation == "skip" and fault.signal != "packet":
+                raise WorldError(f"fault of {fault.signal}: skip loses packets; give hold for other signals")
+        self.parts, s, m = parts, parts.settings, parts.arm.mechanism
+        self._faults = {name: [f for f in faults if f.signal == name] for name in SIGNALS}
+        self.plant = parts.plant.another(physics)
+        self.plant.reset(parts.home if q is None else q)
+        brakes = np.array([j.brake for j in s.of_joints(m)])
+        own = self.plant.physics
+        self._free, self._braked = own, replace(own, coulomb=own.coulomb + brakes)
+        self.plc, self._reader = Plc(s.number.plc_timeout.value), Reader(int(s.number.equal_cycles.value))
+        self.receiver = Receiver(s.arm, s.packet_version, s.number.master_timeout.value)
+        self.servo = Servo(s, m, s.mode, s.overdrive)
+        self.level, self.t, self.tick, self.held = Level.E_STOP, float("-inf"), 0, 0
+        self._bit = self._initialised = self._pedal = False
+        self._count = 2 * np.pi / s.number.counts_per_turn.value
+        self.filter_share = 1 - np.exp(-2 * np.pi * s.number.velocity_cutoff.value * TICK)
+        self._limits = np.array([j.limits or (-np.inf, np.inf) for j in m.active]).T
+        self._angles = np.array([j.is_angle for j in m.active])
+        self._fast = self._angles & (brakes > 0)
+        self._grasped = parts.kin.auxiliary
+        n = len(m.active)
+        self._motors, self._speeds, self.qd, self.dac = None, np.zeros(n), np.zeros(n), np.zeros(n)
+        self.q = self.plant.q.copy()
+        self.wanted, self._rates = self.q.copy(), np.zeros(n)
+        self._target: Array | None = None  # T_base_tool while the pedal is down
+        self._homing: tuple[float, float, Array] | None = None  # start and duration in s, joints at the start
+        self._brake(True)
+
+    def start(self) -> None:
+        """Press the start button; it has an effect in E_STOP only."""
+        if self.plc.level != Level.E_STOP:
+            return
+        self.servo.reset()
+        self._initialised, self._homing = False, None
+        self.plc.start(max(self.t, 0.0))
+
+    def stop(self, reason: str = "the stop button is pressed") -> None:
+        """Press the stop button."""
+        self.plc.stop(reason)
+
+    @property
+    def reason(self) -> str:
+        """Why the machine is in E_STOP; "" if it is not."""
+        return self.plc.reason
+
+    def step(self, t: float, packets: Iterable[tuple[bytes, Any]] = ()) -> list[tuple[bytes, Any]]:
+        """Run one tick at t in s with the packets (bytes, sender) that have come; return packets to send back.
+
+        Bad packets have no effect; they are counted in `receiver`.
+        """
+        if not t > self.t:
+            self.plc.stop(f"the clock went back from {self.t:g} s to {t:g} s")
+            t = self.t
+        self.t = t
+        back, accepted = [], []
+        for data, sender in packets:
+            try:
+                packet = self.receiver.read(data, sender, t)
+            except DeviceError:
+                continue
+            back += [(data, sender)] if packet is None else []
+            accepted += self._disturbed(packet) if packet is not None else []
+        motors = self.parts.arm.mechanism.motors(self.plant.q)
+        counts = self._changed("encoder", t, np.round(motors / self._count))
+        try:
+            self._control(t, counts, accepted)
+            self._bit = not self._bit
+        except TwinError as error:  # the watchdog bit stays, so that the PLC stops the arm
+            self.servo.stop = self.servo.stop or str(error)
+        if self.servo.stop:
+            self.plc.stop(self.servo.stop)
+        allowed = self.plc.step(t, self._bit, self._initialised, self._pedal)
+        powered = allowed in (Level.INIT, Level.PEDAL_DN)
+        self._brake(not powered)
+        sent = self._changed("dac", t, self.dac)
+        self.dac = sent if powered else np.zeros_like(sent)
+        self.plant.advance(self.servo.torques(self.dac))
+        self.tick += 1
+        return back
+
+    # -- the control software ----------------------------------------------------------------------------
+
+    def _control(self, t: float, counts: Array, packets: list[Packet]) -> None:
+        m, before = self.parts.arm.mechanism, self.level
+        motors = counts * self._count
+        if self._motors is None:
+            self._motors = motors
+        self._speeds = self._speeds + self.filter_share * ((motors - self._motors) / TICK - self._speeds)
+        self._motors = motors
+        self.q, self.qd = m.from_motors(motors), m.from_motors(self._speeds)
+        self.level = level = self._reader.read([self.plc.level])
+        pedals = [bool(p.values[8]) for p in packets] or [self._pedal]
+        self._pedal = pedals[-1] and not self.receiver.silent(t)
+        if level == Level.E_STOP:
+            self._initialised, self._homing = False, None
+        self._check_speed()
+        if level != before:
+            if not self.servo.stop:
+                self.servo.reset()
+            self.wanted, self._rates = self.q.copy(), np.zeros_like(self.q)
+            self._target = self.parts.kin.forward(self.q) if level == Level.PEDAL_DN else None
+        old = self.wanted
+        if level == Level.INIT:
+            self.wanted = self._home(t)
+        elif level == Level.PEDAL_DN:
+            for packet in packets:
+                self._follow(packet)
+        self._rates = self._rates + self.filter_share * ((self.wanted - old) / TICK - self._rates)
+        if level in (Level.INIT, Level.PEDAL_DN):
+            error, change = m.motors(self.wanted - self.q), m.motors(self._rates - self.qd)
+            self.dac = self.servo.counts_of(error, change, self.parts.gravity(self.q))
+        else:
+            self.dac = np.zeros_like(self.q)
+
+    def _check_speed(self) -> None:
+        most = self.parts.settings.number.largest_speed.value
+        fast = self._fast & ~(np.abs(self.qd) <= most)
+        if fast.any() and self.level in (Level.INIT, Level.PEDAL_DN):
+            i = int(np.argmax(fast))
+            name = self.parts.arm.mechanism.active[i].name
+            self.servo.stop = f"{name} turns with {self.qd[i]:.3g} rad/s (limit {most:g})"
+
+    def _home(self, t: float) -> Array:
+        """Return the desired joints of a minimum-jerk motion to home; the encoders know where the joints are."""
+        speed = self.parts.settings.number.homing_speed.value * np.where(self._angles, 1.0, 0.1)
+        if self._homing is None:
+            way = np.abs(self.parts.home - self.q) / speed
+            self._homing = t, max(_EASE * float(way.max()), 10 * TICK), self.q.copy()
+        begin, duration, start = self._homing
+        s = min((t - begin) / duration, 1.0)
+        error = np.abs(self.parts.home - self.q)
+        if s == 1 and (error <= np.where(self._angles, *_HOMED)).all():
+            self._initialised = True
+        return start + (10 * s**3 - 15 * s**4 + 6 * s**5) * (self.parts.home - start)
+
+    def _follow(self, packet: Packet) -> None:
+        """Move the target by a packet, if the arm reaches it within its limits."""
+        if self._target is None:
+            return
+        v = packet.values
+        T = self._target.copy()
+        T[:3, 3] += _MICRO * v[:3]
+        if v[4:7].any():
+            T[:3, :3] = spatial.matrix_from_quat_wxyz(v[3:7] / np.linalg.norm(v[3:7])) @ T[:3, :3]
+        seed = self.wanted.copy()
+        low, high = self._limits
+        grasp = self.parts.settings.number.grasp_step.value * v[7]
+        seed[self._grasped] = np.clip(seed[self._grasped] + grasp, low[self._grasped], high[self._grasped])
+        try:
+            q = self.parts.kin.inverse(T, seed)
+        except KinematicsError:
+            self.held += 1
+            return
+        if ((q < low) | (q > high)).any():
+            self.held += 1
+            return
+        self._target, self.wanted = T, q
+
+    # -- faults and power --------------------------------------------------------------------------------
+
+    def _disturbed(self, packet: Packet) -> list[Packet]:
+        values = packet.values
+        for fault in self._faults["packet"]:
+            at = packet.sequence if fault.counts else self.t
+            if fault.lost(at):
+                return []
+            values = fault.change(at, values)
+        return [replace(packet, values=values)]
+
+    def _changed(self, signal: str, t: float, value: Array) -> Array:
+        for fault in self._faults[signal]:
+            value = fault.change(self.receiver.sequence if fault.counts else t, value)
+        return value
+
+    def _brake(self, on: bool) -> None:
+        wanted = self._braked if on else self._free
+        if self.plant.physics is not wanted:
+            self.plant.set(wanted)

@@ -1,0 +1,197 @@
+"""Motors, cables and links of a machine: from motor torques to the joint state, in compiled ticks.
+
+    (M(q) + T^-T J T^-1) qdd + b(q, qd) + V qd + f(qd) = T^-T motor torque
+
+T is the matrix of the transmission (q = T m), J the rotor inertias, V the viscous friction, f the Coulomb friction. One
+tick is one step of the implicit Euler method for the viscous friction, and of the semi-implicit one for the rest. The
+Coulomb friction is the effort that brings the joint to rest within the tick, limited to its value; so a joint sticks.
+It is found by three sweeps over the joints (projected Gauss-Seidel; J. J. Moreau, Unilateral contact and dry friction
+in finite freedom dynamics, Springer 1988).
+"""
+
+from __future__ import annotations
+
+from copy import copy
+from dataclasses import dataclass, replace
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike
+
+from twin.codegen import Kernel, Stage
+from twin.core.errors import MechanismError
+from twin.core.spatial import Array
+from twin.reference.holding import GRAVITY
+from twin.simulation.dynamics.arm import Arm
+from twin.simulation.machine.motion import motion
+
+TICK = 1e-3
+"""Duration of a tick in s."""
+
+_SWEEPS = 3
+"""Number of sweeps over the joints for the Coulomb friction."""
+
+
+@dataclass(frozen=True)
+class Physics:
+    """Parameters of a plant with n motors and joints, and m bodies.
+
+    Attributes:
+        factors: (m,) factors of the bodies' masses and tensors, in the order of the tree's joints.
+        rotors: (n,) inertias of the rotors at the motors, kg m2 or kg.
+        viscous: (n,) viscous friction at the joints, N m s/rad or N s/m.
+        coulomb: (n,) Coulomb friction at the joints, N m or N.
+        fall: (3,) gravitational acceleration in base, m/s2; a tilted base tilts it.
+        stops: (2, n) lowest and highest joint values, at hard stops without rebound; infinite: no stop.
+    """
+
+    factors: Array
+    rotors: Array
+    viscous: Array
+    coulomb: Array
+    fall: Array
+    stops: Array
+
+    @classmethod
+    def of(cls, arm: Arm, coulomb: ArrayLike = 0.0) -> Physics:
+        """Return the parameters that the robot's files state, with Coulomb friction (n,) in N m or N."""
+        m, n = arm.mechanism, len(arm.friction)
+        known = {a.name: a.rotor_inertia or 0.0 for a in m.actuators}
+        ends = [j.limits or (-np.inf, np.inf) for j in m.active]
+        return cls(
+            np.ones(len(m.tree)),
+            np.array([known.get(name, 0.0) for name in m.motor_names]),
+            arm.friction.copy(),
+            np.broadcast_to(np.asarray(coulomb, float), n).copy(),
+            np.array([0.0, 0.0, -GRAVITY]),
+            np.array(ends, float).T,
+        )
+
+    def changed(self, mass: float = 1.0, friction: float = 1.0, tilt: float = 0.0) -> Physics:
+        """Return parameters with all masses and all friction times a factor, and a base tilted about x by rad."""
+        fall = GRAVITY * np.array([0.0, -np.sin(tilt), -np.cos(tilt)])
+        scaled = {"viscous": friction * self.viscous, "coulomb": friction * self.coulomb}
+        return replace(self, factors=mass * self.factors, fall=fall, **scaled)
+
+    def checked(self, arm: Arm) -> Array:
+        """Return all parameters as one vector.
+
+        Raises:
+            MechanismError: a number is not finite, a mass is not above 0, or a friction or rotor is negative.
+        """
+        joints = [j.name for j in arm.mechanism.active]
+        parts = {
+            "factor of the mass": ([j.name for j in arm.mechanism.tree], self.factors, 1e-3),
+            "rotor inertia": (joints, self.rotors, 0.0),
+            "viscous friction": (joints, self.viscous, 0.0),
+            "Coulomb friction": (joints, self.coulomb, 0.0),
+        }
+        for what, (names, values, least) in parts.items():
+            if np.shape(values) != (len(names),):
+                raise MechanismError(f"plant: {len(names)} numbers are needed for the {what}, not {np.shape(values)}")
+            for name, value in zip(names, values, strict=True):
+                if not (np.isfinite(value) and value >= least):
+                    raise MechanismError(f"plant: the {what} of {name} is {value:g}; it must be at least {least:g}")
+        if not np.isfinite(self.fall).all():
+            raise MechanismError(f"plant: the gravitational acceleration is {self.fall}; it must be finite")
+        return np.concatenate([self.factors, self.rotors, self.viscous, self.coulomb, self.fall, *self.stops])
+
+
+class Plant:
+    """State of a robot that moves under motor torques.
+
+    Attributes:
+        q, qd: (n,) joint values in rad or m, and rates.
+        physics: parameters; assign them through `set`.
+    """
+
+    def __init__(self, arm: Arm, physics: Physics | None = None) -> None:
+        """Compile the equations of a robot, or load them from the cache.
+
+        Raises:
+            MechanismError: the mechanism has loops, or a parameter is impossible.
+        """
+        self._arm = arm
+        self.set(physics or Physics.of(arm))
+        self._step = _kernel(arm).single()
+        self._state = np.zeros(2 * len(arm.mechanism.active))
+
+    def another(self, physics: Physics | None = None) -> Plant:
+        """Return a plant of the same robot, at zero and at rest, without compiling again.
+
+        Raises:
+            MechanismError: a parameter is impossible.
+        """
+        other = copy(self)
+        other._state = np.zeros_like(self._state)
+        other.set(physics or self.physics)
+        return other
+
+    @property
+    def q(self) -> Array:
+        """Joint values (n,)."""
+        return self._state[: len(self._state) // 2]
+
+    @property
+    def qd(self) -> Array:
+        """Joint rates (n,)."""
+        return self._state[len(self._state) // 2 :]
+
+    def set(self, physics: Physics) -> None:
+        """Use other parameters from the next tick on.
+
+        Raises:
+            MechanismError: a parameter is impossible.
+        """
+        self._parameters, self.physics = physics.checked(self._arm), physics
+
+    def reset(self, q: ArrayLike, qd: ArrayLike = 0.0) -> None:
+        """Set joint values (n,) and rates (n,)."""
+        n = len(self._state) // 2
+        self._state = np.concatenate([np.asarray(q, float), np.broadcast_to(np.asarray(qd, float), n)])
+
+    def advance(self, torques: Array) -> None:
+        """Advance by one tick under motor torques (n,) in N m or N."""
+        self._state = self._step(self._state, torques, self._parameters)
+
+
+def _kernel(arm: Arm) -> Kernel:
+    e, h = motion(arm.mechanism), TICK
+    n, m = len(arm.mechanism.active), len(arm.mechanism.tree)
+    rotors, V, C, low, high = (ca.SX.sym(name, n) for name in ("rotors", "V", "C", "low", "high"))
+    torques = ca.SX.sym("torques", n)
+    inward = ca.DM(np.linalg.inv(arm.mechanism.motor_matrix))
+    M = e.M + inward.T @ ca.diag(rotors) @ inward + ca.diag(h * V)
+    inverse = _inverse(M)
+    v = e.qd + h * (inverse @ (inward.T @ torques - e.b - V * e.qd))
+    friction = [ca.SX(0)] * n
+    for _ in range(_SWEEPS):
+        for i in range(n):
+            asked = friction[i] - v[i] / (h * inverse[i, i])
+            given = ca.fmax(ca.fmin(asked, C[i]), -C[i])
+            v = v + h * inverse[:, i] * (given - friction[i])
+            friction[i] = given
+    q = e.q + h * v
+    inside = ca.fmax(ca.fmin(q, high), low)
+    v = ca.vertcat(*(ca.if_else(ca.fabs(q[i] - inside[i]) > 0, 0, v[i]) for i in range(n)))
+    state, parameters = ca.vertcat(e.q, e.qd), ca.vertcat(e.factors, rotors, V, C, e.fall, low, high)
+    z, p = ca.SX.sym("state", 2 * n), ca.SX.sym("parameters", m + 5 * n + 3)
+    new = ca.substitute(ca.densify(ca.vertcat(inside, v)), ca.vertcat(state, parameters), ca.vertcat(z, p))
+    step = ca.Function("tick", [z, torques, p], [new], {"cse": True})
+    sizes = {"state": 2 * n, "torques": n, "parameters": m + 5 * n + 3}
+    return Kernel([Stage(step, tuple(sizes), ("new",))], sizes, ["new"], single=True)
+
+
+def _inverse(M: ca.SX) -> ca.SX:
+    """Return the inverse of a symmetric positive matrix by its factors L D L^T, without branches."""
+    n = M.shape[0]
+    L, D = ca.SX.eye(n), [ca.SX(0)] * n
+    for j in range(n):
+        D[j] = M[j, j] - sum(L[j, k] ** 2 * D[k] for k in range(j))
+        for i in range(j + 1, n):
+            L[i, j] = (M[i, j] - sum(L[i, k] * L[j, k] * D[k] for k in range(j))) / D[j]
+    lower = ca.SX.eye(n)
+    for j in range(n):
+        for i in range(j + 1, n):
+            lower[i, j] = -sum(L[i, k] * lower[k, j] for k in range(j, i))
+    return lower.T @ ca.diag(1 / ca.vertcat(*D)) @ lower

@@ -1,0 +1,76 @@
+"""What a machine accepts from the network: one master at a time, in order, and for how long its pedal counts."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from twin.core.errors import DeviceError
+from twin.simulation.machine.itp import Packet, unpack
+
+
+class Receiver:
+    """Reads the packets for one arm.
+
+    As released, number 0 asks for the packet back, and after a gap the first packet is dropped and numbering goes on
+    from it. Unlike the released software, the checksum is checked, and numbers never go back: there, packets that are
+    more than 1000 older restart the numbering, which lets old packets in again. A master keeps the machine until it has
+    been silent for `timeout` s.
+
+    Attributes:
+        master: address of the sender whose packets are accepted; None: the next one.
+        accepted, refused: number of packets so far.
+        reason: why the last refused packet was refused.
+    """
+
+    def __init__(self, arm: int, version: int, timeout: float) -> None:
+        """Define the number of the arm in a packet, the accepted version, and the time-out in s."""
+        self._arm, self._version, self.timeout = arm, version, timeout
+        self.master: Any = None
+        self.accepted = self.refused = 0
+        self.reason = ""
+        self.sequence = 0
+        self._pedal, self._heard = False, float("-inf")
+
+    def read(self, data: bytes, sender: Any, t: float) -> Packet | None:
+        """Return a packet that arrives at t in s; None if it goes back to its sender (sequence number 0).
+
+        Raises:
+            DeviceError: the packet is refused; it has no effect.
+        """
+        try:
+            return self._read(data, sender, t)
+        except DeviceError as error:
+            self.refused += 1
+            self.reason = str(error)
+            raise
+
+    def _read(self, data: bytes, sender: Any, t: float) -> Packet | None:
+        packet = unpack(data, self._arm, self._version)
+        if self.silent(t):
+            self.master, self.sequence = None, 0
+        if self.master not in (None, sender):
+            raise DeviceError(
+                f"{sender} is a second master; {self.master} has the machine until it has been silent for "
+                f"{self.timeout:g} s"
+            )
+        if packet.sequence == 0:
+            return None
+        last = self.sequence
+        if self.master is not None and packet.sequence <= last:
+            raise DeviceError(f"the sequence number {packet.sequence} is not above the last one, {last}")
+        self.sequence = packet.sequence
+        gap = packet.sequence - last - 1 if self.master is not None else 0
+        self.master, self._heard = sender, t
+        if gap:
+            raise DeviceError(f"{gap} packets are missing before {packet.sequence}; it is dropped, the next one counts")
+        self.accepted += 1
+        self._pedal = packet.values[8] > 0
+        return packet
+
+    def silent(self, t: float) -> bool:
+        """Return whether no packet of the master has come for longer than the time-out."""
+        return t - self._heard > self.timeout
+
+    def pedal(self, t: float) -> bool:
+        """Return whether the pedal is down; a silent master's pedal counts as up."""
+        return self._pedal and not self.silent(t)

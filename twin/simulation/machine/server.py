@@ -1,0 +1,197 @@
+"""A machine in real time: packets by UDP, states and buttons by TCP, both on 127.0.0.1.
+
+A state has 48 + 24 n bytes for n joints, little-endian:
+
+| byte | type | what |
+|---|---|---|
+| 0 | 4 bytes | "TWNM" |
+| 4 | 4 uint8 | version (1), run level (0 E_STOP, 1 INIT, 2 PEDAL_UP, 3 PEDAL_DN), pedal of the master (0, 1), n |
+| 8 | uint64 | number of the tick |
+| 16 | float64 | time of the machine in s |
+| 24 | 3 uint32 | sequence number of the last packet, packets accepted, packets refused |
+| 36 | 2 uint32 | packets whose target was out of reach, ticks that began more than one tick late |
+| 44 | uint32 | 0 |
+| 48 | n float64 | joint values that the encoders measure, rad or m |
+| 48 + 8 n | n float64 | desired joint values |
+| 48 + 16 n | n float64 | counts of the DAC |
+
+Each connection gets every state, and may send the lines "start" and "stop": the buttons of the machine. If one reads so
+slowly that its states do not fit into the socket, it is closed.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import gc
+import socket
+import struct
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from twin.core.errors import DeviceError
+from twin.core.spatial import Array
+from twin.simulation.machine.itp import PACKET
+from twin.simulation.machine.machine import Machine
+from twin.simulation.machine.plant import TICK
+
+HOST = "127.0.0.1"
+
+HEAD = struct.Struct("<4s4BQd6I")
+
+_READERS = 4
+"""Largest number of connections for states."""
+
+_PACKETS = 64
+"""Largest number of packets read in one tick."""
+
+_LINE = 64
+"""Largest length in bytes of a line from a connection."""
+
+
+@dataclass
+class Pace:
+    """How punctual the ticks were.
+
+    Attributes:
+        late: (k,) delay in s of the start of each tick.
+    """
+
+    late: list[float] = field(default_factory=list)
+
+    @property
+    def missed(self) -> int:
+        """Number of ticks that began more than one tick late."""
+        return sum(x > TICK for x in self.late)
+
+    def summary(self) -> dict[str, float]:
+        """Return number of ticks, late ticks, and delays in ms."""
+        late = 1e3 * np.array(self.late or [0.0])
+        return {
+            "ticks": len(self.late),
+            "late": self.missed,
+            "p50_ms": float(np.percentile(late, 50)),
+            "p99_ms": float(np.percentile(late, 99)),
+            "max_ms": float(late.max()),
+        }
+
+
+class Server:
+    """Sockets and clock of a machine.
+
+    Attributes:
+        machine: the machine.
+        port, state_port: ports of the packets (UDP) and of the states (TCP).
+        pace: how punctual the ticks were.
+    """
+
+    def __init__(self, machine: Machine, port: int = 0, state_port: int = 0) -> None:
+        """Open both ports; 0 chooses a free one.
+
+        Raises:
+            DeviceError: a port is in use or may not be opened.
+        """
+        self.machine, self.pace = machine, Pace()
+        self._udp, self._tcp = socket.socket(type=socket.SOCK_DGRAM), socket.socket()
+        self._tcp.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        for kind, sock, wanted in (("UDP", self._udp, port), ("TCP", self._tcp, state_port)):
+            try:
+                sock.bind((HOST, wanted))
+            except OSError as error:
+                self.close()
+                raise DeviceError(f"{kind} port {wanted} of {HOST}: {error.strerror}; give another port") from error
+            sock.setblocking(False)
+        self._tcp.listen(_READERS)
+        self.port, self.state_port = self._udp.getsockname()[1], self._tcp.getsockname()[1]
+        self._readers: dict[socket.socket, bytes] = {}
+        self._missed = 0
+
+    def close(self) -> None:
+        """Close all sockets."""
+        for sock in (self._udp, self._tcp, *getattr(self, "_readers", ())):
+            sock.close()
+
+    def run(self, seconds: float = float("inf"), said: Callable[[str], None] = lambda text: None) -> None:
+        """Run for a time in s; `said` gets a line for each change of the run level, with its reason."""
+        gc.freeze()  # else the collector goes through all imported modules, which takes many ticks
+        begin, k, level = time.monotonic(), 0, None
+        while k * TICK < seconds:
+            due = begin + k * TICK
+            wait = due - time.monotonic()
+            if wait > 0:
+                time.sleep(wait)
+            late = max(time.monotonic() - due, 0.0)
+            self.pace.late.append(late)
+            self._missed += late > TICK
+            self.step(k * TICK)
+            now = self.machine.plc.level
+            if now != level:
+                level = now
+                said(f"{k * TICK:.3f} s: {level.name}" + (f": {self.machine.reason}" if self.machine.reason else ""))
+            k += 1
+
+    def step(self, t: float) -> None:
+        """Run one tick at t in s: read packets and buttons, move the machine, send the state."""
+        self._buttons()
+        for data, sender in self.machine.step(t, self._arrived()):
+            with contextlib.suppress(OSError):
+                self._udp.sendto(data, sender)
+        self._send(self._state())
+
+    def _arrived(self) -> list[tuple[bytes, tuple[str, int]]]:
+        out = []
+        with contextlib.suppress(BlockingIOError):
+            while len(out) < _PACKETS:
+                out.append(self._udp.recvfrom(PACKET.size + 1))
+        return out
+
+    def _buttons(self) -> None:
+        with contextlib.suppress(BlockingIOError):
+            while True:
+                reader, _ = self._tcp.accept()
+                if len(self._readers) == _READERS:
+                    reader.close()
+                    continue
+                reader.setblocking(False)
+                reader.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+                self._readers[reader] = b""
+        for reader, text in list(self._readers.items()):
+            try:
+                more = reader.recv(_LINE)
+            except BlockingIOError:
+                continue
+            except OSError:
+                more = b""
+            *lines, rest = (text + more).split(b"\n")
+            for line in lines:
+                if line.strip() == b"start":
+                    self.machine.start()
+                elif line.strip() == b"stop":
+                    self.machine.stop()
+            if not more or len(rest) > _LINE:
+                self._drop(reader)
+            else:
+                self._readers[reader] = rest
+
+    def _drop(self, reader: socket.socket) -> None:
+        del self._readers[reader]
+        reader.close()
+
+    def _state(self) -> bytes:
+        m, r = self.machine, self.machine.receiver
+        counts = (r.sequence, r.accepted, r.refused, m.held, self._missed, 0)
+        pedal = r.pedal(m.t)
+        head = HEAD.pack(b"TWNM", 1, m.plc.level, pedal, len(m.q), m.tick, m.t, *(c % 2**32 for c in counts))
+        rows: tuple[Array, ...] = (m.q, m.wanted, m.dac)
+        return head + np.concatenate(rows).astype("<f8").tobytes()
+
+    def _send(self, state: bytes) -> None:
+        for reader in list(self._readers):
+            try:
+                whole = reader.send(state) == len(state)
+            except OSError:
+                whole = False
+            if not whole:
+                self._drop(reader)

@@ -1,0 +1,120 @@
+"""Control of the motors: PD or PID with gravity compensation, and the checks of the DAC.
+
+The motor torque is (kp e + ki int e + kd de/dt) / gear + T^T g(q), with e the desired minus the measured motor angle.
+The DAC gets it in whole counts. Above `stop_dac` counts the arm stops at any run level. Above the limit of the mode,
+the policy "none" only counts the violation, "soft" clips it, and "hard" stops after more than `violations` of them. The
+counter is one for all motors, as released: ten motors once count as one motor ten times.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+import casadi as ca
+import numpy as np
+
+from twin.codegen import Kernel, Stage
+from twin.core.errors import MechanismError
+from twin.core.spatial import Array
+from twin.model.mechanism import Inertia, Mechanism
+from twin.reference.holding import GRAVITY
+from twin.simulation.machine.motion import motion
+from twin.simulation.machine.plant import TICK
+from twin.simulation.machine.settings import Mode, Policy, Settings
+
+
+@dataclass
+class Servo:
+    """Controller of n motors, called once per tick.
+
+    Attributes:
+        settings: motors and limits.
+        mechanism: the robot, for the order of the motors and for the transmission.
+        mode, policy: limits of the DAC and what happens above them.
+        violations: number of commands above the limit of the mode so far, over all motors.
+        stop: why the arm must stop; "" if it need not.
+    """
+
+    settings: Settings
+    mechanism: Mechanism
+    mode: Mode
+    policy: Policy
+    violations: int = 0
+    stop: str = ""
+    _sum: Array = field(init=False)
+
+    def __post_init__(self) -> None:
+        motors = self.settings.of_motors(self.mechanism)
+        self.counts = np.array([m.counts_per_amp / m.torque_per_amp for m in motors])  # per N m at the rotor
+        self._kp, self._kd, self._ki = (np.array([getattr(m, k) / m.gear for m in motors]) for k in ("kp", "kd", "ki"))
+        self.limit = np.array([getattr(m.dac, self.mode) for m in motors])
+        self._sum = np.zeros(len(motors))
+        self._stop_dac = self.settings.number.stop_dac.value
+        self._most = self.settings.number.violations.value
+
+    def reset(self) -> None:
+        """Forget the integral of the error, the violations and the stop."""
+        self._sum, self.violations, self.stop = np.zeros_like(self._sum), 0, ""
+
+    def counts_of(self, error: Array, change: Array, efforts: Array) -> Array:
+        """Return the counts of the DAC (n,), whole numbers; all 0 if the arm must stop.
+
+        Args:
+            error: (n,) desired minus measured motor angles in rad.
+            change: (n,) desired minus measured rates in rad/s.
+            efforts: (n,) joint efforts of the gravity compensation in N m or N.
+        """
+        self._sum += error * TICK
+        torque = self._kp * error + self._ki * self._sum + self._kd * change
+        asked = np.trunc((torque + self.mechanism.motor_efforts(efforts)) * self.counts)
+        over = np.abs(asked) > self.limit
+        names = self.mechanism.motor_names
+        if not np.isfinite(asked).all() or np.abs(asked).max() > self._stop_dac:
+            i = int(np.argmax(np.where(np.isfinite(asked), np.abs(asked), np.inf)))
+            self.stop = f"{names[i]} asks for {asked[i]:.0f} counts of the DAC (limit {self._stop_dac:.0f})"
+        elif over.any():
+            self.violations += int(over.sum())
+            if self.policy == "hard" and self.violations > self._most:
+                i = int(np.argmax(over))
+                self.stop = (
+                    f"{self.violations} commands above the limit of mode {self.mode} (at most {self._most:.0f}); "
+                    f"the last is {names[i]} with {asked[i]:.0f} counts (limit {self.limit[i]:.0f})"
+                )
+        if self.stop:
+            return np.zeros_like(asked)
+        return asked if self.policy == "none" else np.clip(asked, -self.limit, self.limit)
+
+    def torques(self, counts: Array) -> Array:
+        """Return the motor torques (n,) in N m for counts of the DAC (n,)."""
+        return counts / self.counts
+
+
+def compensation(settings: Settings, mechanism: Mechanism) -> Callable[[Array], Array]:
+    """Return the function from q (n,) to joint efforts (n,) that hold the point masses of the settings.
+
+    Raises:
+        MechanismError: a point mass names a frame that is not on the body of its joint.
+    """
+    frames = {f.name: f for f in mechanism.frames}
+    moved = {j.name: j.child for j in mechanism.tree}
+    masses = {}
+    for point in settings.compensation:
+        frame = frames.get(point.frame)
+        if frame is None or frame.body != moved[point.joint]:
+            raise MechanismError(f"compensation of {point.joint}: {moved[point.joint]} has no frame '{point.frame}'")
+        T = frame.T_body_frame
+        masses[frame.body] = Inertia(point.mass, T[:3, :3] @ np.array(point.centre) + T[:3, 3], np.zeros((3, 3)))
+    bodies = tuple(replace(b, inertia=masses.get(b.name)) for b in mechanism.bodies)
+    return holding(replace(mechanism, bodies=bodies))
+
+
+def holding(mechanism: Mechanism) -> Callable[[Array], Array]:
+    """Return the compiled function from q (n,) to the joint efforts (n,) that hold a mechanism's masses at rest."""
+    e = motion(mechanism)
+    at = [(e.qd, 0), (e.factors, 1), (e.fall, ca.DM([0, 0, -GRAVITY]))]
+    b = e.b
+    for symbol, value in at:
+        b = ca.substitute(b, symbol, value * ca.DM.ones(symbol.shape) if isinstance(value, int) else value)
+    g = ca.Function("gravity", [e.q], [ca.densify(ca.simplify(b))], {"cse": True})
+    return Kernel([Stage(g, ("q",), ("g",))], {"q": e.q.numel()}, ["g"], single=True).single()

@@ -1,0 +1,162 @@
+"""Motors, gains, checks and network of a machine, read from `machine.toml` in the robot's CAD folder."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import Field
+
+from twin.core.errors import DescriptionError, unknown
+from twin.core.provenance import Parameter
+from twin.core.spatial import Array
+from twin.model.mechanism import Mechanism
+from twin.schema import Identifier, Origin, Table, Vector, error_at, load_toml
+
+NAME = "machine.toml"
+"""Name of the file in a robot's CAD folder."""
+
+_Positive = Annotated[float, Field(gt=0)]
+_NotNegative = Annotated[float, Field(ge=0)]
+_Unit = Literal["1", "count", "s", "Hz", "rad", "rad/s"]
+
+Mode = Literal["advanced", "moderate", "beginner"]
+Policy = Literal["none", "soft", "hard"]
+
+
+class _Cited(Table):
+    provenance: Origin
+    note: str = Field(min_length=1)
+
+
+class Number(_Cited):
+    """A number with its unit and provenance."""
+
+    value: _Positive
+    unit: _Unit
+
+
+class Numbers(Table):
+    """Numbers of the control software: see the notes in the file."""
+
+    counts_per_turn: Number
+    stop_dac: Number
+    violations: Number
+    equal_cycles: Number
+    master_timeout: Number
+    largest_speed: Number
+    plc_timeout: Number
+    velocity_cutoff: Number
+    homing_speed: Number
+    grasp_step: Number
+
+
+class Limits(Table):
+    """Largest counts of the DAC, by the skill of the operator."""
+
+    advanced: _Positive
+    moderate: _Positive
+    beginner: _Positive
+
+
+class Motor(_Cited):
+    """A motor: N m/A at the rotor, counts per A, gear ratio, and gains behind the gear."""
+
+    name: Identifier
+    torque_per_amp: _Positive
+    counts_per_amp: _Positive
+    dac: Limits
+    gear: _Positive
+    kp: _NotNegative
+    kd: _NotNegative
+    ki: _NotNegative
+
+
+class JointFriction(_Cited):
+    """Coulomb friction of a joint, and the effort that its brake holds; 0: no brake."""
+
+    name: Identifier
+    coulomb: _NotNegative
+    brake: _NotNegative
+    unit: Literal["N m", "N"]
+
+
+class PointMass(_Cited):
+    """A point mass of the gravity compensation on the body that a joint moves; kg, and m in a frame of the body."""
+
+    joint: Identifier
+    frame: Identifier
+    mass: _NotNegative
+    centre: Vector
+
+
+class Settings(Table):
+    """The machine file; motors and joints in any order."""
+
+    title: str
+    source: str
+    arm: Annotated[int, Field(ge=0, le=1)]
+    packet_version: Annotated[int, Field(ge=0, lt=2**32)]
+    mode: Mode
+    overdrive: Policy
+    number: Numbers
+    motor: list[Motor] = Field(min_length=1)
+    joint: list[JointFriction] = Field(min_length=1)
+    compensation: list[PointMass] = Field(default_factory=list)
+
+    def of_motors(self, mechanism: Mechanism) -> list[Motor]:
+        """Return the motors in the order of `mechanism.motor_names`."""
+        known = {m.name: m for m in self.motor}
+        return [known[name] for name in mechanism.motor_names]
+
+    def of_joints(self, mechanism: Mechanism) -> list[JointFriction]:
+        """Return the frictions in the order of q."""
+        known = {j.name: j for j in self.joint}
+        return [known[j.name] for j in mechanism.active]
+
+    def coulomb(self, mechanism: Mechanism) -> Array:
+        """Return the Coulomb friction (n,) in N m or N."""
+        return np.array([j.coulomb for j in self.of_joints(mechanism)])
+
+    def parameters(self) -> list[Parameter]:
+        """Return the numbers of the control software and the joints' friction with their provenance."""
+        numbers = ((name, getattr(self.number, name)) for name in Numbers.model_fields)
+        out = [Parameter(name, n.value, n.unit, n.value, n.provenance, n.note) for name, n in numbers]
+        frictions = ((f"{j.name}.coulomb", j) for j in self.joint)
+        return out + [Parameter(n, j.coulomb, j.unit, j.coulomb, j.provenance, j.note) for n, j in frictions]
+
+
+def load(path: Path, mechanism: Mechanism) -> Settings:
+    """Read a machine file.
+
+    Raises:
+        DescriptionError: the file does not exist, is invalid, or does not name every motor and every joint of the
+            mechanism once; the message has file, line, key and value.
+    """
+    if not path.is_file():
+        raise DescriptionError(
+            f"{path}: the file does not exist: a machine needs motors, gains and limits; cad/raven_left/{NAME} is one"
+        )
+    table = load_toml(path, Settings)
+    actives = [j.name for j in mechanism.active]
+    for key, entries, needed in (
+        ("motor", table.motor, mechanism.motor_names),
+        ("joint", table.joint, actives),
+        ("compensation", table.compensation, None),
+    ):
+        names = [e.joint if isinstance(e, PointMass) else e.name for e in entries]
+        for i, name in enumerate(names):
+            if name not in (needed or actives):
+                raise error_at(path, (key, i), unknown(key, name, needed or actives))
+            if name in names[:i]:
+                raise error_at(path, (key, i), f"'{name}' is there twice")
+        missing = [n for n in needed or () if n not in names]
+        if missing:
+            raise DescriptionError(f"{path}: no [[{key}]] for {', '.join(missing)}")
+    for i, (entry, joint) in enumerate(zip(table.of_joints(mechanism), mechanism.active, strict=True)):
+        if entry.unit != ("N m" if joint.is_angle else "N"):
+            raise error_at(
+                path, ("joint", i, "unit"), f"{joint.name} is {joint.type}, but its friction is in {entry.unit}"
+            )
+    return table
