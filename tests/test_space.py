@@ -23,7 +23,8 @@ from twin.planning.protocol import load_protocol
 from twin.planning.smooth import line
 from twin.reference import ReferenceModel
 from twin.reference.following import Follower
-from twin.reference.space import JointSpace, Still
+from twin.reference.pairs import Still
+from twin.reference.space import JointSpace
 from twin.reference.travel import Reach
 
 CLEARANCE = 5 * MM

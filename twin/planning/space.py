@@ -27,12 +27,24 @@ class Space(Interface):
         """Lengths (n,) in m equivalent to one unit of each joint: the length of a step dq is |weights * dq|."""
         ...
 
+    @property
+    def leads(self) -> np.ndarray:
+        """(n,) bool: whether each joint can move the tool; others stay where they are if start and goal agree."""
+        ...
+
     def free(self, q: Array) -> np.ndarray:
         """Return (k,) bool: whether joint values q (k, n) are free of collisions."""
         ...
 
     def steer(self, a: Array, b: Array) -> Path:
         """Return the direct path from a (n,) to b (n,), without regard to obstacles."""
+        ...
+
+    def free_each(self, a: Array, b: Array) -> np.ndarray:
+        """Return (m,) bool: whether the direct paths from a (m, n) to b (m, n), with free ends, seem free.
+
+        A fast test for searches: a path that it accepts may still be refused by `free_between`.
+        """
         ...
 
     def free_between(self, a: Array, b: Array) -> bool:
