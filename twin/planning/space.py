@@ -10,6 +10,25 @@ from twin.core.spatial import Array
 from twin.planning.path import Path
 
 
+class Certificate(Interface):
+    """Distance between bodies along a path; `twin.reference.space.Certificate` has these attributes."""
+
+    @property
+    def proven(self) -> float:
+        """In m, never more than the smallest distance along the whole path."""
+        ...
+
+    @property
+    def found(self) -> float:
+        """In m, smallest distance at the tested places."""
+        ...
+
+    @property
+    def bodies(self) -> tuple[str, str]:
+        """Names of the two bodies with this distance; "" if there are none."""
+        ...
+
+
 class Space(Interface):
     """Joint values within limits, with tests for collisions.
 
@@ -53,6 +72,10 @@ class Space(Interface):
 
     def free_along(self, path: Path) -> bool:
         """Return whether a path that begins at a free point is free of collisions."""
+        ...
+
+    def certify(self, path: Path) -> Certificate:
+        """Return a proven lower bound of the distance between bodies along a whole path that is free."""
         ...
 
     def why(self, q: Array) -> str:

@@ -115,8 +115,9 @@ class Grid:
     """Lower bounds of the distance from a surface on a grid.
 
     Attributes:
-        error: in m, largest difference between the distance from the surface and the result of `at`, for points in the
-            accurate band; outside the band, the result may be smaller by more.
+        error: in m, largest difference between the distance from the surface and the result of `at`, where this result
+            is below `known`; elsewhere the result may be smaller by more.
+        known: in m, see `error`.
     """
 
     def __init__(self, triangles: Array) -> None:
@@ -137,10 +138,13 @@ class Grid:
         # each middle is within half a diagonal of its marked node, and each point of the surface within `spread` of a middle
         values = np.maximum(steps * cell - np.sqrt(3) / 2 * cell - spread, 0.0)
         near = np.argwhere(steps <= _BAND)
-        found = cKDTree(middles, balanced_tree=False, compact_nodes=False).query(self._start + near * cell, workers=1)[0]
+        found = cKDTree(middles, balanced_tree=False, compact_nodes=False).query(self._start + near * cell, workers=1)[
+            0
+        ]
         values[tuple(near.T)] = np.maximum(found - spread, 0.0)
         self._shape, self._values = shape, values.astype(np.float32).ravel() * np.float32(1 - 1e-6)
-        self.error = spread + np.sqrt(3) * cell + 1e-6
+        # a stored value is off by a diagonal and two spreads, a look-up by a diagonal more
+        self.error, self.known = 2 * spread + 2 * np.sqrt(3) * cell + 1e-6, _BAND * cell
 
     def _nodes(self, points: Array) -> np.ndarray:
         return np.rint((points - self._start) / self._cell).astype(np.intp)
@@ -194,7 +198,8 @@ class Bounds:
                 close = values - radii < enough[here][state]
                 if last:
                     values[close] = self._grid.sharp(points[close])
-                    np.minimum.at(high[here], state, values + radii + self._grid.error)
+                    known = values < self._grid.known
+                    np.minimum.at(high[here], state[known], (values + radii)[known] + self._grid.error)
                 proven = np.ones(len(close), bool) if last else ~close
                 np.minimum.at(low[here], state[proven], (values - radii)[proven])
                 state, parent = state[~proven], ball[~proven]

@@ -106,7 +106,12 @@ class Pairs:
         bounds, more = (self.reach.bounds(np.full((1, self._tree.model.nq), x), np.zeros(nv)) for x in (0.0, 1.0))
         for pair, (a, b) in enumerate(self.rows):
             moving = np.flatnonzero(moves[a] != moves[b])
-            if self._tree.model.nq == nv and len(moving) <= _FEW and np.array_equal(bounds[pair], more[pair]) and (bounds[pair, moving] > 0).all():
+            if (
+                self._tree.model.nq == nv
+                and len(moving) <= _FEW
+                and np.array_equal(bounds[pair], more[pair])
+                and (bounds[pair, moving] > 0).all()
+            ):
                 self._turns[pair] = moving, self.required[pair] / (len(moving) * bounds[pair, moving])
 
     def __len__(self) -> int:

@@ -91,6 +91,23 @@ class _Stations:
         return self.moved[i] + part[:, None] * (self.moved[i + 1] - self.moved[i])
 
 
+@dataclass(frozen=True)
+class Certificate:
+    """Distance between bodies along a path.
+
+    Attributes:
+        proven: in m, never more than the smallest distance along the whole path.
+        found: in m, smallest distance at the tested values of s.
+        s: where it was found.
+        bodies: the two bodies; "" if there are none.
+    """
+
+    proven: float
+    found: float
+    s: float
+    bodies: tuple[str, str]
+
+
 class JointSpace:
     """Collision-free joint space of a mechanism, for path searches; implements `twin.planning.space.Space`.
 
@@ -393,11 +410,13 @@ class JointSpace:
             for i, bound in zip(left, least, strict=True):
                 p, T, c = int(pair[i]), poses[row[i]], float(required[i])
                 last = margin[i] <= c
-                if (last or (level < _FIRST and not pairs.celled(p))) and bound < c and pairs.closer(p, X[row[i]][None], T[None])[0]:
-                    return False
-                if not last and (
-                    margin[i] > _NARROW * c or pairs.celled(p) or pairs.nearer(p, T, float(margin[i]))
+                if (
+                    (last or (level < _FIRST and not pairs.celled(p)))
+                    and bound < c
+                    and pairs.closer(p, X[row[i]][None], T[None])[0]
                 ):
+                    return False
+                if not last and (margin[i] > _NARROW * c or pairs.celled(p) or pairs.nearer(p, T, float(margin[i]))):
                     halved.append(i)
             pair = np.repeat(pair[halved], 2)
             place = np.column_stack([2 * place[halved], 2 * place[halved] + 1]).ravel()
@@ -441,3 +460,52 @@ class JointSpace:
         out = np.ones(len(a), bool)
         out[path[~self._allowed(self._placed(q), q)]] = False
         return out
+
+    # -- the certificate ------------------------------------------------------------------------------
+
+    def certify(self, path: Callable[..., Array], within: float = 0.5 * MM) -> Certificate:
+        """Return a proven lower bound of the distance between bodies along a whole path, by exact distances only.
+
+        In an interval of s, the distance of a pair is at least its distance in the middle minus the largest possible
+        approach (`travel`) in half of the interval. Intervals are halved until this bound is less than `within` below
+        the smallest distance found. Of two bodies of the mechanism, those that are nearer than twice the clearance in
+        the rest poses are left out: `free_along` tests them against half of their distance there.
+
+        Args:
+            path: a path for which `free_along` is true.
+            within: accepted difference in m between the smallest distance found and the bound.
+
+        Raises:
+            MechanismError: the loops of the mechanism do not close along the path.
+        """
+        seen, pairs = self._stations(path), self._pairs
+        if seen is None:
+            raise MechanismError("the path exceeds limits, is not allowed, or the loops of the mechanism do not close")
+        pair = np.flatnonzero(pairs.required >= self.clearance)
+        place, level = np.zeros(len(pair), int), 0
+        least, proven, at, names = np.inf, np.inf, 0.0, ("", "")
+        while len(pair):
+            width = 0.5**level
+            places, row = np.unique(place, return_inverse=True)
+            X = self._at(seen, (places + 0.5) * width)
+            if X is None:
+                raise MechanismError("the loops of the mechanism do not close along the path")
+            poses = pairs.poses(X)
+            low, middle, high = (seen.moved_until((places + part) * width) for part in (0.0, 0.5, 1.0))
+            ahead = np.maximum(high - middle, middle - low)[row, pair]
+            bound, halved = pairs.gaps(poses)[row, pair], []
+            for i in np.argsort(bound, kind="stable"):
+                if bound[i] - ahead[i] < least - within:
+                    bound[i] = pairs.hulls_apart(int(pair[i]), poses[row[i]])
+                if bound[i] - ahead[i] < least - within:
+                    bound[i] = pairs.distance(int(pair[i]), poses[row[i]])
+                    if bound[i] < least:
+                        least, at = float(bound[i]), float((places[row[i]] + 0.5) * width)
+                        names = tuple(pairs.shapes[j].name for j in pairs.rows[pair[i]])
+            left = bound - ahead < least - within
+            proven = min(proven, float((bound - ahead)[~left].min(initial=np.inf)))
+            halved = np.flatnonzero(left)
+            pair = np.repeat(pair[halved], 2)
+            place = np.column_stack([2 * place[halved], 2 * place[halved] + 1]).ravel()
+            level += 1
+        return Certificate(max(min(proven, least), 0.0), least, at, (names[0], names[1]))
