@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import heapq
 from collections.abc import Callable
+from itertools import pairwise
 from math import gamma, log, pi
 
 import numpy as np
@@ -76,7 +77,7 @@ class Search:
         rows = [int(np.flatnonzero((self._q == c).all(axis=1))[0]) for c in corners]
         bad = [
             pair
-            for pair, a, b in zip(zip(rows, rows[1:], strict=False), corners, corners[1:], strict=False)
+            for pair, a, b in zip(pairwise(rows), corners, corners[1:], strict=False)
             if not self._space.free_between(a, b)
         ]
         for i, j in bad:
@@ -102,8 +103,8 @@ class Search:
         heap, z = [(0.0, 0)], 0
         while z != 1:
             to = near[z][waiting[near[z]]]
-            best = np.empty(len(to), int)
-            costs = np.empty(len(to))
+            best = np.zeros(len(to), int)
+            costs = np.zeros(len(to))
             for k, i in enumerate(to):
                 others = near[i][front[near[i]]]
                 off = x[others] - x[i]
