@@ -135,7 +135,7 @@ class Grid:
         marked = np.ones(shape, bool)
         marked[tuple(self._nodes(middles).T)] = False
         steps = distance_transform_edt(marked)
-        # each middle is within half a diagonal of its marked node, and each point of the surface within `spread` of a middle
+        # a middle is within half a diagonal of its marked node, and a point of the surface within `spread` of a middle
         values = np.maximum(steps * cell - np.sqrt(3) / 2 * cell - spread, 0.0)
         near = np.argwhere(steps <= _BAND)
         found = cKDTree(middles, balanced_tree=False, compact_nodes=False).query(self._start + near * cell, workers=1)[
@@ -178,7 +178,7 @@ class Bounds:
         self._grid, self._levels = grid, levels
 
     def at(self, Ts: Array, enough: Array) -> tuple[Array, Array]:
-        """Return lower and upper bounds (k,) in m of the distance, for poses (k, 4, 4) of the balls in the grid's frame.
+        """Return bounds (k,) from below and (k,) from above in m of the distance, for poses T_grid_balls (k, 4, 4).
 
         Where large balls prove less than `enough` (k,) in m, smaller ones are looked up; where they prove more, the
         upper bound is infinite.

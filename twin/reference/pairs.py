@@ -106,13 +106,10 @@ class Pairs:
         bounds, more = (self.reach.bounds(np.full((1, self._tree.model.nq), x), np.zeros(nv)) for x in (0.0, 1.0))
         for pair, (a, b) in enumerate(self.rows):
             moving = np.flatnonzero(moves[a] != moves[b])
-            if (
-                self._tree.model.nq == nv
-                and len(moving) <= _FEW
-                and np.array_equal(bounds[pair], more[pair])
-                and (bounds[pair, moving] > 0).all()
-            ):
-                self._turns[pair] = moving, self.required[pair] / (len(moving) * bounds[pair, moving])
+            size = bounds[pair, moving]
+            turns = np.array_equal(bounds[pair], more[pair]) and bool((size > 0).all())
+            if self._tree.model.nq == nv and len(moving) <= _FEW and turns:
+                self._turns[pair] = moving, self.required[pair] / (len(moving) * size)
 
     def __len__(self) -> int:
         return len(self.rows)
@@ -189,8 +186,8 @@ class Pairs:
         """Return (k,) bool: whether a pair is nearer than required at configurations X (k, nq), by exact distances.
 
         Pairs that few turns move against each other (the jaws of an instrument and its wrist) are often close, and
-        meshes that are close take long. So it is stored for a whole cell of these angles that the pair is not nearer: in
-        a cell it moves by at most half of the required distance from the middle.
+        meshes that are close take long. So it is stored for a whole cell of these angles that the pair is not nearer:
+        in a cell it moves by at most half of the required distance from the middle.
 
         Args:
             pair: number of the pair.
@@ -218,8 +215,11 @@ class Pairs:
             self._cells[key] = not self.nearer(pair, poses, 1.5 * float(self.required[pair]))
         return self._cells[key]
 
-    def near(self, X: Array) -> np.ndarray:
-        """Return (k,) bool: whether any pair is nearer than required at configurations X (k, nq)."""
+    def near(self, X: Array, *, exact: bool = True) -> np.ndarray:
+        """Return (k,) bool: whether any pair is nearer than required at configurations X (k, nq).
+
+        Where the bounds do not decide, exact distances do; without `exact`, the middle between both bounds does.
+        """
         out = np.zeros(len(X), bool)
         if not len(self):
             return out
@@ -228,8 +228,12 @@ class Pairs:
         low, high = self.bounds(poses, states, pairs, self.required[pairs])
         out[states[high < self.required[pairs]]] = True
         unknown = low < self.required[pairs]
+        if not exact:
+            out[states[(low + high) / 2 < self.required[pairs]]] = True
         for pair in np.unique(pairs[unknown]):
             k = states[unknown & (pairs == pair)]
             k = k[~out[k]]
+            if not exact and not self.celled(int(pair)):
+                continue
             out[k] = self.closer(int(pair), X[k], poses[k])
         return out

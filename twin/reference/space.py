@@ -60,7 +60,7 @@ _GJK = 1e-5
 """Accepted error in m by which a computed hull distance may be too large."""
 
 _SEARCH = 8 * MM
-"""Largest relative motion in m of two bodies between the states tested in a search; the path found is tested as a whole."""
+"""Largest relative motion in m of two bodies between the states tested in a search; paths found are tested whole."""
 
 Keep = Callable[[Array, Array], np.ndarray]
 """Additional test of states: T_base_tool (k, 4, 4), q (k, n) -> (k,) bool: whether each state is allowed."""
@@ -424,9 +424,10 @@ class JointSpace:
         return True
 
     def free_each(self, a: Array, b: Array) -> np.ndarray:
-        """Return (m,) bool: whether the straight paths from a (m, n) to b (m, n), with free ends, seem free of collisions.
+        """Return (m,) bool: whether the straight paths from a (m, n) to b (m, n), with free ends, seem free.
 
-        States are tested between which no pair of bodies moves by more than `_SEARCH`, for all paths at once.
+        States are tested between which no pair of bodies moves by more than `_SEARCH`, for all paths at once, by bounds
+        of distances (`Pairs.near`).
         """
         a, b = np.asarray(a, float), np.asarray(b, float)
         if self._coupled is None or not len(a):
@@ -444,7 +445,7 @@ class JointSpace:
             s = np.arange(1, 2**level, 2) / 2**level
             path = np.repeat(rows, len(s))
             X = self._placed(a[path] + np.tile(s, len(rows))[:, None] * (b - a)[path])
-            ok[path[self._pairs.near(X)]] = False
+            ok[path[self._pairs.near(X, exact=False)]] = False
         ok[ok] = self._allowed_between(a[ok], b[ok])
         return ok
 
