@@ -34,7 +34,7 @@ def problem():
     ends = []
     for name in ("below", "above"):
         q = home.q.copy()
-        for joint, value in protocol.waypoints[name].joints.items():
+        for joint, value in (protocol.waypoints[name].joints or {}).items():
             i = [j.name for j in follower.model.mechanism.active].index(joint)
             q[i] = value
         ends.append(q)

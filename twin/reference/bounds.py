@@ -134,7 +134,7 @@ class Grid:
         shape = np.ceil((self._high - self._low) / cell).astype(int) + 2 * _BAND + 3
         marked = np.ones(shape, bool)
         marked[tuple(self._nodes(middles).T)] = False
-        steps = distance_transform_edt(marked)
+        steps = np.asarray(distance_transform_edt(marked), float)
         # a middle is within half a diagonal of its marked node, and a point of the surface within `spread` of a middle
         values = np.maximum(steps * cell - np.sqrt(3) / 2 * cell - spread, 0.0)
         near = np.argwhere(steps <= _BAND)

@@ -438,14 +438,17 @@ class JointSpace:
         G = self._coupled[0]
         rho = self._pairs.reach.bounds(self._placed(np.concatenate([a, b])), np.zeros(len(G)))
         counts = np.ceil((np.abs((b - a) @ G.T) @ rho.T).max(axis=1) / _SEARCH).astype(int)
-        # the middle of each path first, then the quarters, and so on: most blocked paths are found early
+        # the middle and the quarters of all paths first, then the rest: most blocked paths are found early
         levels = np.ceil(np.log2(np.maximum(counts, 1))).astype(int)
-        for level in range(1, int(levels.max()) + 1):
-            rows = np.flatnonzero(ok & (levels >= level))
-            s = np.arange(1, 2**level, 2) / 2**level
-            path = np.repeat(rows, len(s))
-            X = self._placed(a[path] + np.tile(s, len(rows))[:, None] * (b - a)[path])
-            ok[path[self._pairs.near(X, exact=False)]] = False
+        for first, last in ((1, 2), (3, int(levels.max()))):
+            path, s = [np.zeros(0, int)], [np.zeros(0)]
+            for level in range(first, last + 1):
+                rows, places = np.flatnonzero(ok & (levels >= level)), np.arange(1, 2**level, 2) / 2**level
+                path.append(np.repeat(rows, len(places)))
+                s.append(np.tile(places, len(rows)))
+            at, along = np.concatenate(path), np.concatenate(s)
+            X = self._placed(a[at] + along[:, None] * (b - a)[at])
+            ok[at[self._pairs.near(X, exact=False)]] = False
         ok[ok] = self._allowed_between(a[ok], b[ok])
         return ok
 
