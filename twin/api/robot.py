@@ -6,7 +6,7 @@ import contextlib
 import logging
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cache, cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -381,9 +381,13 @@ class Robot:
 
         follower = Follower(self.reference)
 
-        def space(scene: str, clearance: float, keep: Keep) -> JointSpace:
+        @cache
+        def obstructed(scene: str, clearance: float) -> JointSpace:
             around = (lambda: standing(scene, self.name, load)) if scene else None
-            return JointSpace(lambda: follower.model, clearance, keep=keep, around=around)
+            return JointSpace(lambda: follower.model, clearance, around=around)
+
+        def space(scene: str, clearance: float, keep: Keep) -> JointSpace:
+            return obstructed(scene, clearance).keeping(keep)
 
         mechanical = without_equations(self.mechanism, follower, self.cad.gaps if self.files else (), space)
         if self.unwritten:

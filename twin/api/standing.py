@@ -9,7 +9,7 @@ from twin.core import assets, spatial
 from twin.core.errors import TwinError, unknown
 
 if TYPE_CHECKING:
-    from twin.reference.space import Still
+    from twin.reference.pairs import Still
 
 
 def standing(scene: str, robot: str, load: Callable[[str], Any]) -> list[Still]:
@@ -26,7 +26,7 @@ def standing(scene: str, robot: str, load: Callable[[str], Any]) -> list[Still]:
     from twin.cad.build import read_props
     from twin.model.scene import load_scene
     from twin.reference import ReferenceModel
-    from twin.reference.space import Still
+    from twin.reference.pairs import Still
 
     if (file := assets.scene_file(scene)) is None:
         raise TwinError(unknown("scene", scene, assets.scenes()))

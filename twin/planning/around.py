@@ -8,7 +8,7 @@ import numpy as np
 
 from twin.core.errors import ProtocolError
 from twin.core.spatial import Array
-from twin.planning.fmt import search
+from twin.planning.fmt import Search
 from twin.planning.smooth import Smooth, fit, line
 from twin.planning.space import Space
 
@@ -51,11 +51,17 @@ def around(
         return straight
     rng, drawn = np.random.default_rng(seed), 0
     tried = []
+    still = (start == goal) & ~space.leads
     for beyond, samples in _ROUNDS:
         wider = beyond * np.ptp(space.limits, axis=1)
         low, high = np.minimum(start, goal) - wider, np.maximum(start, goal) + wider
         box = np.column_stack([np.maximum(low, space.limits[:, 0]), np.minimum(high, space.limits[:, 1])])
-        corners, count = search(space, start, goal, box, samples, rng, progress)
+        box[still] = start[still, None]
+        search = Search(space, start, goal, box, rng)
+        corners = search.path(samples, progress)
+        while corners is not None and search.block(corners):
+            corners = search.path(samples, progress)
+        count = search.count
         drawn += count
         if corners is None:
             tried.append(f"{count} up to {100 * beyond:.0f} % of the joint range beyond start and goal")
@@ -86,7 +92,7 @@ def shortened(space: Space, corners: Array, rng: np.random.Generator) -> Array:
             continue
         a, b = (np.array([np.interp(s, along, column) for column in np.array(points).T]) for s in (s0, s1))
         # test all three parts: the loops at a or b could be closed in another assembly mode
-        if space.free_between(a, b) and space.free_between(points[i], a) and space.free_between(b, points[j + 1]):
+        if space.free_each(np.array([a, points[i], b]), np.array([b, a, points[j + 1]])).all():
             points = [*points[: i + 1], a, b, *points[j + 1 :]]
     return np.array(points)
 

@@ -11,10 +11,12 @@ from twin.core import spatial
 from twin.core.errors import ProtocolError, TimingError
 from twin.core.findings import Finding, info
 from twin.core.spatial import Array
+from twin.core.units import MM
 from twin.planning.check import check, rcm_error
 from twin.planning.feasible import pose_margins, require_feasible
 from twin.planning.following import Follower, freed, with_auxiliary
 from twin.planning.freeing import Progress
+from twin.planning.path import Path
 from twin.planning.phase_path import PhasePath, build
 from twin.planning.protocol import Auxiliary, Free, Limits, Protocol
 from twin.planning.protocol.course import Motion
@@ -93,10 +95,25 @@ def _guide(protocol: Protocol, kinematics: PathKinematics, T_tool_frame: Array, 
     return Follower(protocol, kinematics, kinematics.carrier, progress)
 
 
+def _certified(phase: Free, kinematics: PathKinematics, joints: Path) -> list[Finding]:
+    """Return a finding with the proven clearance along a free phase."""
+    if kinematics.space is None:
+        return []
+    seen = kinematics.space(phase.scene, phase.clearance, lambda Ts, q: np.ones(len(q), bool)).certify(joints)
+    if not np.isfinite(seen.found):
+        return []
+    text = (
+        f"all bodies keep at least {seen.proven / MM:.2f} mm from each other at every moment (proven); the smallest "
+        f"distance found is {seen.found / MM:.2f} mm, between {' and '.join(seen.bodies)}"
+    )
+    return [Finding("clearance.proven", "info", text, phase.name, size=seen.proven / MM, unit="mm")]
+
+
 def _leg(path: PhasePath, protocol: Protocol, kinematics: PathKinematics, dt: float) -> tuple[_Leg, list[Finding]]:
     where = f"{protocol.name}: phase '{path.phase.name}' ({path.phase.type})"
     require_feasible(path, kinematics, protocol.frame, protocol.name)
     joints = path.driven(kinematics, where)
+    certified = [] if not isinstance(path.phase, Free) else _certified(path.phase, kinematics, joints)
     limits = protocol.limits[path.phase.type]
     max_speed, max_acceleration = _joint_limits(path, protocol, kinematics)
     fast = np.isfinite(kinematics.motors.max_speed)  # each motor with a speed limit is a further limited coordinate
@@ -152,7 +169,7 @@ def _leg(path: PhasePath, protocol: Protocol, kinematics: PathKinematics, dt: fl
     q = path.joints(timing.s, kinematics)
     sd, sdd = timing.sd[:, None], timing.sdd[:, None]
     first = joints(timing.s, 1)
-    return _Leg(path, timing, motion, q, first * sd, first * sdd + joints(timing.s, 2) * sd**2), found
+    return _Leg(path, timing, motion, q, first * sd, first * sdd + joints(timing.s, 2) * sd**2), [*certified, *found]
 
 
 def _joint_limits(path: PhasePath, protocol: Protocol, kinematics: PathKinematics) -> tuple[Array, Array]:

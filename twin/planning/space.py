@@ -10,6 +10,25 @@ from twin.core.spatial import Array
 from twin.planning.path import Path
 
 
+class Certificate(Interface):
+    """Distance between bodies along a path; `twin.reference.space.Certificate` has these attributes."""
+
+    @property
+    def proven(self) -> float:
+        """In m, never more than the smallest distance along the whole path."""
+        ...
+
+    @property
+    def found(self) -> float:
+        """In m, smallest distance at the tested places."""
+        ...
+
+    @property
+    def bodies(self) -> tuple[str, str]:
+        """Names of the two bodies with this distance; "" if there are none."""
+        ...
+
+
 class Space(Interface):
     """Joint values within limits, with tests for collisions.
 
@@ -27,6 +46,11 @@ class Space(Interface):
         """Lengths (n,) in m equivalent to one unit of each joint: the length of a step dq is |weights * dq|."""
         ...
 
+    @property
+    def leads(self) -> np.ndarray:
+        """(n,) bool: whether each joint can move the tool; others stay where they are if start and goal agree."""
+        ...
+
     def free(self, q: Array) -> np.ndarray:
         """Return (k,) bool: whether joint values q (k, n) are free of collisions."""
         ...
@@ -35,12 +59,23 @@ class Space(Interface):
         """Return the direct path from a (n,) to b (n,), without regard to obstacles."""
         ...
 
+    def free_each(self, a: Array, b: Array) -> np.ndarray:
+        """Return (m,) bool: whether the direct paths from a (m, n) to b (m, n), with free ends, seem free.
+
+        A fast test for searches: a path that it accepts may still be refused by `free_between`.
+        """
+        ...
+
     def free_between(self, a: Array, b: Array) -> bool:
         """Return whether the direct path from a (n,) to b (n,), as returned by `steer`, is free of collisions."""
         ...
 
     def free_along(self, path: Path) -> bool:
         """Return whether a path that begins at a free point is free of collisions."""
+        ...
+
+    def certify(self, path: Path) -> Certificate:
+        """Return a proven lower bound of the distance between bodies along a whole path that is free."""
         ...
 
     def why(self, q: Array) -> str:

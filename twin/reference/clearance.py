@@ -14,6 +14,7 @@ from twin.core import spatial
 from twin.core.spatial import Array
 from twin.core.units import MM
 from twin.model.mechanism import Mechanism, Mesh
+from twin.reference.bounds import Grid, Level, balls
 
 TOUCHING = 0.05 * MM
 """Largest distance in m at which two parts of jointed bodies mate in the CAD (pin and bore, washer and eye)."""
@@ -35,13 +36,19 @@ class Clearance:
 
 
 class Shape:
-    """A triangle mesh for coal, with the corners of its bounding box to limit the mesh's motion."""
+    """A triangle mesh for coal.
+
+    Attributes:
+        triangles: (k, 3, 3) corners of its triangles in m, in the frame of the body.
+        corners: (8, 3) corners of its bounding box in m, which limit the mesh's motion.
+    """
 
     def __init__(self, name: str, body: str, meshes: Sequence[Mesh]) -> None:
         self.name, self.body = name, body
         self._vertices = vertices = np.concatenate([m.vertices for m in meshes])
         offsets = np.cumsum([0, *(len(m.vertices) for m in meshes)])
         triangles = np.concatenate([m.triangles + o for m, o in zip(meshes, offsets, strict=False)])
+        self.triangles = vertices[triangles]
         self.model = coal.BVHModelOBBRSS()
         self.model.beginModel(len(triangles), len(vertices))
         self.model.addVertices(vertices)
@@ -53,22 +60,36 @@ class Shape:
     @cached_property
     def hull(self) -> coal.Convex:
         """Convex hull of the mesh."""
-        from scipy.spatial import ConvexHull
+        return _hull(self._vertices)
 
-        hull = ConvexHull(self._vertices)
-        place = {int(k): i for i, k in enumerate(hull.vertices)}
-        points, triangles = coal.StdVec_Vec3s(), coal.StdVec_Triangle()
-        for k in hull.vertices:
-            points.append(self._vertices[k])
-        for (a, b, c), outwards in zip(hull.simplices, hull.equations[:, :3], strict=True):
-            p, q, r = self._vertices[[a, b, c]]
-            b, c = (b, c) if np.cross(q - p, r - p) @ outwards > 0 else (c, b)
-            triangles.append(coal.Triangle(place[int(a)], place[int(b)], place[int(c)]))
-        return coal.Convex(points, triangles)
+    @cached_property
+    def grid(self) -> Grid:
+        """Lower bounds of the distance from the mesh on a grid."""
+        return Grid(self.triangles)
+
+    @cached_property
+    def balls(self) -> list[Level]:
+        """Levels of balls that cover the mesh."""
+        return balls(self.triangles)
 
     def corners_in(self, Ts_base_body: Array) -> Array:
         """Return the corners (k, 8, 3) of the bounding box in base, for body poses (k, 4, 4)."""
         return np.einsum("kij,nj->kni", Ts_base_body[:, :3, :3], self.corners) + Ts_base_body[:, None, :3, 3]
+
+
+def _hull(vertices: Array) -> coal.Convex:
+    from scipy.spatial import ConvexHull
+
+    hull = ConvexHull(vertices)
+    place = {int(k): i for i, k in enumerate(hull.vertices)}
+    points, triangles = coal.StdVec_Vec3s(), coal.StdVec_Triangle()
+    for k in hull.vertices:
+        points.append(vertices[k])
+    for (a, b, c), outwards in zip(hull.simplices, hull.equations[:, :3], strict=True):
+        p, q, r = vertices[[a, b, c]]
+        b, c = (b, c) if np.cross(q - p, r - p) @ outwards > 0 else (c, b)
+        triangles.append(coal.Triangle(place[int(a)], place[int(b)], place[int(c)]))
+    return coal.Convex(points, triangles)
 
 
 def clearance(

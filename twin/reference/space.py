@@ -12,21 +12,19 @@ distance.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
 
-import coal  # pyright: ignore[reportMissingImports] - installed beside site-packages
 import numpy as np
 import pinocchio as pin  # pyright: ignore[reportMissingImports] - installed beside site-packages
 
 from twin.core.errors import MechanismError
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM
-from twin.model.mechanism import Body
-from twin.reference.clearance import TOUCHING, Shape, apart, box_gap, distance_between, placed
 from twin.reference.model import GAP_TOLERANCE, ReferenceModel
 from twin.reference.newton import minimise
-from twin.reference.travel import Reach
+from twin.reference.pairs import Pairs, Still
 
 _ANGLE = 0.1
 """Length in m that is equivalent to 1 rad in comparisons of paths."""
@@ -61,30 +59,11 @@ _NARROW = 3.0
 _GJK = 1e-5
 """Accepted error in m by which a computed hull distance may be too large."""
 
+_SEARCH = 8 * MM
+"""Largest relative motion in m of two bodies between the states tested in a search; paths found are tested whole."""
+
 Keep = Callable[[Array, Array], np.ndarray]
 """Additional test of states: T_base_tool (k, 4, 4), q (k, n) -> (k,) bool: whether each state is allowed."""
-
-
-@dataclass(frozen=True)
-class Still:
-    """A body at rest (an obstacle): name "owner/body", body with its meshes, pose T_base_body (4, 4).
-
-    `touches` names the bodies of the mechanism that touch it intentionally.
-    """
-
-    name: str
-    body: Body
-    T_base_body: Array
-    touches: frozenset[str] = frozenset()
-
-
-@dataclass(frozen=True)
-class _Pair:
-    """Two bodies that could collide: their indices in the shapes, and the required distance in m."""
-
-    a: int
-    b: int
-    required: float
 
 
 @dataclass(frozen=True)
@@ -110,6 +89,23 @@ class _Stations:
         i = np.clip(np.searchsorted(self.fine, s, side="right") - 1, 0, len(self.fine) - 2)
         part = (s - self.fine[i]) / (self.fine[i + 1] - self.fine[i])
         return self.moved[i] + part[:, None] * (self.moved[i + 1] - self.moved[i])
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """Distance between bodies along a path.
+
+    Attributes:
+        proven: in m, never more than the smallest distance along the whole path.
+        found: in m, smallest distance at the tested values of s.
+        s: where it was found.
+        bodies: the two bodies; "" if there are none.
+    """
+
+    proven: float
+    found: float
+    s: float
+    bodies: tuple[str, str]
 
 
 class JointSpace:
@@ -142,61 +138,46 @@ class JointSpace:
         self._make, self.clearance, self._keep, self._around = make, clearance, keep, around
         self._known: list[tuple[Array, Array]] = []
 
+    def keeping(self, keep: Keep) -> JointSpace:
+        """Return the same space with another additional test of states; shapes and stored distances are shared."""
+        _ = self._pairs
+        out = copy(self)
+        out._keep = keep
+        return out
+
     @cached_property
     def _model(self) -> ReferenceModel:
         return self._make()
 
     @cached_property
-    def _shapes(self) -> tuple[list[Shape], np.ndarray, Array]:
-        """Return (shapes, Pinocchio joint that carries each shape, pose (4, 4) of each shape in this joint's frame)."""
-        own: dict[str, Shape] = {}
-        for pair in apart(self._model.mechanism):
-            own |= {s.name: s for s in pair}
-        own |= (
-            {b.name: Shape(b.name, b.name, b.meshes) for b in self._model.mechanism.bodies if b.meshes}
-            if (self._still and len(own) < len([b for b in self._model.mechanism.bodies if b.meshes]))
-            else {}
-        )
-        places = [self._model.tree.body(name) for name in own]
-        others = [Shape(s.name, s.name, s.body.meshes) for s in self._still]
-        numbers = [n for n, _ in places] + [0] * len(others)
-        Ts = [T for _, T in places] + [s.T_base_body for s in self._still]
-        return [*own.values(), *others], np.array(numbers, int), np.array(Ts).reshape(-1, 4, 4)
+    def _pairs(self) -> Pairs:
+        return Pairs(self._model, self._around() if self._around else (), self.clearance)
 
     @cached_property
-    def _still(self) -> list[Still]:
-        return [s for s in (self._around() if self._around else ()) if s.body.meshes]
+    def _coupled(self) -> tuple[Array, Array] | None:
+        """Return (G (nv, n), x0 (nv,)) such that x = G q + x0 closes the mechanism; None if it has other loops.
 
-    @cached_property
-    def _pairs(self) -> list[_Pair]:
-        shapes, numbers, _ = self._shapes
-        rows = {s.name: i for i, s in enumerate(shapes)}
-        home = self._model.home().link_poses
-        out = []
-        for a, b in apart(self._model.mechanism):
-            drawn = distance_between(a, b, home[a.body], home[b.body])
-            if drawn > TOUCHING:
-                out.append(_Pair(rows[a.name], rows[b.name], min(self.clearance, drawn / 2)))
-        for still in self._still:
-            out += [
-                _Pair(i, rows[still.name], self.clearance)
-                for i in range(len(shapes) - len(self._still))
-                if numbers[i] and shapes[i].name not in still.touches
-            ]
-        moves = [self._model.tree.moves(n) for n in numbers]
-        return [p for p in out if (moves[p.a] != moves[p.b]).any()]
+        Belts, gears and cables are linear, so that the passive coordinates follow from the driven ones.
+        """
+        tree = self._model.tree
+        active, passive = tree.active, tree.passive
+        if tree.loops.joints or tree.model.nq != tree.model.nv:
+            return None
+        rows, totals = np.zeros((len(tree.loops.couplings), tree.model.nv)), np.zeros(len(tree.loops.couplings))
+        for row, total, coupling in zip(rows, range(len(totals)), tree.loops.couplings, strict=True):
+            row[coupling.columns] = coupling.ratios
+            totals[total] = coupling.total
+        if len(rows) != len(passive) or np.linalg.matrix_rank(rows[:, passive]) < len(passive):
+            return None
+        G, x0 = np.zeros((tree.model.nv, len(active))), np.zeros(tree.model.nv)
+        G[active] = np.eye(len(active))
+        G[passive] = -np.linalg.solve(rows[:, passive], rows[:, active])
+        x0[passive] = np.linalg.solve(rows[:, passive], totals)
+        return G, x0
 
-    @cached_property
-    def _reach(self) -> Reach:
-        shapes, numbers, Ts = self._shapes
-        at = [
-            (int(n), s.corners @ T[:3, :3].T + T[:3, 3]) for s, n, T in zip(shapes, numbers, Ts, strict=True)
-        ]  # a body is inside its bounding box, so the corners' distance from an axis is an upper bound
-        return Reach(self._model.tree, [(at[p.a], at[p.b]) for p in self._pairs])
-
-    @cached_property
+    @property
     def _loops(self) -> bool:
-        return len(self._model.tree.passive) > 0
+        return self._coupled is None
 
     @cached_property
     def _driven(self) -> np.ndarray:
@@ -220,6 +201,12 @@ class JointSpace:
         """Lengths (n,) in m that are equivalent to 1 rad or 1 m of each driven joint."""
         return self._scales[1]
 
+    @property
+    def leads(self) -> np.ndarray:
+        """(n,) bool: whether each driven joint can move the tool."""
+        mechanism = self._model.mechanism
+        return np.array([j not in mechanism.auxiliary for j in mechanism.active], bool)
+
     @cached_property
     def _scales(self) -> tuple[Array, Array]:
         active, limits = self._model.mechanism.active, self._model.mechanism.limits
@@ -235,9 +222,16 @@ class JointSpace:
         """Return (k,) bool: whether joint values q (k, n) are within limits, with closed loops and the clearance."""
         q = np.asarray(q, float).reshape(-1, len(self.weights))
         ok = self._within(q)
-        for k in np.flatnonzero(ok):
-            x = self._state(q[k])
-            ok[k] = x is not None and self._allowed(x[None], q[k][None])[0] and not self._near(x[None])
+        if self._loops:
+            X = np.zeros((len(q), self._model.tree.model.nq))
+            for k in np.flatnonzero(ok):
+                x = self._state(q[k])
+                ok[k] = x is not None
+                X[k] = x if x is not None else 0.0
+        else:
+            X = self._placed(q)
+        ok[ok] = self._allowed(X[ok], q[ok])
+        ok[ok] = ~self._pairs.near(X[ok])
         return ok
 
     def steer(self, a: Array, b: Array) -> Callable[..., Array]:
@@ -273,17 +267,16 @@ class JointSpace:
         x = self._state(q)
         if x is None:
             return "the loops of the mechanism do not close"
-        shapes, (poses,) = self._shapes[0], self._poses(x[None])
-        worst = ""
-        most = 0.0
-        for p in self._pairs:
-            distance = distance_between(shapes[p.a], shapes[p.b], poses[p.a], poses[p.b])
-            names = f"{shapes[p.a].name} and {shapes[p.b].name}"
-            if p.required - distance > most:
-                most = p.required - distance
-                worst = f"{names} are {distance / MM:.2f} mm apart (required: {p.required / MM:.3g} mm)"
+        poses = self._pairs.poses(x[None])
+        worst, most = "", 0.0
+        for pair in np.flatnonzero(self._pairs.gaps(poses)[0] < self._pairs.required):
+            distance, required = self._pairs.distance(int(pair), poses[0]), float(self._pairs.required[pair])
+            names = " and ".join(self._pairs.shapes[i].name for i in self._pairs.rows[pair])
+            if required - distance > most:
+                most = required - distance
+                worst = f"{names} are {distance / MM:.2f} mm apart (required: {required / MM:.3g} mm)"
                 if distance <= 0:
-                    worst = f"{names} collide (required: {p.required / MM:.3g} mm apart)"
+                    worst = f"{names} collide (required: {required / MM:.3g} mm apart)"
         return worst
 
     # -- states ---------------------------------------------------------------------------------------
@@ -296,7 +289,7 @@ class JointSpace:
         if self._keep is None:
             return np.ones(len(X), bool)
         tree = self._model.tree
-        return self._keep(tree.tool(tree.update(X, closing_only=True)[0]), q)
+        return self._keep(tree.tool(tree.place(X)), q)
 
     def _state(self, q: Array) -> Array | None:
         """Return the configuration (nq,) at q (n,), solved from the nearest known one; None if loops open."""
@@ -316,9 +309,9 @@ class JointSpace:
 
     def _placed(self, q: Array) -> Array:
         """Return configurations (k, nq) at joint values q (k, n) of a mechanism without loops."""
-        X = np.tile(self._model.home().x if len(self._driven) < self._model.tree.model.nq else q[0], (len(q), 1))
-        X[:, self._driven] = q
-        return X
+        assert self._coupled is not None
+        G, x0 = self._coupled
+        return q @ G.T + x0
 
     def _closed(self, path: Callable[..., Array], x: Array) -> tuple[Array, Array | None]:
         """Return (stations (k,) of a path from configuration x, configurations (k, nq) or None if the loops open)."""
@@ -351,7 +344,7 @@ class JointSpace:
             every = max(1, int(1 / max((rates / turns).max(), 1.0) * _FINE))
             s, X = fine[::every], self._placed(q[::every])
             speeds, factor, speeds_at = np.zeros((len(fine), self._model.tree.model.nv)), _BETWEEN, fine
-            speeds[:, self._model.tree.active] = rates
+            speeds = rates @ np.abs(self._coupled[0]).T if self._coupled else speeds
         else:
             x = self._state(q[0])
             if x is None:
@@ -364,7 +357,7 @@ class JointSpace:
         if not self._allowed(X, path(s)).all():
             return None
         cells = factor * np.maximum(speeds[1:], speeds[:-1]) * np.diff(speeds_at)[:, None]
-        bounds = self._reach.bounds(X, cells.max(axis=0))
+        bounds = self._pairs.reach.bounds(X, cells.max(axis=0))
         moved = np.concatenate([np.zeros((1, len(bounds))), np.cumsum(cells @ bounds.T, axis=0)])
         return _Stations(path, s, X, speeds_at, moved)
 
@@ -374,7 +367,7 @@ class JointSpace:
         if known is None:
             self._known.append((q, x))
             return True
-        a, b = self._poses(np.array([x, known]))
+        a, b = self._pairs.poses(np.array([x, known]))
         return float(np.linalg.norm(a[:, :3, 3] - b[:, :3, 3], axis=1).max(initial=0.0)) < _SAME
 
     def _at(self, seen: _Stations, s: Array) -> Array | None:
@@ -392,76 +385,131 @@ class JointSpace:
 
     # -- distances ------------------------------------------------------------------------------------
 
-    def _poses(self, X: Array) -> Array:
-        """Return T_base_shape (k, shapes, 4, 4) at configurations (k, nq)."""
-        _, numbers, Ts = self._shapes
-        return self._model.tree.update(X)[0][:, numbers] @ Ts
-
-    def _gaps(self, poses: Array) -> Array:
-        """Return lower bounds (k, pairs) in m of the distances, from boxes along the axes of base."""
-        half = np.array([s.corners[-1] - s.corners[0] for s in self._shapes[0]]) / 2
-        centre = np.array([s.corners[-1] + s.corners[0] for s in self._shapes[0]]) / 2
-        c = np.einsum("ksij,sj->ksi", poses[..., :3, :3], centre) + poses[..., :3, 3]
-        h = np.einsum("ksij,sj->ksi", np.abs(poses[..., :3, :3]), half)
-        a, b = [p.a for p in self._pairs], [p.b for p in self._pairs]
-        return box_gap(c[:, a] - h[:, a], c[:, a] + h[:, a], c[:, b] - h[:, b], c[:, b] + h[:, b])
-
-    def _hulls_apart(self, pair: _Pair, poses: Array) -> float:
-        """Return the distance in m of a pair's convex hulls, a lower bound, at shape poses (shapes, 4, 4)."""
-        a, b = self._shapes[0][pair.a].hull, self._shapes[0][pair.b].hull
-        request, result = coal.DistanceRequest(), coal.DistanceResult()
-        return float(coal.distance(a, placed(poses[pair.a]), b, placed(poses[pair.b]), request, result)) - _GJK
-
-    def _hit(self, pair: _Pair, poses: Array, margin: float) -> bool:
-        """Return whether the meshes of a pair are nearer than `margin` in m at shape poses (shapes, 4, 4)."""
-        shapes = self._shapes[0]
-        request, result = coal.CollisionRequest(), coal.CollisionResult()
-        request.security_margin = margin
-        a, b = placed(poses[pair.a]), placed(poses[pair.b])
-        return bool(coal.collide(shapes[pair.a].model, a, shapes[pair.b].model, b, request, result))
-
-    def _near(self, X: Array) -> bool:
-        """Return whether any two bodies are nearer than required at any of the configurations (k, nq)."""
-        if not self._pairs:
-            return False
-        poses = self._poses(X)
-        near = self._gaps(poses) < np.array([p.required for p in self._pairs])
-        for k, row in zip(*np.nonzero(near), strict=True):
-            pair = self._pairs[row]
-            if self._hulls_apart(pair, poses[k]) < pair.required and self._hit(pair, poses[k], pair.required):
-                return True
-        return False
-
     def _clear(self, seen: _Stations) -> bool:
         """Return whether all pairs have the required distance where tested, and half of it along the whole path."""
-        if not self._pairs or self._near(seen.X[[0, -1]]):
-            return not self._pairs
-        required = np.array([p.required for p in self._pairs])
-        pair, place, level = np.arange(len(self._pairs)), np.zeros(len(self._pairs), int), 0
+        pairs = self._pairs
+        if not len(pairs) or pairs.near(seen.X).any():
+            return not len(pairs)
+        pair, place, level = np.arange(len(pairs)), np.zeros(len(pairs), int), 0
         while len(pair):
             width = 0.5**level
             places, row = np.unique(place, return_inverse=True)
             X = self._at(seen, (places + 0.5) * width)
             if X is None:
                 return False
-            poses = self._poses(X)
+            poses, required = pairs.poses(X), pairs.required[pair]
             low, middle, high = (seen.moved_until((places + part) * width) for part in (0.0, 0.5, 1.0))
             ahead = np.maximum(high - middle, middle - low)[row, pair]
-            margin = np.maximum(required[pair], required[pair] / 2 + ahead)
-            gaps = self._gaps(poses)[row, pair]
-            left = np.flatnonzero(gaps < margin)
-            left = left[np.argsort(gaps[left], kind="stable")]
+            margin = np.maximum(required, required / 2 + ahead)
+            left = np.flatnonzero(pairs.gaps(poses)[row, pair] < margin)
+            least, most = pairs.bounds(poses, row[left], pair[left], margin[left])
+            if (most < required[left]).any():
+                return False
+            left, least = left[least < margin[left]], least[least < margin[left]]
             halved = []
-            for i in left:
-                p, T, most = self._pairs[pair[i]], poses[row[i]], float(margin[i])
-                last, hulls = most <= p.required, self._hulls_apart(p, T)
-                if hulls >= most:
-                    continue
-                if (last or level < _FIRST) and hulls < p.required and self._hit(p, T, p.required):
+            for i, bound in zip(left, least, strict=True):
+                p, T, c = int(pair[i]), poses[row[i]], float(required[i])
+                last = margin[i] <= c
+                if (
+                    (last or (level < _FIRST and not pairs.celled(p)))
+                    and bound < c
+                    and pairs.closer(p, X[row[i]][None], T[None])[0]
+                ):
                     return False
-                if not last and (most > _NARROW * p.required or self._hit(p, T, most)):
+                if not last and (margin[i] > _NARROW * c or pairs.celled(p) or pairs.nearer(p, T, float(margin[i]))):
                     halved.append(i)
             pair = np.repeat(pair[halved], 2)
             place = np.column_stack([2 * place[halved], 2 * place[halved] + 1]).ravel()
             level += 1
         return True
+
+    def free_each(self, a: Array, b: Array) -> np.ndarray:
+        """Return (m,) bool: whether the straight paths from a (m, n) to b (m, n), with free ends, seem free.
+
+        States are tested between which no pair of bodies moves by more than `_SEARCH`, for all paths at once, by bounds
+        of distances (`Pairs.near`).
+        """
+        a, b = np.asarray(a, float), np.asarray(b, float)
+        if self._coupled is None or not len(a):
+            return np.array([self.free_between(p, q) for p, q in zip(a, b, strict=True)], bool)
+        ok = self._within(a) & self._within(b)
+        if not len(self._pairs):
+            return ok & self._allowed_between(a, b)
+        G = self._coupled[0]
+        rho = self._pairs.reach.bounds(self._placed(np.concatenate([a, b])), np.zeros(len(G)))
+        counts = np.ceil((np.abs((b - a) @ G.T) @ rho.T).max(axis=1) / _SEARCH).astype(int)
+        # the middle and the quarters of all paths first, then the rest: most blocked paths are found early
+        levels = np.ceil(np.log2(np.maximum(counts, 1))).astype(int)
+        for first, last in ((1, 2), (3, int(levels.max()))):
+            path, s = [np.zeros(0, int)], [np.zeros(0)]
+            for level in range(first, last + 1):
+                rows, places = np.flatnonzero(ok & (levels >= level)), np.arange(1, 2**level, 2) / 2**level
+                path.append(np.repeat(rows, len(places)))
+                s.append(np.tile(places, len(rows)))
+            at, along = np.concatenate(path), np.concatenate(s)
+            X = self._placed(a[at] + along[:, None] * (b - a)[at])
+            ok[at[self._pairs.near(X, exact=False)]] = False
+        ok[ok] = self._allowed_between(a[ok], b[ok])
+        return ok
+
+    def _allowed_between(self, a: Array, b: Array) -> np.ndarray:
+        """Return (m,) bool: whether `keep` allows all stations of the straight paths from a (m, n) to b (m, n)."""
+        if self._keep is None or not len(a):
+            return np.ones(len(a), bool)
+        steps = np.array([_STATION[j.is_angle] for j in self._model.mechanism.active])
+        counts = np.ceil((np.abs(b - a) / steps).max(axis=1)).astype(int) + 1
+        path = np.repeat(np.arange(len(a)), counts + 1)
+        s = np.concatenate([np.linspace(0.0, 1.0, n + 1) for n in counts])
+        q = a[path] + s[:, None] * (b - a)[path]
+        out = np.ones(len(a), bool)
+        out[path[~self._allowed(self._placed(q), q)]] = False
+        return out
+
+    # -- the certificate ------------------------------------------------------------------------------
+
+    def certify(self, path: Callable[..., Array], within: float = 0.5 * MM) -> Certificate:
+        """Return a proven lower bound of the distance between bodies along a whole path, by exact distances only.
+
+        In an interval of s, the distance of a pair is at least its distance in the middle minus the largest possible
+        approach (`travel`) in half of the interval. Intervals are halved until this bound is less than `within` below
+        the smallest distance found. Of two bodies of the mechanism, those that are nearer than twice the clearance in
+        the rest poses are left out: `free_along` tests them against half of their distance there.
+
+        Args:
+            path: a path for which `free_along` is true.
+            within: accepted difference in m between the smallest distance found and the bound.
+
+        Raises:
+            MechanismError: the loops of the mechanism do not close along the path.
+        """
+        seen, pairs = self._stations(path), self._pairs
+        if seen is None:
+            raise MechanismError("the path exceeds limits, is not allowed, or the loops of the mechanism do not close")
+        pair = np.flatnonzero(pairs.required >= self.clearance)
+        place, level = np.zeros(len(pair), int), 0
+        least, proven, at, names = np.inf, np.inf, 0.0, ("", "")
+        while len(pair):
+            width = 0.5**level
+            places, row = np.unique(place, return_inverse=True)
+            X = self._at(seen, (places + 0.5) * width)
+            if X is None:
+                raise MechanismError("the loops of the mechanism do not close along the path")
+            poses = pairs.poses(X)
+            low, middle, high = (seen.moved_until((places + part) * width) for part in (0.0, 0.5, 1.0))
+            ahead = np.maximum(high - middle, middle - low)[row, pair]
+            bound, halved = pairs.gaps(poses)[row, pair], []
+            for i in np.argsort(bound, kind="stable"):
+                if bound[i] - ahead[i] < least - within:
+                    bound[i] = pairs.hulls_apart(int(pair[i]), poses[row[i]])
+                if bound[i] - ahead[i] < least - within:
+                    bound[i] = pairs.distance(int(pair[i]), poses[row[i]])
+                    if bound[i] < least:
+                        least, at = float(bound[i]), float((places[row[i]] + 0.5) * width)
+                        names = tuple(pairs.shapes[j].name for j in pairs.rows[pair[i]])
+            left = bound - ahead < least - within
+            proven = min(proven, float((bound - ahead)[~left].min(initial=np.inf)))
+            halved = np.flatnonzero(left)
+            pair = np.repeat(pair[halved], 2)
+            place = np.column_stack([2 * place[halved], 2 * place[halved] + 1]).ravel()
+            level += 1
+        return Certificate(max(min(proven, least), 0.0), least, at, (names[0], names[1]))

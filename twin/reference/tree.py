@@ -147,6 +147,26 @@ class Tree:
                 poses[k, i] = placements[i].homogeneous
         return poses, J
 
+    def place(self, X: Array) -> Array:
+        """Return the poses (k, joints, 4, 4) of all joint frames in base at configurations X (k, nq), for many at once.
+
+        Numpy computes them if all joints are single turns and slides; otherwise Pinocchio does, one after the other.
+        """
+        kinds = [self.model.joints[n].shortname() for n in range(1, self.model.njoints)]
+        if not set(kinds) <= {"JointModelRZ", "JointModelPZ"}:
+            return self.update(X)[0]
+        poses = np.broadcast_to(np.eye(4), (len(X), self.model.njoints, 4, 4)).copy()
+        for n, kind in enumerate(kinds, 1):
+            x, moved = X[:, self.model.joints[n].idx_q], np.broadcast_to(np.eye(4), (len(X), 4, 4)).copy()
+            if kind == "JointModelPZ":
+                moved[:, 2, 3] = x
+            else:
+                moved[:, 0, 0] = moved[:, 1, 1] = np.cos(x)
+                moved[:, 1, 0] = np.sin(x)
+                moved[:, 0, 1] = -moved[:, 1, 0]
+            poses[:, n] = poses[:, self.model.parents[n]] @ (self.model.jointPlacements[n].homogeneous @ moved)
+        return poses
+
     def drift(self, X: Array, V: Array) -> tuple[Array, Array]:
         """Return the accelerations at constant velocities V (k, nv) at configurations X (k, nq).
 

@@ -1,0 +1,144 @@
+"""Fast bounds of distances and the certificate of a path, against exact distances computed here by coal."""
+
+from __future__ import annotations
+
+import coal
+import numpy as np
+import pytest
+
+import twin
+from made.arm import DENSE, arm, clearances, post, space_of
+from made.mechanisms import box
+from twin.core import assets, spatial
+from twin.core.units import MM
+from twin.model.mechanism import Mesh
+from twin.planning.around import around
+from twin.planning.fmt import Search
+from twin.planning.smooth import line
+from twin.reference import ReferenceModel
+from twin.reference.bounds import Bounds, Grid, balls
+from twin.reference.clearance import Shape
+from twin.reference.pairs import Pairs
+
+
+def ball_of(radius, count):
+    """Return a sphere as a mesh."""
+    import trimesh
+
+    sphere = trimesh.creation.icosphere(subdivisions=count, radius=radius)
+    return Mesh("ball", np.array(sphere.vertices), np.array(sphere.faces))
+
+
+def exact(a, b, Ta, Tb):
+    """Return the distance in m of two shapes by coal; 0 if they collide."""
+    places = [coal.Transform3s(np.ascontiguousarray(T[:3, :3]), T[:3, 3]) for T in (Ta, Tb)]
+    request, result = coal.DistanceRequest(), coal.DistanceResult()
+    return max(0.0, coal.distance(a.model, places[0], b.model, places[1], request, result))
+
+
+SHAPES = {
+    "plate": lambda: box("plate", [0.01, 0, 0], np.array([0.2, 0.1, 0.004])),
+    "rod": lambda: box("rod", [0, 0, 0.1], np.array([0.008, 0.008, 0.4])),
+    "ball": lambda: ball_of(0.03, 2),
+}
+
+
+@pytest.mark.parametrize(("first", "second"), [("plate", "rod"), ("ball", "rod")])
+def test_a_bound_is_never_on_the_wrong_side_of_the_exact_distance(first, second):
+    rng = np.random.default_rng(0)
+    a, b = (Shape(n, n, [SHAPES[n]()]) for n in (first, second))
+    bounds = Bounds(Grid(a.triangles), balls(b.triangles))
+    Ts = np.array(
+        [spatial.pose(spatial.exp_so3(rng.normal(size=3) * 2), rng.uniform(-0.2, 0.2, 3)) for _ in range(300)]
+    )
+    low, high = bounds.at(Ts, np.full(len(Ts), 0.02))
+    true = np.array([exact(a, b, np.eye(4), T) for T in Ts])
+    assert np.all(low <= true + 1e-9)
+    assert np.all(high >= true - 1e-9)
+    near = (true > 0.012) & (true < 0.02)
+    assert near.any()
+    assert np.mean(low[near] > 0) == 1.0, "bounds that are always 0 would also pass"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", assets.names())
+def test_bounds_of_every_robot_hold_at_random_configurations(name):
+    model = ReferenceModel(twin.load(name).mechanism)
+    pairs, rng = Pairs(model, (), 5 * MM), np.random.default_rng(0)
+    X = np.array([model.home().x] * 12)
+    single = [model.tree.model.joints[i] for i in range(1, model.tree.model.njoints)]
+    places = [j.idx_q for j in single if j.nq == 1]
+    X[:, places] += rng.uniform(-0.3, 0.3, (len(X), len(places)))  # loops may open: bodies are tested, not loops
+    poses = pairs.poses(X)
+    states, which = np.nonzero(pairs.gaps(poses) < 20 * MM)
+    low, high = pairs.bounds(poses, states, which, np.full(len(which), 20 * MM))
+    gaps = pairs.gaps(poses)[states, which]
+    for k, pair, least, most, gap in list(zip(states, which, low, high, gaps, strict=True))[:150]:
+        a, b = pairs.rows[pair]
+        true = exact(pairs.shapes[a], pairs.shapes[b], poses[k, a], poses[k, b])
+        assert max(least, gap) <= true + 1e-9
+        assert most >= true - 1e-9
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_certificate_is_below_the_smallest_distance_and_within_a_millimetre(seed):
+    stills = [post(0.52, 0.0)]
+    space = space_of(arm(), *stills)
+    path = around(space, np.array([-1.1, 0.2, 0.1]), np.array([1.1, -0.2, -0.1]), seed=seed)
+    seen = space.certify(path)
+    true = clearances(path(np.linspace(0, 1, 4001)), stills).min()
+    assert seen.proven <= true
+    assert true - seen.proven < 1 * MM
+    assert seen.found >= seen.proven
+    assert "room/post" in seen.bodies or seen.found < true
+
+
+def test_connections_that_seem_free_are_nearly_always_free_and_blocked_ones_are_found():
+    rng, stills = np.random.default_rng(1), [post(0.3, 0.1, 0.12)]
+    space = space_of(arm(), *stills)
+    q = rng.uniform(-2.0, 2.0, (80, 3))
+    q = q[space.free(q)]
+    a, b = q[:-1], q[1:]
+    seem, true = space.free_each(a, b), np.array([space.free_between(p, r) for p, r in zip(a, b, strict=True)])
+    assert true.any()
+    assert not true.all()
+    assert np.all(seem[true]), "a free path must seem free"
+    assert np.mean(seem == true) > 0.9
+
+
+def test_more_samples_reuse_the_earlier_ones_and_shorten_the_path():
+    space = space_of(arm(), post(0.52, 0))
+    start, goal = np.array([-1.1, 0.2, 0.1]), np.array([1.1, -0.2, -0.1])
+    costs, checks = [], []
+    search = Search(space, start, goal, space.limits, np.random.default_rng(0))
+    for samples in (100, 200, 400):
+        corners = search.path(samples)
+        assert search.count == samples
+        if corners is not None:
+            costs.append(np.linalg.norm(np.diff(corners, axis=0) * space.weights, axis=1).sum())
+        checks.append(search.checks)
+    fresh = Search(space, start, goal, space.limits, np.random.default_rng(0))
+    fresh.path(400)
+    assert checks[2] - checks[1] < fresh.checks, "connections known from before are not tested again"
+    assert costs[-1] < costs[0]
+
+
+def test_a_search_can_be_ended_at_any_moment():
+    class EndedError(Exception):
+        pass
+
+    def end(fraction):
+        if fraction > 0.6:
+            raise EndedError
+
+    space = space_of(arm(), post(0.52, 0))
+    with pytest.raises(EndedError):
+        around(space, np.array([-1.1, 0.2, 0.1]), np.array([1.1, -0.2, -0.1]), progress=end)
+
+
+def test_a_straight_path_past_a_post_has_an_exact_certificate():
+    stills = [post(0.3, 0.2)]
+    space = space_of(arm(), *stills)
+    path = line(np.array([-0.2, 0.0, 0.0]), np.array([0.1, 0.0, 0.0]))
+    seen, true = space.certify(path), clearances(path(DENSE), stills).min()
+    assert true - 1 * MM < seen.proven <= true

@@ -1,0 +1,239 @@
+"""The pairs of bodies that could collide while a mechanism moves among obstacles, with tests of their distance.
+
+Tests from cheap to expensive: boxes along the axes of base; bounds from balls and a grid of distances (`bounds`), for
+many states at once; convex hulls; the meshes, by coal, which decides where the bounds do not.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import coal  # pyright: ignore[reportMissingImports] - installed beside site-packages
+import numpy as np
+
+from twin.core.spatial import Array, inverse
+from twin.model.mechanism import Body
+from twin.reference.bounds import Bounds
+from twin.reference.clearance import TOUCHING, Shape, apart, box_gap, distance_between, placed
+from twin.reference.model import ReferenceModel
+from twin.reference.travel import Reach
+
+_GJK = 1e-5
+"""Accepted error in m by which a computed hull distance may be too large."""
+
+_FEW = 3
+"""Largest number of turns between two bodies for which cells are stored."""
+
+
+@dataclass(frozen=True)
+class Still:
+    """A body at rest (an obstacle): name "owner/body", body with its meshes, pose T_base_body (4, 4).
+
+    `touches` names the bodies of the mechanism that touch it intentionally.
+    """
+
+    name: str
+    body: Body
+    T_base_body: Array
+    touches: frozenset[str] = frozenset()
+
+
+class Pairs:
+    """Pairs of bodies that could collide.
+
+    Two kinds of pairs are left out: bodies connected by a joint (the joint limits separate them), and bodies that touch
+    in the rest poses. Meshes are surfaces: a body that is completely inside another one is not detected.
+
+    Attributes:
+        shapes: the bodies' shapes; obstacles last.
+        rows: (pairs, 2) indices of the two shapes.
+        required: (pairs,) required distances in m.
+    """
+
+    def __init__(self, model: ReferenceModel, stills: Sequence[Still], clearance: float) -> None:
+        """Find the pairs.
+
+        Args:
+            model: the mechanism's model.
+            stills: the obstacles.
+            clearance: required distance in m; for two bodies of the mechanism at most half of that in the rest poses.
+        """
+        self._tree = model.tree
+        own: dict[str, Shape] = {}
+        neighbours = apart(model.mechanism)
+        for pair in neighbours:
+            own |= {s.name: s for s in pair}
+        stills = [s for s in stills if s.body.meshes]
+        if stills:
+            own |= {
+                b.name: Shape(b.name, b.name, b.meshes)
+                for b in model.mechanism.bodies
+                if b.meshes and b.name not in own
+            }
+        places = [self._tree.body(name) for name in own]
+        self.shapes = [*own.values(), *(Shape(s.name, s.name, s.body.meshes) for s in stills)]
+        self._numbers = np.array([n for n, _ in places] + [0] * len(stills), int)
+        self._Ts = np.array([T for _, T in places] + [s.T_base_body for s in stills]).reshape(-1, 4, 4)
+        row = {s.name: i for i, s in enumerate(self.shapes)}
+        home, found = model.home().link_poses, []
+        for a, b in neighbours:
+            drawn = distance_between(a, b, home[a.body], home[b.body])
+            if drawn > TOUCHING:
+                found.append((row[a.name], row[b.name], min(clearance, drawn / 2)))
+        for still in stills:
+            found += [
+                (i, row[still.name], clearance)
+                for i in range(len(own))
+                if self._numbers[i] and self.shapes[i].name not in still.touches
+            ]
+        moves = [self._tree.moves(n) for n in self._numbers]
+        found = [(a, b, c) for a, b, c in found if (moves[a] != moves[b]).any()]
+        self.rows = np.array([f[:2] for f in found], int).reshape(-1, 2)
+        self.required = np.array([f[2] for f in found])
+        at = [
+            (int(n), s.corners @ T[:3, :3].T + T[:3, 3])
+            for s, n, T in zip(self.shapes, self._numbers, self._Ts, strict=True)
+        ]  # a body is inside its bounding box, so the corners' distance from an axis is an upper bound
+        self.reach = Reach(self._tree, [(at[a], at[b]) for a, b in self.rows])
+        self._half = np.array([s.corners[-1] - s.corners[0] for s in self.shapes]).reshape(-1, 3) / 2
+        self._middle = np.array([s.corners[-1] + s.corners[0] for s in self.shapes]).reshape(-1, 3) / 2
+        self._bounds: dict[int, tuple[Bounds, int, int]] = {}
+        # pairs whose relative pose depends on few turns: (velocity indices, edges of a cell in rad)
+        self._turns: dict[int, tuple[np.ndarray, Array]] = {}
+        self._cells: dict[tuple[int, ...], bool] = {}
+        nv = self._tree.model.nv
+        bounds, more = (self.reach.bounds(np.full((1, self._tree.model.nq), x), np.zeros(nv)) for x in (0.0, 1.0))
+        for pair, (a, b) in enumerate(self.rows):
+            moving = np.flatnonzero(moves[a] != moves[b])
+            size = bounds[pair, moving]
+            turns = np.array_equal(bounds[pair], more[pair]) and bool((size > 0).all())
+            if self._tree.model.nq == nv and len(moving) <= _FEW and turns:
+                self._turns[pair] = moving, self.required[pair] / (len(moving) * size)
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    def poses(self, X: Array) -> Array:
+        """Return T_base_shape (k, shapes, 4, 4) at configurations (k, nq)."""
+        return self._tree.place(X)[:, self._numbers] @ self._Ts
+
+    def gaps(self, poses: Array) -> Array:
+        """Return lower bounds (k, pairs) in m of the distances, from boxes along the axes of base."""
+        c = np.einsum("ksij,sj->ksi", poses[..., :3, :3], self._middle) + poses[..., :3, 3]
+        h = np.einsum("ksij,sj->ksi", np.abs(poses[..., :3, :3]), self._half)
+        low, high = c - h, c + h
+        a, b = self.rows.T
+        return box_gap(low[:, a], high[:, a], low[:, b], high[:, b])
+
+    def bounds(self, poses: Array, states: np.ndarray, pairs: np.ndarray, enough: Array) -> tuple[Array, Array]:
+        """Return lower and upper bounds (n,) in m of the distances of `pairs` (n,) at rows `states` (n,) of poses.
+
+        `enough` (n,) in m: lower bounds beyond that need not be better.
+        """
+        low, high = np.zeros(len(pairs)), np.full(len(pairs), np.inf)
+        for pair in np.unique(pairs):
+            if int(pair) in self._turns:
+                continue  # too close for these bounds; see `closer`
+            here = np.flatnonzero(pairs == pair)
+            bounds, grid, balls = self._bounds_of(int(pair))
+            T = poses[states[here]]
+            low[here], high[here] = bounds.at(inverse(T[:, grid]) @ T[:, balls], enough[here])
+        return low, high
+
+    def _bounds_of(self, pair: int) -> tuple[Bounds, int, int]:
+        """Return the bounds of a pair, and the indices of the shapes with the grid (the larger one) and the balls."""
+        if pair not in self._bounds:
+            a, b = (int(i) for i in self.rows[pair])
+            if self._half[a].max() < self._half[b].max():
+                a, b = b, a
+            self._bounds[pair] = Bounds(self.shapes[a].grid, self.shapes[b].balls), a, b
+        return self._bounds[pair]
+
+    def hulls_apart(self, pair: int, poses: Array) -> float:
+        """Return the distance in m of a pair's convex hulls, a lower bound, at shape poses (shapes, 4, 4)."""
+        a, b = self.rows[pair]
+        request, result = coal.DistanceRequest(), coal.DistanceResult()
+        at, bt = placed(poses[a]), placed(poses[b])
+        return float(coal.distance(self.shapes[a].hull, at, self.shapes[b].hull, bt, request, result)) - _GJK
+
+    def nearer(self, pair: int, poses: Array, margin: float) -> bool:
+        """Return whether a pair is nearer than `margin` in m at shape poses (shapes, 4, 4): hulls first, then meshes.
+
+        Where all of two meshes is close, their distance takes coal a tenth of the time of its collision test with a
+        margin; elsewhere it is the other way round.
+        """
+        if self.hulls_apart(pair, poses) >= margin:
+            return False
+        if self.celled(pair):
+            return self.distance(pair, poses) < margin
+        a, b = self.rows[pair]
+        request, result = coal.CollisionRequest(), coal.CollisionResult()
+        request.security_margin = margin
+        at, bt = placed(poses[a]), placed(poses[b])
+        return bool(coal.collide(self.shapes[a].model, at, self.shapes[b].model, bt, request, result))
+
+    def distance(self, pair: int, poses: Array) -> float:
+        """Return the distance in m of a pair's meshes at shape poses (shapes, 4, 4); 0 if they collide."""
+        a, b = self.rows[pair]
+        return distance_between(self.shapes[a], self.shapes[b], poses[a], poses[b])
+
+    def celled(self, pair: int) -> bool:
+        """Return whether distances of a pair are stored in cells; see `closer`."""
+        return pair in self._turns
+
+    def closer(self, pair: int, X: Array, poses: Array) -> np.ndarray:
+        """Return (k,) bool: whether a pair is nearer than required at configurations X (k, nq), by exact distances.
+
+        Pairs that few turns move against each other (the jaws of an instrument and its wrist) are often close, and
+        meshes that are close take long. So it is stored for a whole cell of these angles that the pair is not nearer:
+        in a cell it moves by at most half of the required distance from the middle.
+
+        Args:
+            pair: number of the pair.
+            X: configurations.
+            poses: (k, shapes, 4, 4) poses of the shapes.
+        """
+        required, left = float(self.required[pair]), np.ones(len(X), bool)
+        if pair in self._turns:
+            moving, edges = self._turns[pair]
+            cells, row = np.unique(np.rint(X[:, moving] / edges).astype(int), axis=0, return_inverse=True)
+            free = [self._free_cell(pair, tuple(cell), X[0]) for cell in cells.tolist()]
+            left = ~np.array(free, bool)[row.ravel()]
+        out = np.zeros(len(X), bool)
+        out[left] = [self.nearer(pair, T, required) for T in poses[left]]
+        return out
+
+    def _free_cell(self, pair: int, cell: tuple[int, ...], x: Array) -> bool:
+        """Return whether a pair has the required distance in a whole cell; x (nq,) gives all other coordinates."""
+        key = (pair, *cell)
+        if key not in self._cells:
+            moving, edges = self._turns[pair]
+            middle = x.copy()
+            middle[moving] = np.array(cell) * edges
+            poses = self.poses(middle[None])[0]
+            self._cells[key] = not self.nearer(pair, poses, 1.5 * float(self.required[pair]))
+        return self._cells[key]
+
+    def near(self, X: Array, *, exact: bool = True) -> np.ndarray:
+        """Return (k,) bool: whether any pair is nearer than required at configurations X (k, nq).
+
+        Where the bounds do not decide, exact distances do; without `exact`, the middle between both bounds does.
+        """
+        out = np.zeros(len(X), bool)
+        if not len(self):
+            return out
+        poses = self.poses(X)
+        states, pairs = np.nonzero(self.gaps(poses) < self.required)
+        low, high = self.bounds(poses, states, pairs, self.required[pairs])
+        out[states[high < self.required[pairs]]] = True
+        unknown = low < self.required[pairs]
+        if not exact:
+            out[states[(low + high) / 2 < self.required[pairs]]] = True
+        for pair in np.unique(pairs[unknown]):
+            k = states[unknown & (pairs == pair)]
+            k = k[~out[k]]
+            if not exact and not self.celled(int(pair)):
+                continue
+            out[k] = self.closer(int(pair), X[k], poses[k])
+        return out
