@@ -149,12 +149,12 @@ class Tree:
         J = np.zeros((len(X), 6, self.model.nv))
         model, data = self.model, self.data
         moved = self._closing if closing_only else self._all
-        views, found = self._views[closing_only], np.empty((len(X), 3, 4 * len(moved)))
+        views, found = self._views[closing_only], np.zeros((len(X), 3, 4 * len(moved)))
         for k, x in enumerate(X):
             J[k] = pin.computeJointJacobians(model, data, x).reshape(J.shape[1:])  # for one joint: (6,)
             if views:
                 np.concatenate(views, axis=1, out=found[k])
-        poses[:, moved, :3] = found.reshape(-1, 3, len(moved), 4).swapaxes(1, 2)
+        poses[:, moved, :3] = found.reshape(len(X), 3, len(moved), 4).swapaxes(1, 2)
         return poses, J
 
     def drift(self, X: Array, V: Array) -> tuple[Array, Array]:
