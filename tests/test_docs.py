@@ -67,6 +67,7 @@ ELSEWHERE = {
     "twin validate sher --protocol phantom": "twin validate sher --all-protocols",
     "twin validate sils": "make demo",
     "twin validate sils --all-protocols": "test_validate_all_protocols_of_sils",
+    "twin validate sils --protocol table2_printed": "test_validate_of_the_printed_poses",
 }
 """Commands of the documentation that are run as they stand, by whom."""
 
