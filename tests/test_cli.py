@@ -272,12 +272,6 @@ def test_stage_cannot_be_built_again(run):
         assert "was loaded from a USD stage" in result.err
 
 
-@pytest.mark.slow
-def test_committed_stage_is_current(run):
-    result = run("build", "sils", "--check", "--json")
-    assert result.json == CURRENT
-
-
 # ------------------------------------------------------------------------------------------------------- plan
 
 

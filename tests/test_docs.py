@@ -49,6 +49,7 @@ EXIT_1 = (
 
 ELSEWHERE = {
     "twin export davinci": "tests/witness/test_scene.py",
+    "twin export davinci_psm_si": "twin export davinci_psm; tests/witness/test_strangers.py exports every robot",
     "twin operate davinci --task camera": "test_the_command_writes_the_measures_of_another_seed",
     "twin operate davinci --task pegboard": "test_four_rings_by_the_command",
     "twin run davinci_psm_si": "twin run davinci_psm; twin validate davinci_psm_si --all-protocols",
@@ -57,7 +58,16 @@ ELSEWHERE = {
     "twin run vsrs": "test_three_robots_work_without_meeting",
     "twin selftest sils --count 10": ".ci/run seeds 59",
     "twin selftest sils --family formula,usd --count 8 --seed 7 --json": ".ci/run seeds 59 of all families",
+    "twin serve davinci": "tests/test_headset_page_console.py",
+    "twin serve davinci --packets 9870": "tests/test_headset_page_packets.py",
+    "twin serve davinci --task camera": "tests/test_headset_page_camera.py",
+    "twin serve sils": "tests/test_headset_page.py",
+    "twin track pa10": "twin track pa10 circle, which is its default protocol",
+    "twin validate raven_right --all-protocols": "twin validate raven_left --all-protocols; test_raven.py",
+    "twin validate sher --protocol phantom": "twin validate sher --all-protocols",
+    "twin validate sils": "make demo",
     "twin validate sils --all-protocols": "test_validate_all_protocols_of_sils",
+    "twin validate sils --protocol table2_printed": "test_validate_of_the_printed_poses",
 }
 """Commands of the documentation that are run as they stand, by whom."""
 

@@ -93,7 +93,6 @@ class Place:
 
 KINDS = {
     "export": (COMMAND, ("export", ROBOT, "--to", "mjcf,tracks", "--out", "{out}", "--quiet")),
-    "build": (COMMAND, ("build", ROBOT, "--out", "{out}", "--quiet")),
     "run": (COMMAND, ("run", ROBOT, "--out", "{out}", "--quiet")),
     "save": (SAVE, ("{out}",)),
 }
@@ -117,7 +116,7 @@ def place(request, tmp_path_factory) -> tuple[Place, dict[str, bytes], dict[str,
         shutil.copytree(out.out, before, dirs_exist_ok=True)
     out.reset()
     assert out.run() == 0
-    if request.param in ("build", "run"):
+    if request.param == "run":
         for file in [p for p in out.out.rglob("*") if p.is_file() and p.name != "mine.txt"][::2]:
             old = before / file.relative_to(out.out)
             old.parent.mkdir(parents=True, exist_ok=True)

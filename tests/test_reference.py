@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+import pickle
 from dataclasses import replace
 
 import numpy as np
@@ -212,6 +214,19 @@ def test_sils_goes_to_a_pose_and_back(sils_model, sils_states):
         assert np.abs(back.q - state.q).max() < 1e-12
         again = sils_model.solve(back.q, seed=back)
         assert np.abs(again.T_base_tool - state.T_base_tool).max() < 1e-12
+
+
+@pytest.mark.parametrize("of", [copy.copy, copy.deepcopy, lambda x: pickle.loads(pickle.dumps(x))])
+def test_a_copy_has_poses_of_its_own(of, sils_model, sils_states):
+    """Poses are read from Pinocchio's memory: a copy must not read the memory of another, nor what it once held."""
+    tree, X = sils_model.tree, np.array([s.x for s in sils_states[:3]])
+    other = of(tree)
+    for closing_only in (False, True):
+        expected = [tree.update(x[None], closing_only=closing_only) for x in X]
+        for x, (poses, J) in zip(X[::-1], expected[::-1], strict=True):
+            found = other.update(x[None], closing_only=closing_only)
+            np.testing.assert_array_equal(found[0], poses)
+            np.testing.assert_array_equal(found[1], J)
 
 
 def test_sils_solves_the_same_from_any_seed(sils_model, sils_states):

@@ -607,9 +607,9 @@ def _aligned_rows(a: AlignMeasures) -> list[tuple[str, str]]:
         ("AlignErr by projection", angle),
         ("AlignErr in the picture", "-" if a.seen is None else f"{a.seen / DEG:+.3f} deg"),
         ("ends of the upper side from those of the line", "-" if np.isnan(a.off) else f"{a.off:.1%} of its length"),
-        ("time at the camera", f"{a.time:.1f} s"),
+        ("time from the first press of the camera pedal to the last motion", f"{a.time:.1f} s"),
         ("path of the lens", str(mm(a.path))),
-        *((f"path of the {hand} hand at the camera", str(mm(p))) for hand, p in a.hands.items()),
+        *((f"path of the {hand} hand while it moved the camera", str(mm(p))) for hand, p in a.hands.items()),
     ]
 
 

@@ -16,7 +16,7 @@ import llvmlite.binding as llvm
 from twin.core.atomic import atomic_folder, cache_folder
 from twin.core.errors import OutputError
 
-_CACHED = 256
+_CACHED = 1024
 """Maximum number of kernels in the cache; the oldest kernels are removed first."""
 
 Call = Any

@@ -62,7 +62,10 @@ def require_feasible(path: PhasePath, kinematics: PathKinematics, frame: str, pr
 
 
 def pose_margins(kinematics: PathKinematics, Ts: Array, q: Array) -> Margins:
-    """Return margins (k,) in m or rad of poses Ts (k, 4, 4) with joint values q (k, n); negative where unreachable."""
+    """Return the margins of poses Ts (k, 4, 4) with joint values q (k, n).
+
+    A margin (k,) in m or rad is the distance from a limit; it is negative where the pose is beyond the limit.
+    """
     out: Margins = {("reach", name): np.asarray(m) for name, m in kinematics.reach(Ts).items()}
     solved = np.all(np.isfinite(q), axis=1)
     out["inverse", ""] = np.where(solved, 0.0, -1.0)
@@ -80,7 +83,12 @@ def pose_margins(kinematics: PathKinematics, Ts: Array, q: Array) -> Margins:
 
 @dataclass(frozen=True)
 class Anchor:
-    """Signs of the singularity measures and working mode at the start of a phase; if unknown, empty and None."""
+    """What must not change during a phase.
+
+    Attributes:
+        signs: signs of the singularity measures at the start of the phase; empty if the joint values there are unknown.
+        branch: working mode at the start of the phase; None if unknown.
+    """
 
     signs: Mapping[str, float]
     branch: object
@@ -95,7 +103,11 @@ class Anchor:
 
 
 def margins_at(kinematics: PathKinematics, Ts: Array, q: Array, anchor: Anchor) -> Margins:
-    """Return `pose_margins` and margins (k,), negative where a sign or the working mode differs from `anchor`."""
+    """Return the margins of `pose_margins`, and those of singularities and of the working mode.
+
+    The margin of a singularity measure is negative where the measure has another sign than in `anchor`. The margin of
+    the working mode is -1 where the working mode is not that of `anchor`, else 0.
+    """
     out = pose_margins(kinematics, Ts, q)
     solved = np.all(np.isfinite(q), axis=1)
     if not (anchor.signs or anchor.branch is not None) or not solved.any():
@@ -109,7 +121,7 @@ def margins_at(kinematics: PathKinematics, Ts: Array, q: Array, anchor: Anchor) 
 
 
 def said(kinematics: PathKinematics, margins: Margins) -> str:
-    """Return the first negative margin (1,) as text; "" if there is none."""
+    """Return a text for the first cause whose margin (1,) is negative; "" if no margin is negative."""
     for (cause, name), margin in margins.items():
         if margin[0] < 0:
             return _cause(kinematics, cause, name, float(-margin[0]))

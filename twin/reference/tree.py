@@ -73,6 +73,14 @@ class Tree:
         self._all = sorted({number for number, _ in self._body.values()} - {0})
         with_points = {self._body[p.body][0] for p in mechanism.points}
         self._closing = sorted({*self.loops.joint_numbers, *with_points, self.tool_joint} - {0})
+        self._views = self._look()
+
+    def __getstate__(self) -> dict[str, object]:
+        return {name: value for name, value in self.__dict__.items() if name != "_views"}
+
+    def __setstate__(self, state: dict[str, object]) -> None:
+        self.__dict__ |= state
+        self._views = self._look()  # a copied view would no longer show the poses
 
     def _add(self, joint: Joint) -> None:
         parent_id, T_id_parent = self._body[joint.parent]
@@ -92,6 +100,15 @@ class Tree:
         number = self.model.addJoint(parent_id, kind(), pin.SE3(placement), joint.name)
         self.joint_id[joint.name] = number
         self._body[joint.child] = (number, T_joint_child)
+
+    def _look(self) -> dict[bool, list[Array]]:
+        """Return views of rotation (3, 3) and position (3, 1) of each joint, in turn, in Pinocchio's memory.
+
+        The key is `closing_only` of `update`. Copying all views at once takes half the time of one call per pose.
+        """
+        found = {True: self._closing, False: self._all}
+        poses = {key: [self.data.oMi[i] for i in numbers] for key, numbers in found.items()}
+        return {key: [part for T in Ts for part in (T.rotation, T.translation[:, None])] for key, Ts in poses.items()}
 
     def _coupled(self) -> tuple[Coupled, ...]:
         out = []
@@ -140,11 +157,12 @@ class Tree:
         J = np.zeros((len(X), 6, self.model.nv))
         model, data = self.model, self.data
         moved = self._closing if closing_only else self._all
+        views, found = self._views[closing_only], np.zeros((len(X), 3, 4 * len(moved)))
         for k, x in enumerate(X):
             J[k] = pin.computeJointJacobians(model, data, x).reshape(J.shape[1:])  # for one joint: (6,)
-            placements = data.oMi
-            for i in moved:
-                poses[k, i] = placements[i].homogeneous
+            if views:
+                np.concatenate(views, axis=1, out=found[k])
+        poses[:, moved, :3] = found.reshape(len(X), 3, len(moved), 4).swapaxes(1, 2)
         return poses, J
 
     def place(self, X: Array) -> Array:

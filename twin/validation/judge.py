@@ -67,8 +67,10 @@ def judge(
     out = known.comparison or Comparison()
     looked = samples(trajectory)
     # The baked motion and the clearances do not depend on the equations: another process computes them in parallel.
-    apart_from_it = "motion" in parts and known.measured is None
-    aside = Call(measure, mechanism, looked, case.written) if apart_from_it else contextlib.nullcontext()
+    # Without meshes there are no clearances, and the start of a process takes longer than the rest.
+    needed = "motion" in parts and known.measured is None
+    parallel = needed and any(b.meshes for b in mechanism.bodies)
+    aside = Call(measure, mechanism, looked, case.written) if parallel else contextlib.nullcontext()
     with aside as beside:
         try:
             if "equations" in parts:
@@ -89,9 +91,8 @@ def judge(
                 _stage(case, model, out, clock, progress)
             if "motion" in parts:
                 progress("baked motion, clearance", 0.0)
-                measured = known.measured if beside is None else beside.result()
-                assert measured is not None
-                _motion(measured, looked, case, out, clock)
+                measured = beside.result() if beside is not None else known.measured
+                _motion(measured or measure(mechanism, looked, case.written), looked, case, out, clock)
         except AssemblyError as error:
             out.findings.append(_cannot_take(mechanism, error))
     _curves(out, trajectory)

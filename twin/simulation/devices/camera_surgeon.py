@@ -22,7 +22,7 @@ _STROKES, _PRESSES = 25, 12
 """Maximum number of strokes in a press of the pedal, and of presses; then the surgeon gives up."""
 
 HABITS = Habits(hand=Hand(misjudge=0.05))
-"""Habits at the camera: a stroke of both hands has a larger error of judgement than a stroke of one hand."""
+"""Habits in moving the camera: a stroke of both hands has a larger error of judgement than a stroke of one hand."""
 
 
 class CameraSurgeon(SurgeonHands):
