@@ -81,7 +81,7 @@ class ProcedureGuide(ProcedureReferee):
             self._carried[n], self._holds[n] = round(float(now[f"{n}.carries"][0])), holds
             if holds != before:
                 what = self._held(holds if holds >= 0 else before)
-                self._tell("plain", f"{n} {'holds' if holds >= 0 else 'has let go of'} the {what}")
+                self._tell("plain", f"{n} {'holds' if holds >= 0 else 'has released'} the {what}")
         out_since = self._out_since if self._out_since is not None else t
         self._out_since = out_since if self.removed else None
         self.complete = self.removed and t - out_since >= _OUT
