@@ -15,9 +15,7 @@ from twin.core.errors import TwinError, unknown
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM
 from twin.kinematics import Kinematics
-from twin.model.deformable import Deformable
 from twin.model.mechanism import Mechanism
-from twin.model.movable import Movable
 from twin.model.scene import CameraTable, ConsoleTable, Place, Scene, Task
 from twin.model.tissue import Tissue
 from twin.simulation import contact_scene, operating_scene
@@ -145,30 +143,37 @@ def world(
     if objects or felt:
         arms = {n: (places[n], members[n].mechanism, members[n].kin) for hand in HANDS for n in getattr(table, hand)}
         plants.append(contact_scene.contact(scene, props, arms, q, objects, felt))
-    deformables: Sequence[Deformable] = ()
-    clips: Sequence[Movable] = ()
+    operated = None
     if task is not None and task.procedure is not None:
-        mechanisms = {n: m.mechanism for n, m in members.items()}
-        operated = operating_scene.field(scene, task, mechanisms, q, organs, ORGANS)
-        clips, deformables = operated.objects, operated.deformables
-        hands = {n: hand for hand in HANDS for n in getattr(table, hand)}
-        if without := [n for n in task.procedure.start if n not in hands]:
-            raise TwinError(f"{scene.file}: task '{task.name}': no hand of [console] moves {', '.join(without)}")
-        controllers += [GripToTool(hands[n], n) for n in task.procedure.start]
+        operated, grips = _operated(scene, {n: m.mechanism for n, m in members.items()}, task, q, organs)
+        controllers += grips
         plants.append(operated.plant)
     if haptics is not None:
         controllers.append(HapticSwitch(PEDALS, haptics))
         plants += _forces(scene, members, limits, felt, [o.name for o in objects], dt)
     return World(
         robots=[Placed(p.name, members[p.name].mechanism, p.T_world_base, members[p.name].links) for p in led],
-        deformables=deformables,
-        objects=[*objects, *clips],
+        deformables=() if operated is None else operated.deformables,
+        objects=objects if operated is None else operated.objects,
         devices=[device],
         controllers=controllers,
         plants=[*plants, *watch],
         dt=dt,
         records=records,
     )
+
+
+def _operated(
+    scene: Scene, mechanisms: Mapping[str, Mechanism], task: Task, q: Mapping[str, Array], organs: Sequence[Tissue]
+) -> tuple[operating_scene.Field, list[Block]]:
+    """Return what the robots of a procedure operate on, and the blocks by which grippers close the jaws of tools."""
+    procedure = operating_scene.procedure_of(scene, task)
+    hands = {n: hand for hand in HANDS for n in getattr(console_of(scene), hand)}
+    if without := [n for n in procedure.start if n not in hands]:
+        raise TwinError(f"{scene.file}: task '{task.name}': no hand of [console] moves {', '.join(without)}")
+    return operating_scene.field(scene, task, mechanisms, q, organs, ORGANS), [
+        GripToTool(hands[n], n) for n in procedure.start
+    ]
 
 
 def console_of(scene: Scene) -> ConsoleTable:

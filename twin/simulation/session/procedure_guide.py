@@ -81,7 +81,7 @@ class ProcedureGuide(ProcedureReferee):
             self._carried[n], self._holds[n] = round(float(now[f"{n}.carries"][0])), holds
             if holds != before:
                 what = self._held(holds if holds >= 0 else before)
-                self._tell("plain", f"{n} {'holds' if holds >= 0 else 'has let go of'} the {what}")
+                self._tell("plain", f"{n} {'holds' if holds >= 0 else 'has released'} the {what}")
         out_since = self._out_since if self._out_since is not None else t
         self._out_since = out_since if self.removed else None
         self.complete = self.removed and t - out_since >= _OUT
@@ -109,6 +109,9 @@ class ProcedureGuide(ProcedureReferee):
             self._told[c.name] = state
         rows = [["Time", f"{self.t:.1f} s"], ["Clips left", f"{self.clips - len(self.closed)} of {self.clips}"]]
         rows.append(["Energy in the bed", f"{self.energy.sum():.0f} J"])
+        m = self.measures()
+        rows.append(["Largest pull of a grasper", f"{m.largest_pull:.1f} N"])
+        rows += [[f"Path of {n}", f"{path / MM:.0f} mm"] for n, path in m.paths.items()]
         self._content = {
             "rows": rows,
             "rings": [],

@@ -133,7 +133,7 @@ class StreamServer:
         begun = time.monotonic()
         frame = self.source.frame(tick, server_time)
         self._framed = time.monotonic()
-        self._pause = max(GAP, self._framed - begun)
+        self._pause = min(max(GAP, self._framed - begun), 1 / RATE)
         if frame is None:
             return
         self._frame = frame
@@ -145,8 +145,8 @@ class StreamServer:
     def _respond(self, now: float) -> None:
         """Send the effect of a message `hands` as soon as `GAP` allows, instead of at the next tick.
 
-        The pause is at least as long as the last frame took: on a slow machine, messages would otherwise wait for a
-        frame each, and their delay would grow without limit.
+        The pause is as long as the last frame took, at most a tick: on a slow machine, each message would otherwise
+        wait for a frame, and the delay would grow without limit.
         """
         self._response = None
         if (wait := self._pause - (now - self._framed)) > 0:

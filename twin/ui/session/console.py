@@ -511,7 +511,7 @@ class LiveConsole:
             far = float(np.linalg.norm(signals[f"{arm}.tip"] - port)) / MM
             change = f"at most {self.task.procedure.change_mm:g} mm from its port, now {far:.0f} mm"
             holds = signals[f"{arm}.holds"][0] >= 0
-            do = "first let go of what it holds" if holds else f"draw the tip back to {change}"
+            do = "first release what it holds" if holds else f"draw the tip back to {change}"
             waits = f"{self.scene.tools[tool].title} is not taken yet: {do}"
         active = bool(signals[f"{arm}.pedal"][0] > 0.5) and self.scene.tools[carries].kind == "cautery"
         opened = bool(signals[f"{arm}.opening"][0] > 0.5)
