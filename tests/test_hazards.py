@@ -152,7 +152,8 @@ def test_the_summary_counts_by_class():
     assert (first.sessions, first.harmed, first.beyond, first.felt, first.stopped) == (2, 1, 1, 1, 0)
     assert (first.peak_max, first.delay) == (4.0, 2.0)
     assert [c.kind for c in found.classes] == ["a", FREE]
-    assert Hazards("r", "c", 4, rows, {}, []).verdict == "unchecked"
+    (unfinished,) = Hazards("r", "c", 4, rows, {}, []).findings
+    assert (unfinished.code, unfinished.severity) == ("hazards.unfinished", "warning")
     false = [*rows[:2], rows[2] | {"cue": 3}]
     assert Hazards("r", "c", 3, false, {}, []).verdict == "disagree"
 
@@ -204,5 +205,5 @@ def test_processes_and_a_kill_change_no_outcome(short, tmp_path):
 def test_nothing_left_needs_no_process(short, tmp_path):
     robot = twin.load("raven_left")
     first = hazards(robot, short, tmp_path / "out", sessions=0)
-    assert first.verdict == "unchecked"
     assert not first.rows
+    assert [f.code for f in first.findings] == ["hazards.unfinished"]

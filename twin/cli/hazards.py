@@ -12,7 +12,7 @@ from twin.cli import show
 def hazards(args: argparse.Namespace) -> int:
     """Run the sessions that are left, print the outcome by class; the log has each session.
 
-    The exit code is 1 after a false cue, 2 if sessions are left.
+    The exit code is 1 after a false cue.
     """
     from twin.api.hazards import FILE
     from twin.api.hazards import hazards as run

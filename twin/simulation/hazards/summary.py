@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from twin.core.findings import Finding, disagreement, error
+from twin.core.findings import Finding, disagreement, warning
 from twin.core.result import Part, Result, Table
 from twin.simulation.hazards.attacked import HARM
 from twin.simulation.hazards.campaign import FREE
@@ -79,15 +79,14 @@ class Hazards(Result):
         if len(self.rows) < self.expected:
             done = f"{len(self.rows)} of {self.expected} sessions are done"
             out.append(
-                error("hazards.unfinished", self.robot, done, suggestion="run the same command again: it goes on")
+                warning("hazards.unfinished", self.robot, done, suggestion="run the same command again: it goes on")
             )
         return tuple(out)
 
     @property
     def word(self) -> str:
         """The verdict as text."""
-        words = {"agree": "All sessions done, no false cue", "disagree": "False cues", "unchecked": "Not finished"}
-        return words[self.verdict]
+        return "False cues" if self.verdict == "disagree" else "No cue without a fault"
 
     def content(self) -> dict[str, Any]:
         """Return plain data."""
