@@ -70,7 +70,7 @@ def test_a_bound_is_never_on_the_wrong_side_of_the_exact_distance(first, second)
 def test_bounds_of_every_robot_hold_at_random_configurations(name):
     model = ReferenceModel(twin.load(name).mechanism)
     pairs, rng = Pairs(model, (), 5 * MM), np.random.default_rng(0)
-    X = np.array([model.home().x] * 12)
+    X = np.array([model.home().x] * 4)
     single = [model.tree.model.joints[i] for i in range(1, model.tree.model.njoints)]
     places = [j.idx_q for j in single if j.nq == 1]
     X[:, places] += rng.uniform(-0.3, 0.3, (len(X), len(places)))  # loops may open: bodies are tested, not loops
@@ -78,7 +78,7 @@ def test_bounds_of_every_robot_hold_at_random_configurations(name):
     states, which = np.nonzero(pairs.gaps(poses) < 20 * MM)
     low, high = pairs.bounds(poses, states, which, np.full(len(which), 20 * MM))
     gaps = pairs.gaps(poses)[states, which]
-    for k, pair, least, most, gap in list(zip(states, which, low, high, gaps, strict=True))[:150]:
+    for k, pair, least, most, gap in list(zip(states, which, low, high, gaps, strict=True))[:60]:
         a, b = pairs.rows[pair]
         true = exact(pairs.shapes[a], pairs.shapes[b], poses[k, a], poses[k, b])
         assert max(least, gap) <= true + 1e-9
