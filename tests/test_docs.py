@@ -49,7 +49,6 @@ EXIT_1 = (
 
 ELSEWHERE = {
     "twin export davinci": "tests/witness/test_scene.py",
-    "twin export davinci_psm_si": "twin export davinci_psm; tests/witness/test_strangers.py exports every robot",
     "twin operate davinci --task camera": "test_the_command_writes_the_measures_of_another_seed",
     "twin operate davinci --task pegboard": "test_four_rings_by_the_command",
     "twin run davinci_psm_si": "twin run davinci_psm; twin validate davinci_psm_si --all-protocols",
@@ -63,7 +62,6 @@ ELSEWHERE = {
     "twin serve davinci --task camera": "tests/test_headset_page_camera.py",
     "twin serve sils": "tests/test_headset_page.py",
     "twin track pa10": "twin track pa10 circle, which is its default protocol",
-    "twin validate raven_right --all-protocols": "twin validate raven_left --all-protocols; test_raven.py",
     "twin validate sher --protocol phantom": "twin validate sher --all-protocols",
     "twin validate sils": "make demo",
     "twin validate sils --all-protocols": "test_validate_all_protocols_of_sils",
