@@ -45,6 +45,7 @@ namespace Twin.Player
         public string tool_link = "";
         public float[] tool_frame = new float[0];
         public string moved_frame = "";
+        public float[] shaft_axis = { 0, 0, 1 };
         public string[] frame_names = new string[0];
         public string[] frame_links = new string[0];
         public float[] frames_local = new float[0];
