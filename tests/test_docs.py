@@ -51,6 +51,7 @@ ELSEWHERE = {
     "twin export davinci": "tests/witness/test_scene.py",
     "twin operate davinci --task camera": "test_the_command_writes_the_measures_of_another_seed",
     "twin operate davinci --task pegboard": "test_four_rings_by_the_command",
+    "twin plan raven_left trajectories/raven_left/around/dome.toml": "tests/test_planning_bounds.py",
     "twin run davinci_psm_si": "twin run davinci_psm; twin validate davinci_psm_si --all-protocols",
     "twin run sher": "twin run davinci_ecm; twin validate sher --all-protocols",
     "twin run sils": "make demo",
