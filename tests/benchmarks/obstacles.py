@@ -62,7 +62,7 @@ def ompls(space, start, goal, box, samples, seed, *, planner="FMT", seconds=60.0
     """Return (seconds, length in m; nan if there is no path) of an OMPL planner with the same collision function.
 
     OMPL asks for one state at a time. Its space holds the weighted coordinates, so that it measures the same length.
-    The spacing of states on a connection is that of our search on average.
+    It tests states on a connection at 1 % of its extent, our search where no pair of bodies moves by more than 8 mm.
     """
     from ompl import base, geometric, util
 
