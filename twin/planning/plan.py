@@ -103,8 +103,8 @@ def _certified(phase: Free, kinematics: PathKinematics, joints: Path) -> list[Fi
     if not np.isfinite(seen.found):
         return []
     text = (
-        f"all bodies keep at least {seen.proven / MM:.2f} mm from each other at every moment (proven), except bodies of "
-        f"the robot that are drawn nearer than twice the clearance; the smallest distance found is "
+        f"all bodies keep at least {seen.proven / MM:.2f} mm from each other at every moment (proven), except bodies "
+        f"of the robot that are drawn nearer than twice the clearance; the smallest distance found is "
         f"{seen.found / MM:.2f} mm, between {' and '.join(seen.bodies)}"
     )
     return [Finding("clearance.proven", "info", text, phase.name, size=seen.proven / MM, unit="mm")]
