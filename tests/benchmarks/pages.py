@@ -85,7 +85,7 @@ How to read it:
 - Exponents include what a call costs by itself, which is why they can be below 1. Loops and links are reported without
   a bar: how cost grows depends on how loops hang together.
 - Not in the table: OMPL (tests/benchmarks/obstacles.py, which says how to run it). One run out of the dome with 200
-  samples and one seed on a busy machine: our FMT* found a path in 4.2 s of processor time; OMPL's FMT with the same test
+  samples and one seed, busy machine: our FMT* found a path in 4.2 s of processor time; OMPL's FMT with the same test
   of states, called from Python at its own spacing, took 23.7 s and found none. Times to the same cost are not measured.
 - Not here: ruckig, whose free version knows no waypoints.
 - `make bench-check` runs the short form and fails when a ratio (of the shortest times) is more than 40 % below the one
