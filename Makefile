@@ -21,7 +21,7 @@ test-slow: .venv/.synced-dev  ## what the default suite leaves out
 	$(RUN) pytest -n auto --dist loadfile -m "slow or wheel" --durations 20
 
 test-pages: .venv/.synced-dev  ## the pages of twin view and twin serve in Chromium
-	$(RUN) pytest -n 2 --dist loadfile -m browser --durations 25
+	$(RUN) pytest -m browser --durations 25
 
 test-long: .venv/.synced-dev  ## a whole procedure by gamepad in Chromium, in real time
 	$(RUN) pytest -m long -s
