@@ -168,7 +168,8 @@ class Tree:
     def place(self, X: Array) -> Array:
         """Return the poses (k, joints, 4, 4) of all joint frames in base at configurations X (k, nq), for many at once.
 
-        Numpy computes them if all joints are single turns and slides; otherwise Pinocchio does, one after the other.
+        Numpy computes them if all joints are single turns and slides; otherwise Pinocchio does, one
+        configuration at a time.
         """
         kinds = [self.model.joints[n].shortname() for n in range(1, self.model.njoints)]
         if not set(kinds) <= {"JointModelRZ", "JointModelPZ"}:

@@ -189,7 +189,7 @@ def console_of(scene: Scene) -> ConsoleTable:
 
 def port_in_base(place: Place) -> Array:
     """Return the first port (3,) of a robot in m in its base."""
-    return (spatial.inverse(place.T_world_base) @ np.append(next(iter(place.p_world_ports.values())), 1.0))[:3]
+    return (spatial.inverse(place.T_world_base) @ np.append(operating_scene.port_of(place), 1.0))[:3]
 
 
 def pivot(table: ConsoleTable, place: Place, kin: Kinematics, q: Array) -> Pivot | None:
