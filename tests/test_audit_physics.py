@@ -18,7 +18,7 @@ from twin.exchange.audit.motion import Content
 from twin.exchange.audit.physics import Drive, Joint, Physics, along
 from twin.exchange.audit.poses import about, inverse, pose
 from twin.exchange.audit.report import Ledger
-from twin.model.mechanism import Inertia
+from twin.model.inertia import Inertia
 
 HERE = Path(__file__).parent
 from made import audit_seeds as seeds

@@ -17,7 +17,9 @@ from twin.core.units import DEG
 from twin.exchange.audit import audit
 from twin.exchange.read import read
 from twin.exchange.read.closing import close
-from twin.model.mechanism import Body, Coupling, Frame, Joint, Mechanism
+from twin.model.body import Body, Frame
+from twin.model.joint import Joint
+from twin.model.mechanism import Coupling, Mechanism
 from twin.ui.report.curves import joint_unit
 from twin.ui.session.desk import Desk
 from twin.ui.session.instruments import read as instruments

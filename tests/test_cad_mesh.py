@@ -16,7 +16,7 @@ from twin.cad import mesh
 from twin.core import spatial
 from twin.core.errors import CadError
 from twin.core.units import LENGTH
-from twin.model.mechanism import Inertia
+from twin.model.inertia import Inertia
 
 SIZE = np.array([40.0, 30.0, 20.0])
 

@@ -17,7 +17,7 @@ from twin.core.errors import DescriptionError, TwinError
 from twin.core.units import DEG, MM
 from twin.model import alignment
 from twin.model.alignment import RECTANGLE
-from twin.model.mechanism import Mesh
+from twin.model.body import Mesh
 from twin.model.movable import Movable
 from twin.model.scene import load_scene
 from twin.reference import ReferenceModel

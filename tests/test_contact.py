@@ -9,7 +9,7 @@ import pytest
 import twin
 from twin.core import spatial
 from twin.core.errors import WorldError
-from twin.model.mechanism import Mesh
+from twin.model.body import Mesh
 from twin.model.movable import Movable
 from twin.simulation.plants.contact import Contact, Gripper, Solid
 from twin.simulation.world import Block, Placed, World

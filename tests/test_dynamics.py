@@ -16,7 +16,8 @@ from twin.core.errors import MechanismError
 from twin.exchange.read import read
 from twin.exchange.read.closing import close
 from twin.exchange.write.mjcf import mjcf_text
-from twin.model.mechanism import Body, Joint
+from twin.model.body import Body
+from twin.model.joint import Joint
 from twin.reference.dynamics import Dynamics
 from twin.reference.holding import holding_efforts
 from twin.simulation.dynamics.arm import arm, without_fixed

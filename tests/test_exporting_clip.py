@@ -15,7 +15,10 @@ from twin import api
 from twin.core import spatial
 from twin.exchange.write import clip as clips
 from twin.exchange.write.clip import Budget, key_rows, make_clip, measure_between, model_hash
-from twin.model.mechanism import Body, Frame, Inertia, Joint, Mechanism, Mesh
+from twin.model.body import Body, Frame, Mesh
+from twin.model.inertia import Inertia
+from twin.model.joint import Joint
+from twin.model.mechanism import Mechanism
 from twin.planning.trajectory import key_times
 
 SHORT = Path(__file__).parent / "data/short.toml"

@@ -13,7 +13,10 @@ import trimesh
 from twin.core import spatial
 from twin.exchange.write.clip import Between, Clip, home_poses
 from twin.exchange.write.glb import glb_bytes, moving_paths, surface, write_glb
-from twin.model.mechanism import Body, Frame, Inertia, Joint, Mechanism, Mesh
+from twin.model.body import Body, Frame, Mesh
+from twin.model.inertia import Inertia
+from twin.model.joint import Joint
+from twin.model.mechanism import Mechanism
 from twin.usd.write.geometry import corner_normals
 
 C = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])

@@ -21,7 +21,10 @@ from twin.exchange.write.glb import write_glb
 from twin.exchange.write.mjcf import write_mjcf
 from twin.exchange.write.urdf import write_urdf
 from twin.exchange.write.usdz import write_usdz
-from twin.model.mechanism import Body, Finish, Frame, Inertia, Joint, Mechanism, Mesh
+from twin.model.body import Body, Finish, Frame, Mesh
+from twin.model.inertia import Inertia
+from twin.model.joint import Joint
+from twin.model.mechanism import Mechanism
 from twin.usd.read import read_stage
 from twin.usd.write import write_stage
 

@@ -15,7 +15,9 @@ from twin.core import spatial
 from twin.exchange.write.clip import Between, Clip
 from twin.exchange.write.tracks import write_tracks
 from twin.exchange.write.urdf import write_urdf
-from twin.model.mechanism import Body, Frame, Joint, Mechanism
+from twin.model.body import Body, Frame
+from twin.model.joint import Joint
+from twin.model.mechanism import Mechanism
 from twin.reference import ReferenceModel
 
 FRAMES, TOL = 9, 1e-6

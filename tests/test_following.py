@@ -22,7 +22,8 @@ from twin.exchange.read import read
 from twin.exchange.write.urdf import write_urdf
 from twin.exchange.write.usd import write_usd
 from twin.model.following import following
-from twin.model.mechanism import Coupling, Joint
+from twin.model.joint import Joint
+from twin.model.mechanism import Coupling
 
 ENDS = (-1.0, 1.0)
 BANDS = (Coupling("second", ("b", "c"), (1.0, 1.0)), Coupling("first", ("a", "b"), (1.0, 2.0)))

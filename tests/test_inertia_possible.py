@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 
 from twin.cli import main
 from twin.core import spatial
-from twin.model.mechanism import Inertia, Mesh
+from twin.model.body import Mesh
+from twin.model.inertia import Inertia
 from twin.validation.masses import collect, possible
 from twin.validation.masses.guess import guesses, misfit
 from twin.validation.masses.possible import Stated, judged, stated

@@ -11,7 +11,10 @@ from hypothesis import strategies as st
 
 from twin.core import spatial
 from twin.core.errors import MechanismError
-from twin.model.mechanism import FREE_AXES, Body, Frame, Inertia, Joint, Mechanism, Point
+from twin.model.body import Body, Frame, Point
+from twin.model.inertia import Inertia
+from twin.model.joint import FREE_AXES, Joint
+from twin.model.mechanism import Mechanism
 from twin.reference import ReferenceModel
 
 

@@ -19,7 +19,8 @@ from twin.core import spatial
 from twin.core.errors import DescriptionError, TwinError
 from twin.core.units import MM
 from twin.model.movable import Movable
-from twin.model.scene import Task, Transfer, load_scene
+from twin.model.scene import load_scene
+from twin.model.task import Task, Transfer
 from twin.simulation import contact_scene
 from twin.simulation.contact_scene import Peg
 from twin.simulation.plants.contact.shapes import add_part

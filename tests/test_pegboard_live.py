@@ -19,7 +19,7 @@ from twin.core import spatial
 from twin.core.errors import DescriptionError, OutputError, TwinError, WorldError
 from twin.core.units import MM
 from twin.model.movable import Movable
-from twin.model.scene import Task, Transfer
+from twin.model.task import Task, Transfer
 from twin.simulation.contact_scene import Peg
 from twin.simulation.devices.given import HandState
 from twin.simulation.session import movement, rings

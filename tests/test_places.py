@@ -15,7 +15,8 @@ from twin import api
 from twin.core import assets, spatial
 from twin.core.errors import TwinError
 from twin.core.units import MM
-from twin.model.mechanism import Mechanism, Mesh
+from twin.model.body import Mesh
+from twin.model.mechanism import Mechanism
 from twin.reference.clearance import Shape, distance_between
 from twin.ui.session.desk import ENDOSCOPE, Desk
 from twin.ui.session.patient import Patient, floor_of, none_there, patient_of, read_patient

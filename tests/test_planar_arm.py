@@ -13,7 +13,7 @@ from twin.formula import symbolic
 from twin.formula.contract import ActiveJoint, Coordinates, Equation, Formula, Measure
 from twin.kinematics import compile_formula
 from twin.kinematics.margins import Margins
-from twin.model.mechanism import Joint
+from twin.model.joint import Joint
 from twin.reference import ReferenceModel
 from twin.reference.boundary import Boundary, Judged, disagreements
 from twin.reference.degeneracy import Degeneracy

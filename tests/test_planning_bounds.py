@@ -14,7 +14,7 @@ from made.mechanisms import box
 from twin.api.standing import standing
 from twin.core import assets, spatial
 from twin.core.units import MM
-from twin.model.mechanism import Mesh
+from twin.model.body import Mesh
 from twin.planning.around import around
 from twin.planning.fmt import Search
 from twin.planning.smooth import line

@@ -15,7 +15,9 @@ from made.loops import ALONG_X, ROD, mechanism, rod, slider_crank, through_a_tro
 from twin.core import spatial
 from twin.core.errors import AssemblyError, MechanismError
 from twin.core.units import DEG, MM
-from twin.model.mechanism import Body, Coupling, Frame, Joint, Mechanism
+from twin.model.body import Body, Frame
+from twin.model.joint import Joint
+from twin.model.mechanism import Coupling, Mechanism
 from twin.reference import ReferenceModel, sensitivity
 from twin.reference.model import GAP_TOLERANCE
 

@@ -10,7 +10,9 @@ import pytest
 
 from twin.core import spatial
 from twin.core.units import MM
-from twin.model.mechanism import Body, Frame, Joint, Mechanism, Mesh
+from twin.model.body import Body, Frame, Mesh
+from twin.model.joint import Joint
+from twin.model.mechanism import Mechanism
 from twin.reference import ReferenceModel
 from twin.reference.clearance import clearance
 

@@ -17,7 +17,9 @@ from twin.api import scene_export
 from twin.cli import main
 from twin.core import spatial
 from twin.core.errors import DescriptionError, TwinError
-from twin.model.mechanism import Body, Frame, Joint, Mechanism, Mesh
+from twin.model.body import Body, Frame, Mesh
+from twin.model.joint import Joint
+from twin.model.mechanism import Mechanism
 from twin.model.scene import load_scene
 from twin.reference.clearance import between
 from twin.simulation.scene_play import too_near

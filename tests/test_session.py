@@ -23,7 +23,8 @@ from twin.core import spatial
 from twin.core.errors import DescriptionError, OutputError, TwinError, WorldError
 from twin.core.units import DEG, MM
 from twin.exchange.audit import audit
-from twin.model.scene import Target, Task, load_scene
+from twin.model.scene import load_scene
+from twin.model.task import Target, Task
 from twin.reference import ReferenceModel
 from twin.simulation.devices.given import HandState
 from twin.simulation.devices.surgeon import Eye, Habits, ScriptedSurgeon

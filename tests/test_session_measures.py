@@ -8,7 +8,7 @@ from scipy.integrate import quad
 
 import twin
 from twin.core.units import MM
-from twin.model.scene import Target, Task
+from twin.model.task import Target, Task
 from twin.simulation.controllers.pedals import CAMERA, FREE, TOOLS
 from twin.simulation.devices.hand import minimum_jerk
 from twin.simulation.session import measures, movement

@@ -16,7 +16,7 @@ from made.mechanisms import box, four_bar
 from twin.core import spatial
 from twin.core.errors import DescriptionError, ProtocolError
 from twin.core.units import MM
-from twin.model.mechanism import Body
+from twin.model.body import Body
 from twin.planning.around import around, rounded
 from twin.planning.plan import plan
 from twin.planning.protocol import load_protocol

@@ -15,7 +15,8 @@ from twin.core import spatial
 from twin.core.errors import StageError
 from twin.core.spatial import continuous_signs
 from twin.core.units import DEG, MM
-from twin.model.mechanism import Inertia, Joint
+from twin.model.inertia import Inertia
+from twin.model.joint import Joint
 from twin.usd.check import check_stage, parse_with_usdphysics, run_usd_validators
 from twin.usd.read import inspect_stage, read_motion, read_stage
 from twin.usd.write import Motion, write_motion, write_stage

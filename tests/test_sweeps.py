@@ -29,8 +29,10 @@ from twin.api.robot import Robot, Source
 from twin.core import spatial
 from twin.core.errors import TwinError
 from twin.core.units import DEG, MM, UM
-from twin.model.mechanism import Body as MechanismBody
-from twin.model.mechanism import Frame, Joint, Mechanism
+from twin.model.body import Body as MechanismBody
+from twin.model.body import Frame
+from twin.model.joint import Joint
+from twin.model.mechanism import Mechanism
 from twin.reference import ReferenceModel
 
 ROBOTS = twin.names()

@@ -20,7 +20,10 @@ from twin.core import spatial
 from twin.core.errors import DescriptionError, MechanismError, TwinError
 from twin.core.units import DEG
 from twin.exchange.write.mjcf import mjcf_text
-from twin.model.mechanism import Body, Frame, Inertia, Joint, Mechanism
+from twin.model.body import Body, Frame
+from twin.model.inertia import Inertia
+from twin.model.joint import Joint
+from twin.model.mechanism import Mechanism
 from twin.simulation.dynamics import inertia, track
 from twin.simulation.dynamics.arm import arm as arm_of
 from twin.simulation.dynamics.plant import ModelPlant, MujocoPlant

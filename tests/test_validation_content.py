@@ -9,7 +9,9 @@ import pytest
 
 from twin.core import spatial
 from twin.core.units import DEG, MM
-from twin.model.mechanism import Drive, Inertia, Mesh
+from twin.model.body import Mesh
+from twin.model.inertia import Inertia
+from twin.model.joint import Drive
 from twin.usd.read import read_stage
 from twin.validation.content import content, estimate
 from twin.validation.masses import solid

@@ -12,7 +12,9 @@ import twin
 from made.lanes import one_of_a_kind
 from twin.core import spatial
 from twin.core.errors import MechanismError
-from twin.model.mechanism import Body, Joint, Mechanism
+from twin.model.body import Body
+from twin.model.joint import Joint
+from twin.model.mechanism import Mechanism
 from twin.reference import ReferenceModel
 from twin.ui.viewer.design import Distance, distances, with_distance
 

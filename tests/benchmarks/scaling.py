@@ -13,7 +13,9 @@ import twin
 from twin.codegen import Kernel, Stage
 from twin.core import spatial
 from twin.kinematics.closed_loops import LoopSolver
-from twin.model.mechanism import Body, Frame, Joint, Mechanism
+from twin.model.body import Body, Frame
+from twin.model.joint import Joint
+from twin.model.mechanism import Mechanism
 
 BAR = 1.05
 

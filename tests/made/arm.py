@@ -10,7 +10,9 @@ import numpy as np
 from made.mechanisms import box
 from twin.core import spatial
 from twin.core.units import MM
-from twin.model.mechanism import Body, Frame, Joint, Mechanism
+from twin.model.body import Body, Frame
+from twin.model.joint import Joint
+from twin.model.mechanism import Mechanism
 from twin.reference import ReferenceModel
 from twin.reference.pairs import Still
 from twin.reference.space import JointSpace

@@ -186,7 +186,9 @@ LINKAGES: dict[str, Callable[[], Linkage]] = {
 def mechanism(linkage: Linkage, name: str):
     """Return the mechanism of a linkage without a drawing: the same joints, bodies without shapes."""
     from twin.core import spatial
-    from twin.model.mechanism import Body, Frame, Joint, Mechanism
+    from twin.model.body import Body, Frame
+    from twin.model.joint import Joint
+    from twin.model.mechanism import Mechanism
 
     def frame(at, z):
         return spatial.pose(spatial.frame_from_axes(z, np.eye(3)[int(np.argmin(np.abs(z)))]), at / 1000)

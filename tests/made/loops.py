@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from twin.core import spatial
-from twin.model.mechanism import Body, Frame, Joint, Mechanism
+from twin.model.body import Body, Frame
+from twin.model.joint import Joint
+from twin.model.mechanism import Mechanism
 
 ALONG_X = spatial.pose(spatial.frame_from_axes([1, 0, 0], [0, 0, -1]))
 """A joint frame whose z is the x of its body."""

@@ -12,7 +12,10 @@ import numpy as np
 from twin.core import spatial
 from twin.core.provenance import Parameter
 from twin.core.units import DEG, MM
-from twin.model.mechanism import Body, Drive, Frame, Inertia, Joint, Mechanism, Mesh, Point
+from twin.model.body import Body, Frame, Mesh, Point
+from twin.model.inertia import Inertia
+from twin.model.joint import Drive, Joint
+from twin.model.mechanism import Mechanism
 
 GROUND, CRANK, COUPLER, ROCKER = 0.3, 0.1, 0.28, 0.22
 """Lengths in m; crank + ground < coupler + rocker, so the crank turns fully."""

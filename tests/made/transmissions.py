@@ -8,7 +8,9 @@ import numpy as np
 
 from made.mechanisms import box, solid
 from twin.core import spatial
-from twin.model.mechanism import Body, Drive, Frame, Joint, Mechanism
+from twin.model.body import Body, Frame
+from twin.model.joint import Drive, Joint
+from twin.model.mechanism import Mechanism
 from twin.model.transmission import Actuator, Transmission
 
 MATRIX = np.array([[0.05, 0.0, 0.0], [-0.02, 0.04, 0.0], [0.01, -0.015, 0.03]])

@@ -14,7 +14,9 @@ from made import protocols
 from made.mechanisms import box, solid
 from twin.core import spatial
 from twin.core.units import DEG, MM
-from twin.model.mechanism import Body, Drive, Frame, Joint, Mechanism, Point
+from twin.model.body import Body, Frame, Point
+from twin.model.joint import Drive, Joint
+from twin.model.mechanism import Mechanism
 
 NAME = "two_hands"
 PLACES = {"left": np.array([-0.12, 0.0, 0.30]), "right": np.array([0.12, 0.0, 0.30])}

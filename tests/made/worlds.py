@@ -15,8 +15,8 @@ from made.loops import two_links
 from twin.core import spatial
 from twin.core.units import DEG, MM
 from twin.kinematics import compile_formula
+from twin.model.body import Mesh
 from twin.model.deformable import Deformable
-from twin.model.mechanism import Mesh
 from twin.model.scene import load_scene
 from twin.robots import load_formula
 from twin.simulation import scene_play, trial

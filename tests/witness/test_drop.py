@@ -12,7 +12,7 @@ import twin
 from twin.api.act import props_of
 from twin.core import spatial
 from twin.core.units import DEG, MM
-from twin.model.scene import Transfer
+from twin.model.task import Transfer
 from twin.reference import ReferenceModel
 from twin.simulation import contact_scene
 from twin.simulation.plants.contact import Contact, Solid

@@ -22,7 +22,8 @@ from twin.core.errors import TwinError, unknown
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM, UM
 from twin.kinematics import Kinematics
-from twin.model.mechanism import Joint, Mechanism
+from twin.model.joint import Joint
+from twin.model.mechanism import Mechanism
 
 OBJECTIVES = {
     "volume": ("dm³", +1, "volume of the positions reached in the home orientation"),

@@ -14,7 +14,8 @@ from twin.core.units import DEG, MM
 
 if TYPE_CHECKING:
     from twin.core.provenance import Parameter
-    from twin.model.mechanism import Joint, Mechanism
+    from twin.model.joint import Joint
+    from twin.model.mechanism import Mechanism
     from twin.model.scene import Scene
 
 SCENE_COMMANDS = ("info", "run", "view", "serve", "export")

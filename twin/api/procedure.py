@@ -20,7 +20,8 @@ from twin.core.spatial import Array
 from twin.core.units import MM
 from twin.model.mechanism import Mechanism
 from twin.model.procedure import ProcedureTable
-from twin.model.scene import Scene, Task
+from twin.model.scene import Scene
+from twin.model.task import Task
 from twin.model.tissue import Tissue
 from twin.simulation import operating_scene, tissue_scene
 from twin.simulation.console_scene import Member

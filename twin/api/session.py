@@ -25,7 +25,8 @@ from twin.core.units import DEG, MM
 from twin.model import alignment
 from twin.model.mechanism import Mechanism
 from twin.model.movable import together
-from twin.model.scene import Place, Scene, Task
+from twin.model.scene import Place, Scene
+from twin.model.task import Task
 from twin.reference import ReferenceModel
 from twin.simulation import console_scene, contact_scene
 from twin.simulation.console_scene import HANDS, PEDALS, Member

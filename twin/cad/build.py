@@ -28,7 +28,10 @@ from twin.core.provenance import Parameter
 from twin.core.quantity import um
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM, UM
-from twin.model.mechanism import Body, Coupling, Drive, Finish, Inertia, Joint, Mechanism, Mesh
+from twin.model.body import Body, Finish, Mesh
+from twin.model.inertia import Inertia
+from twin.model.joint import Drive, Joint
+from twin.model.mechanism import Coupling, Mechanism
 
 
 @dataclass(frozen=True)

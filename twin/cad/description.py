@@ -14,7 +14,7 @@ from pydantic import Field, model_validator
 
 from twin.core.foreign.budget import read_bytes
 from twin.core.foreign.once import Read
-from twin.model.mechanism import JointType
+from twin.model.joint import JointType
 from twin.schema import Identifier, Origin, Range, Table, Vector, at, error_at, load_toml
 
 

@@ -13,7 +13,8 @@ from twin.cad.features import Measured
 from twin.core import spatial
 from twin.core.errors import CadError
 from twin.core.spatial import Array
-from twin.model.mechanism import Frame, Mechanism, Point
+from twin.model.body import Frame, Point
+from twin.model.mechanism import Mechanism
 
 Faces = Mapping[str, Mapping[str, Measured]]
 """Every measured feature by body and name, in drawn coordinates."""

@@ -19,7 +19,8 @@ from twin.core.foreign.admit import admit
 from twin.core.quantity import Quantity
 from twin.core.spatial import Array
 from twin.core.units import LENGTH, MM
-from twin.model.mechanism import Inertia, Mesh
+from twin.model.body import Mesh
+from twin.model.inertia import Inertia
 
 SUFFIXES = (".stl", ".obj", ".glb", ".gltf", ".3mf", ".ply")
 

@@ -16,7 +16,8 @@ from twin.core.errors import TwinError, unknown
 
 if TYPE_CHECKING:
     from twin.model.mechanism import Mechanism
-    from twin.model.scene import Scene, Task
+    from twin.model.scene import Scene
+    from twin.model.task import Task
     from twin.model.tissue import Tissue
     from twin.ui.session.organs import OrganFeed
 

@@ -1,5 +1,6 @@
 """Unit factors: multiplication converts to SI, division converts back. All internal values are in SI units."""
 
+from collections.abc import Sequence
 from math import floor, log10, pi
 
 MM = 1e-3
@@ -20,6 +21,18 @@ def linear(shown: float) -> float:
     """Convert an sRGB colour component, 0..1, to a linear one, 0..1: the inverse of `srgb`."""
     part = min(max(shown, 0.0), 1.0)
     return part / 12.92 if part <= 0.04045 else ((part + 0.055) / 1.055) ** 2.4
+
+
+def linear_rgba(color: str) -> tuple[float, float, float, float]:
+    """Return the linear, opaque colour of an sRGB text such as "#20a040"."""
+    red, green, blue = (linear(int(color[k : k + 2], 16) / 255) for k in (1, 3, 5))
+    return red, green, blue, 1.0
+
+
+def hex_digits(color_rgba: Sequence[float]) -> str:
+    """Return a linear colour as sRGB hexadecimal digits, as on web pages; opacity is left out if it is 1."""
+    parts = [*map(srgb, color_rgba[:3]), *(a for a in color_rgba[3:] if a < 1)]
+    return "".join(f"{round(255 * min(max(part, 0.0), 1.0)):02x}" for part in parts)
 
 
 def decimals(difference: float) -> int:

@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
+from pydantic import Field, model_validator
 
 from twin.core import spatial
+from twin.core.provenance import Parameter
 from twin.core.spatial import Array
-from twin.model.mechanism import Body, Finish, Joint, Mechanism, Mesh
+from twin.core.units import DEG, MM, linear_rgba
+from twin.model.body import Body, Finish, Mesh
+from twin.model.joint import Joint
+from twin.model.mechanism import Mechanism
+from twin.schema import Origin, Table, Vector, at
 
 BODY = "target"
 """Name of the drawn body: a plate with the rectangle."""
@@ -19,6 +26,40 @@ RECTANGLE = "target_rectangle"
 _PLATE_RGBA = (0.08, 0.085, 0.09, 1.0)
 _THICK, _BEFORE = 2e-3, 1e-4
 """Thickness of the plate, and distance of the rectangle before it, in m, so that the plate does not show through."""
+
+
+class AlignTable(Table):
+    """A green rectangle on a plate, and a grey line in the middle of the picture; the camera is to align them.
+
+    The rectangle's middle is at `position_mm` in the world frame; `facing` points out of the plate; `roll_deg` turns
+    the rectangle about `facing`, from its upper side being horizontal. `line` is the length of the line divided by the
+    height of the picture. The task is done if, at the end, the upper side of the rectangle is within `tolerance_deg`
+    of the line, and its ends are within `tolerance_line` times the length of the line from the line's ends.
+    """
+
+    position_mm: Vector
+    facing: Vector
+    roll_deg: float = Field(gt=-45, lt=45)
+    size_mm: tuple[float, float]
+    plate_mm: tuple[float, float]
+    color: str = Field("#20a040", pattern="^#[0-9a-f]{6}$", description="sRGB; green exceeds red and blue")
+    line: float = Field(ge=0.1, le=0.95)
+    tolerance_deg: float = Field(gt=0, le=10)
+    tolerance_line: float = Field(gt=0, le=0.5)
+
+    @model_validator(mode="after")
+    def _whole(self) -> AlignTable:
+        if not np.linalg.norm(self.facing[:2]) > 0:
+            raise at("facing", f"{list(self.facing)} is vertical: the plate then has no upper side")
+        if min(self.size_mm) <= 0:
+            raise at("size_mm", f"width and height must be above 0 mm; {list(self.size_mm)} was given")
+        if min(p - s for p, s in zip(self.plate_mm, self.size_mm, strict=True)) <= 0:
+            raise at("plate_mm", f"the plate {list(self.plate_mm)} must be larger than the rectangle")
+        red, green, blue = (int(self.color[k : k + 2], 16) for k in (1, 3, 5))
+        if green < 1.5 * max(red, blue):
+            raise at("color", f"{self.color} is not green enough to be found in the picture: green must be at least "
+                     "1.5 times red and blue")  # fmt: skip
+        return self
 
 
 @dataclass(frozen=True)
@@ -106,3 +147,31 @@ def frame(middle: Array, facing: Array, roll: float) -> Array:
     x = x / np.linalg.norm(x)
     R = np.column_stack([x, np.cross(z, x), z]) @ spatial.rotation_z(roll)
     return spatial.pose(R, middle)
+
+
+def alignment(a: AlignTable) -> Alignment:
+    """Return the alignment of a table, in SI units."""
+    return Alignment(
+        frame(np.array(a.position_mm) * MM, np.array(a.facing, float), a.roll_deg * DEG),
+        (a.size_mm[0] * MM, a.size_mm[1] * MM),
+        (a.plate_mm[0] * MM, a.plate_mm[1] * MM),
+        linear_rgba(a.color),
+        a.line,
+        a.tolerance_deg * DEG,
+        a.tolerance_line,
+    )
+
+
+def parameters(name: str, a: AlignTable, provenance: Origin, note: str) -> Iterator[Parameter]:
+    """Return the numbers of the alignment of task `name`, with their provenance."""
+    lengths = {f"rectangle {axis}": v for axis, v in zip("xyz", a.position_mm, strict=True)}
+    for what, size in (("rectangle", a.size_mm), ("plate", a.plate_mm)):
+        lengths |= {f"{what} width": size[0], f"{what} height": size[1]}
+    for what, v in lengths.items():
+        yield Parameter(f"task {name} {what}", v * MM, "mm", v, provenance, note)
+    for axis, v in zip("xyz", a.facing, strict=True):
+        yield Parameter(f"task {name} facing {axis}", v, "1", v, provenance, note)
+    for what, v in (("roll", a.roll_deg), ("tolerance", a.tolerance_deg)):
+        yield Parameter(f"task {name} {what}", v * DEG, "deg", v, provenance, note)
+    for what, v in (("line", a.line), ("tolerance of the line", a.tolerance_line)):
+        yield Parameter(f"task {name} {what}", v, "1", v, provenance, note)

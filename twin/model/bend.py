@@ -8,7 +8,7 @@ import numpy as np
 
 from twin.core.spatial import Array, Index
 from twin.core.units import UM
-from twin.model.mechanism import Mesh
+from twin.model.body import Mesh
 
 _EXACT = 0.1 * UM
 """Largest error in m of a node for which a shape is left out."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from twin.core.spatial import Array
-from twin.model.mechanism import Mesh
+from twin.model.body import Mesh
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,9 +1,5 @@
 """The format-neutral model: bodies, joints and loops.
 
-A joint connects a frame on its parent body with a frame on its child body. It moves along or about their common z axis:
-
-    T_parent_child = T_parent_joint @ motion(q) @ inverse(T_child_joint)
-
 A joint between two bodies that the tree already contains closes a loop: it also has two frames, but no coordinate in
 the tree. All values are in SI units; all objects are immutable.
 """
@@ -14,7 +10,6 @@ import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Literal
 
 import numpy as np
 
@@ -23,155 +18,11 @@ from twin.core.errors import MechanismError, unknown
 from twin.core.foreign.budget import BODIES, FREEDOMS
 from twin.core.provenance import Parameter
 from twin.core.spatial import Array
-from twin.model.inertia import Inertia
+from twin.model.body import TOOL, Body, Finish, Frame, Material, Point
+from twin.model.joint import FREE_AXES, Joint, reversed_joint
 from twin.model.transmission import Actuator, Transmission, faults
 
-TOOL = "tool"
-"""Name of the tool frame if a file does not name one."""
-
-JointType = Literal["fixed", "revolute", "prismatic", "cylindrical", "spherical", "free"]
-
-FREE_AXES: dict[str, tuple[int, ...]] = {
-    "fixed": (),
-    "revolute": (5,),
-    "prismatic": (2,),
-    "cylindrical": (2, 5),
-    "spherical": (3, 4, 5),
-    "free": (0, 1, 2, 3, 4, 5),
-}
-"""Free directions of each joint type in the joint frame: 0..2 translation along x y z, 3..5 rotation about x y z."""
-
 _IDENTIFIER = re.compile(r"[a-z][a-z0-9_]*")
-
-
-@dataclass(frozen=True)
-class Finish:
-    """Surface properties of a mesh for a renderer.
-
-    Attributes:
-        material: name of the part's material, or "" if unknown.
-        metallic: 0 for paint, plastic and glass, 1 for bare metal.
-        roughness: 0 for a mirror, 1 for chalk.
-    """
-
-    material: str = ""
-    metallic: float = 0.0
-    roughness: float = 0.5
-
-
-@dataclass(frozen=True)
-class Material:
-    """A material: a name that is unique in the robot, a linear RGBA colour 0..1, and a finish."""
-
-    name: str
-    color_rgba: tuple[float, float, float, float]
-    finish: Finish
-
-
-@dataclass(frozen=True)
-class Mesh:
-    """A triangle mesh with one colour, in the frame of its body.
-
-    Attributes:
-        name: identifier, unique in the mechanism.
-        vertices: (n, 3) float64, in m.
-        triangles: (m, 3) int32, counter-clockwise seen from outside.
-        color_rgba: linear, 0..1.
-        finish: finish of its surface.
-    """
-
-    name: str
-    vertices: Array
-    triangles: np.ndarray
-    color_rgba: tuple[float, float, float, float] = (0.6, 0.6, 0.6, 1.0)
-    finish: Finish = Finish()
-
-
-@dataclass(frozen=True)
-class Body:
-    """A rigid body; `meshes` are displayed and checked for collisions, `inertia` is None if unknown."""
-
-    name: str
-    meshes: tuple[Mesh, ...] = ()
-    inertia: Inertia | None = None
-
-
-@dataclass(frozen=True)
-class Drive:
-    """A position drive: stiffness in N/m or N m/rad, damping in N s/m or N m s/rad, maximum effort in N or N m."""
-
-    stiffness: float
-    damping: float
-    max_effort: float | None = None
-
-
-@dataclass(frozen=True)
-class Joint:
-    """A joint between two bodies; its axis is z of both joint frames.
-
-    Attributes:
-        name, type, parent, child: identifiers; see `FREE_AXES` for the types.
-        T_parent_joint, T_child_joint: (4, 4) joint frame in the parent and in the child body.
-        active: whether a motor drives the joint.
-        limits: hard range of the coordinate in m or rad, or None.
-        soft_limits: range outside which a warning is reported, in m or rad, or None.
-        cone: maximum angle in rad between the two z axes of a spherical joint, or None.
-        max_speed, max_acceleration: limits of the coordinate in m/s, m/s2 or rad/s, rad/s2, or None.
-        drive: the position drive of an active joint that is driven directly, or None; see `Actuator`.
-        mating: names of the two meshes that touch in this joint (pin and bore); they are not checked for contact.
-    """
-
-    name: str
-    type: JointType
-    parent: str
-    child: str
-    T_parent_joint: Array = field(default_factory=lambda: np.eye(4))
-    T_child_joint: Array = field(default_factory=lambda: np.eye(4))
-    active: bool = False
-    limits: tuple[float, float] | None = None
-    soft_limits: tuple[float, float] | None = None
-    cone: float | None = None
-    max_speed: float | None = None
-    max_acceleration: float | None = None
-    drive: Drive | None = None
-    mating: tuple[str, ...] = ()
-
-    @property
-    def free_axes(self) -> tuple[int, ...]:
-        """Free directions in the joint frame; see `FREE_AXES`."""
-        return FREE_AXES[self.type]
-
-    @property
-    def is_angle(self) -> bool:
-        """Whether the (single) coordinate is an angle."""
-        return self.type == "revolute"
-
-    def relative(self, T_base_parent: Array, T_base_child: Array) -> Array:
-        """Return the child's joint frame (..., 4, 4) in the parent's joint frame; identity means q = 0 and no gap."""
-        return spatial.inverse(T_base_parent @ self.T_parent_joint) @ T_base_child @ self.T_child_joint
-
-    def coordinate(self, T_base_parent: Array, T_base_child: Array) -> Array:
-        """Return the coordinate (...) at two body poses (..., 4, 4): rad about z in -pi..pi, or m along z."""
-        T = self.relative(T_base_parent, T_base_child)
-        return spatial.angle_about_z(T) if self.is_angle else T[..., 2, 3]
-
-
-@dataclass(frozen=True)
-class Frame:
-    """A named frame on a body, T_body_frame (4, 4)."""
-
-    name: str
-    body: str
-    T_body_frame: Array
-
-
-@dataclass(frozen=True)
-class Point:
-    """A named point on a body, p_body (3,) in m."""
-
-    name: str
-    body: str
-    p_body: Array
 
 
 @dataclass(frozen=True)
@@ -369,7 +220,7 @@ class Mechanism:
         for mesh in (m for b in self.bodies for m in b.meshes):
             key = (mesh.color_rgba, mesh.finish)
             if key not in known:
-                color = _hex(mesh.color_rgba)
+                color = units.hex_digits(mesh.color_rgba)
                 made_of = mesh.finish.material.removesuffix(f"_{color}") or "color"
                 # A number is added if only the finish differs, or if different colours are equal in 8 bits.
                 names = (f"{made_of}_{color}", *(f"{made_of}_{n}_{color}" for n in range(2, len(taken) + 3)))
@@ -498,33 +349,11 @@ class Mechanism:
         return None
 
 
-def _hex(color_rgba: tuple[float, ...]) -> str:
-    """Return a linear colour as sRGB hexadecimal digits, as on web pages."""
-    parts = [*map(units.srgb, color_rgba[:3]), *(a for a in color_rgba[3:] if a < 1)]
-    return "".join(f"{round(255 * min(max(part, 0.0), 1.0)):02x}" for part in parts)
-
-
 def _find(kind: str, items, name: str):
     for item in items:
         if item.name == name:
             return item
     raise MechanismError(unknown(kind, name, (i.name for i in items)))
-
-
-def reversed_joint(joint: Joint) -> Joint:
-    """Return the joint with parent and child swapped; both frames are rotated by 180 deg about x to keep the sign of q.
-
-    T_child_parent = T_child_joint @ inverse(motion(q)) @ inverse(T_parent_joint), and a half turn H about x
-    gives H @ motion(q) @ H = inverse(motion(q)) for motion along or about z.
-    """
-    H = spatial.pose(np.diag([1.0, -1.0, -1.0]))
-    return replace(
-        joint,
-        parent=joint.child,
-        child=joint.parent,
-        T_parent_joint=joint.T_child_joint @ H,
-        T_child_joint=joint.T_parent_joint @ H,
-    )
 
 
 def _check(m: Mechanism) -> None:

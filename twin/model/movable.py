@@ -10,8 +10,10 @@ from typing import Literal
 import numpy as np
 
 from twin.core.spatial import Array
+from twin.model.body import TOOL, Body, Finish, Frame, Mesh
 from twin.model.inertia import Inertia
-from twin.model.mechanism import TOOL, Body, Finish, Frame, Joint, Mechanism, Mesh
+from twin.model.joint import Joint
+from twin.model.mechanism import Mechanism
 
 ShapeName = Literal["ring", "box", "ball"]
 

@@ -11,8 +11,8 @@ from twin.core import spatial
 from twin.core.errors import TwinError
 from twin.core.spatial import Array, Index
 from twin.core.units import MM
+from twin.model.body import Mesh
 from twin.model.deformable import Deformable
-from twin.model.mechanism import Mesh
 from twin.model.surface import Surface
 
 

@@ -12,8 +12,8 @@ from twin.core.errors import TwinError
 from twin.core.provenance import Parameter
 from twin.core.spatial import Array, Index
 from twin.core.units import MM
+from twin.model.body import Mesh
 from twin.model.deformable import Deformable
-from twin.model.mechanism import Mesh
 from twin.schema import Identifier, Origin, Table, Vector
 
 SEGMENTS = 60

@@ -13,7 +13,8 @@ import numpy as np
 from twin.core import spatial
 from twin.core.spatial import Array
 from twin.core.units import MM
-from twin.model.mechanism import Mechanism, Mesh
+from twin.model.body import Mesh
+from twin.model.mechanism import Mechanism
 from twin.reference.bounds import Grid, Level, balls
 
 TOUCHING = 0.05 * MM

@@ -9,7 +9,7 @@ import numpy as np
 
 from twin.core import spatial
 from twin.core.spatial import Array, Index
-from twin.model.mechanism import Joint
+from twin.model.joint import Joint
 
 LENGTH_SCALE = 0.1
 """Length in m by which angles in rad are multiplied in residuals."""

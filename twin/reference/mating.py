@@ -9,7 +9,9 @@ import numpy as np
 from twin.core import spatial
 from twin.core.spatial import Array
 from twin.core.units import MM
-from twin.model.mechanism import Joint, Mechanism, Mesh
+from twin.model.body import Mesh
+from twin.model.joint import Joint
+from twin.model.mechanism import Mechanism
 from twin.reference.clearance import Shape, distance_between
 
 LOOSE = 0.5 * MM

@@ -13,7 +13,7 @@ import coal  # pyright: ignore[reportMissingImports] - installed beside site-pac
 import numpy as np
 
 from twin.core.spatial import Array, inverse
-from twin.model.mechanism import Body
+from twin.model.body import Body
 from twin.reference.bounds import Bounds
 from twin.reference.clearance import TOUCHING, Shape, apart, box_gap, distance_between, placed
 from twin.reference.model import ReferenceModel

@@ -8,7 +8,7 @@ import numpy as np
 
 from twin.core import spatial
 from twin.core.spatial import Array
-from twin.model.mechanism import Joint
+from twin.model.joint import Joint
 from twin.reference.loops import LENGTH_SCALE
 from twin.reference.model import ReferenceModel
 

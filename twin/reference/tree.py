@@ -10,7 +10,8 @@ import pinocchio as pin  # pyright: ignore[reportMissingImports] - installed bes
 from twin.core import spatial
 from twin.core.errors import MechanismError
 from twin.core.spatial import Array
-from twin.model.mechanism import Joint, Mechanism
+from twin.model.joint import Joint
+from twin.model.mechanism import Mechanism
 from twin.reference.loops import Coupled, Loops, point_acceleration
 
 _JOINT_MODELS = {

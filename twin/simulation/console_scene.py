@@ -15,8 +15,10 @@ from twin.core.errors import TwinError, unknown
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM
 from twin.kinematics import Kinematics
+from twin.model.console import CameraTable, ConsoleTable
 from twin.model.mechanism import Mechanism
-from twin.model.scene import CameraTable, ConsoleTable, Place, Scene, Task
+from twin.model.scene import Place, Scene
+from twin.model.task import Task
 from twin.model.tissue import Tissue
 from twin.simulation import contact_scene, operating_scene
 from twin.simulation.controllers.camera import Drag, Dragging, HandsToCamera, looking

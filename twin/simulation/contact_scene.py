@@ -11,9 +11,12 @@ from twin.core.errors import TwinError, unknown
 from twin.core.spatial import Array
 from twin.core.units import MM
 from twin.kinematics import Kinematics
-from twin.model.mechanism import Mechanism, Mesh
+from twin.model.body import Mesh
+from twin.model.contact import ContactTable
+from twin.model.mechanism import Mechanism
 from twin.model.movable import Movable
-from twin.model.scene import ContactTable, Place, Scene, Task
+from twin.model.scene import Place, Scene
+from twin.model.task import Task
 from twin.reference import ReferenceModel
 from twin.simulation.plants.contact import Contact, Gripper, Solid
 

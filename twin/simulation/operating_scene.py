@@ -15,7 +15,8 @@ from twin.model.deformable import Deformable
 from twin.model.mechanism import Mechanism
 from twin.model.movable import Movable
 from twin.model.procedure import ProcedureTable
-from twin.model.scene import Place, Scene, Task
+from twin.model.scene import Place, Scene
+from twin.model.task import Task
 from twin.model.tissue import Tissue
 from twin.simulation import tissue_scene
 from twin.simulation.plants.tissue import Instrument, Links, Operating, Sight, clips_of

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from twin.model.mechanism import Mechanism
-from twin.model.scene import Scene, Task
+from twin.model.scene import Scene
+from twin.model.task import Task
 from twin.model.tissue import Tissue
 from twin.simulation import operating_scene, tissue_scene
 from twin.simulation.console_scene import Member, start

@@ -17,9 +17,10 @@ from twin.core import spatial
 from twin.core.spatial import Array
 from twin.core.units import DEG
 from twin.model.bend import Bend
+from twin.model.console import CameraTable
 from twin.model.mechanism import Mechanism
 from twin.model.movable import together
-from twin.model.scene import CameraTable, Scene
+from twin.model.scene import Scene
 from twin.reference import ReferenceModel
 from twin.usd import gf
 from twin.usd.write.bends import write_bends

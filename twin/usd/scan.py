@@ -20,7 +20,7 @@ from pxr import Gf, Sdf, Tf, Usd, UsdGeom, UsdPhysics
 from twin.core import spatial
 from twin.core.errors import StageError
 from twin.core.spatial import Array
-from twin.model.mechanism import FREE_AXES
+from twin.model.joint import FREE_AXES
 from twin.usd import gf
 
 DIRECTIONS = ("transX", "transY", "transZ", "rotX", "rotY", "rotZ")

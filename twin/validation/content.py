@@ -17,7 +17,10 @@ from twin.core.findings import Finding, Kind
 from twin.core.quantity import Quantity, deg, mm
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM
-from twin.model.mechanism import Body, Inertia, Joint, Mechanism, reversed_joint
+from twin.model.body import Body
+from twin.model.inertia import Inertia
+from twin.model.joint import Joint, reversed_joint
+from twin.model.mechanism import Mechanism
 from twin.validation.masses import solid
 
 SINGLE = 1e-5

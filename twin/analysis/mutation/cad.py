@@ -14,7 +14,9 @@ from twin.analysis.mutation.fault import Fault
 from twin.core import spatial
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM
-from twin.model.mechanism import Body, Joint, Mechanism, Mesh
+from twin.model.body import Body, Mesh
+from twin.model.joint import Joint
+from twin.model.mechanism import Mechanism
 
 KINDS = (
     "moved",

@@ -15,7 +15,8 @@ from twin.core import spatial
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM
 from twin.kinematics import Kinematics
-from twin.model.mechanism import FREE_AXES, Joint, Mechanism
+from twin.model.joint import FREE_AXES, Joint
+from twin.model.mechanism import Mechanism
 from twin.planning.protocol import Protocol
 from twin.planning.trajectory import Trajectory
 

@@ -17,7 +17,7 @@ from typing import Any
 from twin.core.errors import SourceError, unknown
 from twin.core.extras import require
 from twin.core.foreign.text import read_text
-from twin.model.mechanism import JointType
+from twin.model.joint import JointType
 
 TYPES: dict[str, JointType] = {"6d": "fixed", "3d": "spherical"}
 """Type of the joint that closes a loop, by its type name in the file."""

@@ -9,7 +9,8 @@ import numpy as np
 from twin.core import spatial
 from twin.core.findings import Finding
 from twin.exchange.read.source import Imported, warning
-from twin.model.mechanism import Drive, Joint, Mechanism
+from twin.model.joint import Drive, Joint
+from twin.model.mechanism import Mechanism
 from twin.model.transmission import Actuator
 
 FREQUENCY = 5.0

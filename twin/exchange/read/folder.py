@@ -22,7 +22,9 @@ from twin.exchange.read.drives import NOTE
 from twin.exchange.read.source import Imported
 from twin.exchange.read.templates import formula, protocol
 from twin.exchange.read.text import frame, number, numbers, one_line, string
-from twin.model.mechanism import Body, Joint, Mechanism, Mesh
+from twin.model.body import Body, Mesh
+from twin.model.joint import Joint
+from twin.model.mechanism import Mechanism
 from twin.model.transmission import Actuator
 
 NOTES = "IMPORT.md"

@@ -25,7 +25,10 @@ from twin.exchange.read.mjcf_motors import fixed_tendon, read_motors
 from twin.exchange.read.mjcf_robots import chosen, tied_by
 from twin.exchange.read.mjcf_shapes import shown
 from twin.exchange.read.source import Imported, Names, along, assemble, note, possible, warning
-from twin.model.mechanism import TOOL, Body, Coupling, Drive, Frame, Inertia, Joint, JointType
+from twin.model.body import TOOL, Body, Frame
+from twin.model.inertia import Inertia
+from twin.model.joint import Drive, Joint, JointType
+from twin.model.mechanism import Coupling
 from twin.usd.read.names import identifier
 
 _ATTRIBUTE = re.compile(r"""([\w:]+)\s*=\s*["']([^"']*)["']""")

@@ -10,7 +10,7 @@ from twin.core import spatial
 from twin.core.findings import Finding
 from twin.exchange.read.shapes import placed, primitive
 from twin.exchange.read.source import note, warning
-from twin.model.mechanism import Mesh
+from twin.model.body import Mesh
 from twin.usd.read.names import unique
 
 _SHAPES = {"BOX": "box", "CYLINDER": "cylinder", "SPHERE": "sphere", "CAPSULE": "capsule", "ELLIPSOID": "ellipsoid"}

@@ -24,7 +24,7 @@ from twin.core.units import DEG, MM
 from twin.exchange.read.pairs import GROSS, Pair, Round, perpendicular, same_axis, shared
 from twin.exchange.read.text import frame as given
 from twin.exchange.read.text import number, numbers, string
-from twin.model.mechanism import JointType
+from twin.model.joint import JointType
 
 MEETING = (0.001 * MM, 0.001 * DEG)
 """Distance in m and angle in rad up to which the frames of a joint on its two bodies count as coincident."""

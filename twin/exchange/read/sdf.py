@@ -21,7 +21,10 @@ from twin.exchange.read.sdf_world import robot_of
 from twin.exchange.read.shapes import GREY, SIZES, Color, mesh_file, placed, primitive, size
 from twin.exchange.read.source import Imported, Names, along, assemble, limits, possible, rpy, warning
 from twin.exchange.read.xml import Xml
-from twin.model.mechanism import Body, Coupling, Frame, Inertia, Joint, JointType, Mechanism, Mesh
+from twin.model.body import Body, Frame, Mesh
+from twin.model.inertia import Inertia
+from twin.model.joint import Joint, JointType
+from twin.model.mechanism import Coupling, Mechanism
 from twin.usd.read.names import identifier
 
 TYPES: dict[str, JointType] = {

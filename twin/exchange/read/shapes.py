@@ -14,7 +14,7 @@ from twin.core.spatial import Array
 from twin.core.units import linear
 from twin.exchange.read.source import warning
 from twin.exchange.read.xml import Xml
-from twin.model.mechanism import Mesh
+from twin.model.body import Mesh
 
 SIZES = {"box": ("size",), "cylinder": ("radius", "length"), "sphere": ("radius",)}
 """Names of the size attributes of the shapes in URDF and SDF, by shape."""

@@ -14,7 +14,10 @@ from twin.core import spatial
 from twin.core.errors import MechanismError, SourceError, unknown
 from twin.core.findings import Finding, finding
 from twin.core.spatial import Array
-from twin.model.mechanism import Body, Coupling, Frame, Inertia, Joint, Mechanism
+from twin.model.body import Body, Frame
+from twin.model.inertia import Inertia
+from twin.model.joint import Joint
+from twin.model.mechanism import Coupling, Mechanism
 from twin.usd.read.names import identifier, unique
 from twin.usd.read.tool import with_tool
 

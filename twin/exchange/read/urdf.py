@@ -31,7 +31,10 @@ from twin.exchange.read.source import (
 )
 from twin.exchange.read.urdf_visual import Visuals, origin
 from twin.exchange.read.xml import Xml
-from twin.model.mechanism import Body, Coupling, Frame, Inertia, Joint, JointType
+from twin.model.body import Body, Frame
+from twin.model.inertia import Inertia
+from twin.model.joint import Joint, JointType
+from twin.model.mechanism import Coupling
 from twin.model.transmission import Actuator, Transmission
 from twin.usd.read.names import identifier
 

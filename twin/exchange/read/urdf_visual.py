@@ -11,7 +11,7 @@ from twin.core.spatial import Array
 from twin.exchange.read.shapes import GREY, SIZES, Color, mesh_file, placed, primitive, size
 from twin.exchange.read.source import note, rpy, warning
 from twin.exchange.read.xml import Xml
-from twin.model.mechanism import Mesh
+from twin.model.body import Mesh
 from twin.usd.read.names import identifier
 
 

@@ -17,7 +17,9 @@ import numpy as np
 from twin.core import spatial
 from twin.core.spatial import Array, Index
 from twin.core.units import DEG, UM
-from twin.model.mechanism import Body, Joint, Mechanism
+from twin.model.body import Body
+from twin.model.joint import Joint
+from twin.model.mechanism import Mechanism
 from twin.planning.trajectory import key_times
 
 if TYPE_CHECKING:

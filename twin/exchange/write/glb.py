@@ -18,7 +18,8 @@ from twin.core.spatial import Array
 from twin.core.version import __version__
 from twin.exchange.write.clip import Clip, home_poses, model_hash, quaternions_xyzw
 from twin.model.bend import Bend
-from twin.model.mechanism import Body, Material, Mechanism
+from twin.model.body import Body, Material
+from twin.model.mechanism import Mechanism
 from twin.usd.write.geometry import corner_normals
 
 UP_XYZW = (-float(np.sqrt(0.5)), 0.0, 0.0, float(np.sqrt(0.5)))

@@ -7,7 +7,9 @@ from collections.abc import Iterator
 import numpy as np
 
 from twin.core.findings import Finding, warning
-from twin.model.mechanism import Body, Inertia, Mechanism
+from twin.model.body import Body
+from twin.model.inertia import Inertia
+from twin.model.mechanism import Mechanism
 
 DENSITY = 1000.0
 """Density of water in kg/m3, assumed for the bounding box of a body of unknown mass."""

@@ -10,7 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from twin.core.units import MM
-from twin.model.mechanism import Mechanism, Mesh
+from twin.model.body import Mesh
+from twin.model.mechanism import Mechanism
 
 SCALE = "0.001 0.001 0.001"
 """Scale factors x, y, z from millimetres in the files to metres."""

@@ -29,7 +29,9 @@ from twin.exchange.write.left_out import CONES, MAX_ACCELERATIONS, MAX_SPEEDS, S
 from twin.exchange.write.masses import inertia_of, unweighed
 from twin.exchange.write.meshes import SCALE, mesh_file, write_meshes
 from twin.exchange.write.xml import numbers, srgb, write_xml, xml_text
-from twin.model.mechanism import Inertia, Joint, Mechanism
+from twin.model.inertia import Inertia
+from twin.model.joint import Joint
+from twin.model.mechanism import Mechanism
 from twin.model.transmission import Actuator
 from twin.usd.write.spanning import spanning
 

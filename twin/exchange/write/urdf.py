@@ -21,8 +21,11 @@ from twin.exchange.write.left_out import CONES, MAX_ACCELERATIONS, SOFT_LIMITS, 
 from twin.exchange.write.masses import inertia_of, unweighed
 from twin.exchange.write.meshes import SCALE, mesh_file, write_meshes
 from twin.exchange.write.xml import numbers, srgb, write_xml
+from twin.model.body import Body, Material
 from twin.model.following import Following, following
-from twin.model.mechanism import Body, Drive, Inertia, Joint, Material, Mechanism
+from twin.model.inertia import Inertia
+from twin.model.joint import Drive, Joint
+from twin.model.mechanism import Mechanism
 from twin.usd.write.spanning import spanning
 
 SMALL = Inertia(1e-6, np.zeros(3), 1e-9 * np.eye(3))

@@ -16,7 +16,8 @@ import numpy as np
 
 from twin.core import spatial
 from twin.core.spatial import Array
-from twin.model.mechanism import Joint, Mechanism
+from twin.model.joint import Joint
+from twin.model.mechanism import Mechanism
 
 LENGTH_SCALE = 0.1
 """Length in m by which radians are multiplied in residuals."""

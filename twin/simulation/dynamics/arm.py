@@ -12,7 +12,9 @@ from twin.core import spatial
 from twin.core.errors import MechanismError
 from twin.core.provenance import Parameter
 from twin.core.spatial import Array
-from twin.model.mechanism import Body, Inertia, Mechanism
+from twin.model.body import Body
+from twin.model.inertia import Inertia
+from twin.model.mechanism import Mechanism
 from twin.reference.dynamics import Dynamics
 from twin.simulation.dynamics.inertia import Inertias, parameters, weighed
 

@@ -27,7 +27,8 @@ from twin.core.errors import DescriptionError, MechanismError, unknown
 from twin.core.provenance import Parameter
 from twin.core.spatial import Array
 from twin.core.units import DEG
-from twin.model.mechanism import Inertia, Mechanism
+from twin.model.inertia import Inertia
+from twin.model.mechanism import Mechanism
 from twin.reference import ReferenceModel
 from twin.schema import Identifier, Origin, Table, Vector, at, error_at, load_toml
 

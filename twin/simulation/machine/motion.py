@@ -16,7 +16,8 @@ import numpy as np
 from twin.core import spatial
 from twin.core.errors import MechanismError
 from twin.core.spatial import Array
-from twin.model.mechanism import Inertia, Mechanism
+from twin.model.inertia import Inertia
+from twin.model.mechanism import Mechanism
 from twin.reference.dynamics import Dynamics
 
 

@@ -17,7 +17,8 @@ import numpy as np
 from twin.codegen import Kernel, Stage
 from twin.core.errors import MechanismError
 from twin.core.spatial import Array
-from twin.model.mechanism import Inertia, Mechanism
+from twin.model.inertia import Inertia
+from twin.model.mechanism import Mechanism
 from twin.reference.holding import GRAVITY
 from twin.simulation.machine.motion import motion
 from twin.simulation.machine.plant import TICK

@@ -11,7 +11,7 @@ from twin.core.quantity import Quantity
 from twin.core.spatial import Array
 from twin.core.units import DEG
 from twin.model.alignment import RECTANGLE, Alignment
-from twin.model.mechanism import Body
+from twin.model.body import Body
 from twin.simulation.console_scene import HANDS
 from twin.simulation.controllers.pedals import CAMERA
 from twin.simulation.session import aligned, movement, picture, upper_side

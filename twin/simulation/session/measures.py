@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from twin.core.spatial import Array
-from twin.model.scene import ConsoleTable
+from twin.model.console import ConsoleTable
 from twin.simulation.console_scene import HANDS, PEDALS
 from twin.simulation.controllers.pedals import CAMERA, FREE, TOOLS
 from twin.simulation.session import movement

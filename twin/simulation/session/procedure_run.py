@@ -9,7 +9,8 @@ import numpy as np
 
 from twin.core.errors import WorldError
 from twin.model.mechanism import Mechanism
-from twin.model.scene import Place, Scene, Task
+from twin.model.scene import Place, Scene
+from twin.model.task import Task
 from twin.simulation import console_scene, operating_scene, procedure_scene, tissue_scene
 from twin.simulation.console_scene import Member, start
 from twin.simulation.devices.procedure_surgeon import Arm, Manner, Mistake, ProcedureSurgeon

@@ -11,9 +11,9 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from twin.core.spatial import Array
-from twin.core.units import MM
+from twin.core.units import MM, hex_digits
 from twin.model.movable import Movable
-from twin.model.scene import Task
+from twin.model.task import Task
 from twin.simulation.contact_scene import Peg
 from twin.simulation.world import Block, Recording, Signals
 
@@ -251,8 +251,7 @@ class _Ring:
     @property
     def color(self) -> str:
         """Colour for a page, "#rrggbb", from linear components."""
-        shown = [12.92 * c if c <= 0.0031308 else 1.055 * c ** (1 / 2.4) - 0.055 for c in self.item.color_rgba[:3]]
-        return "#" + "".join(f"{round(255 * min(max(c, 0.0), 1.0)):02x}" for c in shown)
+        return "#" + hex_digits(self.item.color_rgba)
 
     @property
     def fell(self) -> bool:

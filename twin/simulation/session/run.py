@@ -12,7 +12,8 @@ from twin.core.errors import TwinError, WorldError, unknown
 from twin.core.spatial import Array
 from twin.core.units import DEG
 from twin.model.mechanism import Mechanism
-from twin.model.scene import Scene, Task
+from twin.model.scene import Scene
+from twin.model.task import Task
 from twin.model.tissue import Tissue
 from twin.simulation import console_scene, contact_scene
 from twin.simulation.console_scene import HANDS, PEDALS, Member

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from twin.core.spatial import Array
-from twin.model.scene import Task
+from twin.model.task import Task
 from twin.simulation.session.movement import runs
 
 

@@ -12,7 +12,8 @@ from twin.api import Robot
 from twin.core import spatial
 from twin.core.errors import TwinError
 from twin.core.spatial import Array
-from twin.model.mechanism import Frame, Joint
+from twin.model.body import Frame
+from twin.model.joint import Joint
 from twin.model.scene import Place
 from twin.ui.headset.protocol import sevens
 from twin.ui.session.desk import Desk

@@ -19,7 +19,8 @@ from twin.core import spatial
 from twin.core.errors import TwinError
 from twin.core.spatial import Array
 from twin.model.mechanism import Mechanism
-from twin.model.scene import Scene, Task
+from twin.model.scene import Scene
+from twin.model.task import Task
 from twin.model.tissue import Tissue
 from twin.model.tool import DOES
 from twin.simulation import console_scene

@@ -19,7 +19,8 @@ from twin.core.units import DEG, MM
 from twin.model import alignment
 from twin.model.mechanism import Mechanism
 from twin.model.movable import together
-from twin.model.scene import Place, Scene, Task
+from twin.model.scene import Place, Scene
+from twin.model.task import Task
 from twin.model.tissue import Tissue
 from twin.ui.door.answers import File
 from twin.ui.headset import files

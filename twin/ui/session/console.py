@@ -27,7 +27,8 @@ from twin.kinematics.closed_loops.placing import LinkPoses
 from twin.model.mechanism import Mechanism
 from twin.model.movable import Movable
 from twin.model.procedure import ProcedureTable
-from twin.model.scene import Scene, Task
+from twin.model.scene import Scene
+from twin.model.task import Task
 from twin.model.tissue import Tissue
 from twin.simulation import console_scene, contact_scene, operating_scene
 from twin.simulation.console_scene import HANDS, Member

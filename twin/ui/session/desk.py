@@ -21,7 +21,8 @@ from twin.core.spatial import Array
 from twin.core.units import DEG, MM
 from twin.kinematics import Kinematics, Pose, solve
 from twin.kinematics.closed_loops.dragging import Bound, Dragged
-from twin.model.mechanism import Joint, Mechanism
+from twin.model.joint import Joint
+from twin.model.mechanism import Mechanism
 from twin.planning.protocol import Protocol
 from twin.reference import ReferenceModel
 from twin.reference.states import Assembly

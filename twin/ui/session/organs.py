@@ -8,7 +8,7 @@ import numpy as np
 
 from twin.core import spatial
 from twin.core.spatial import Array
-from twin.model.mechanism import Body
+from twin.model.body import Body
 from twin.model.tissue import Tissue
 from twin.simulation.frame import Frame
 from twin.simulation.plants.tissue import Organs, Tool

@@ -16,7 +16,9 @@ from twin.core import assets, spatial
 from twin.core.errors import TwinError, unknown
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM
-from twin.model.mechanism import Body, Frame, Joint, Mechanism, Mesh
+from twin.model.body import Body, Frame, Mesh
+from twin.model.joint import Joint
+from twin.model.mechanism import Mechanism
 from twin.planning.protocol import Protocol
 from twin.schema import Identifier, Origin, Table, Vector, error_at, load_toml
 

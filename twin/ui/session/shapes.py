@@ -6,7 +6,7 @@ import numpy as np
 
 from twin.core import units
 from twin.core.spatial import Array
-from twin.model.mechanism import Body
+from twin.model.body import Body
 
 CREASE = np.radians(35)
 """Angle in rad between faces above which an edge is drawn sharp."""

@@ -20,8 +20,11 @@ from twin.core.errors import TwinError
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM
 from twin.model import alignment
-from twin.model.mechanism import Body, Mechanism
-from twin.model.scene import CameraTable, Scene, Task
+from twin.model.body import Body
+from twin.model.console import CameraTable
+from twin.model.mechanism import Mechanism
+from twin.model.scene import Scene
+from twin.model.task import Task
 from twin.model.tissue import Tissue
 from twin.reference import ReferenceModel
 from twin.simulation.console_scene import HANDS

@@ -14,7 +14,8 @@ import numpy as np
 from twin.core.errors import MechanismError
 from twin.core.spatial import Array
 from twin.core.units import MM, UM
-from twin.model.mechanism import Joint, Mechanism
+from twin.model.joint import Joint
+from twin.model.mechanism import Mechanism
 
 _SAME = 1 * UM
 """Minimum distance in m between two origins that define a line."""

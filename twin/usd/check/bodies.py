@@ -12,7 +12,7 @@ from twin.core.findings import Finding, Kind, finding, info
 from twin.core.quantity import Quantity, mm
 from twin.core.spatial import Array
 from twin.core.units import MM
-from twin.model.mechanism import Inertia
+from twin.model.inertia import Inertia
 from twin.usd import gf
 from twin.usd.read.bodies import below, mesh_triangles
 from twin.usd.scan import Scene, quaternion_attributes

@@ -25,7 +25,8 @@ from twin.core.errors import MechanismError, StageError
 from twin.core.findings import Finding, info
 from twin.core.provenance import Parameter
 from twin.core.spatial import Array
-from twin.model.mechanism import Body, Coupling, Frame, Mechanism, Point
+from twin.model.body import Body, Frame, Point
+from twin.model.mechanism import Coupling, Mechanism
 from twin.usd.read.bodies import bake_scale, below, original_name, read_inertia, read_marks, read_meshes
 from twin.usd.read.joints import WORLD, Selection, convert, select
 from twin.usd.read.motion import read_motion

@@ -10,7 +10,8 @@ from pxr import Usd, UsdGeom, UsdPhysics, UsdShade
 from twin.core.errors import StageError
 from twin.core.findings import Finding, info
 from twin.core.spatial import Array
-from twin.model.mechanism import Finish, Inertia, Mesh
+from twin.model.body import Finish, Mesh
+from twin.model.inertia import Inertia
 from twin.usd import gf
 from twin.usd.scan import SCALE_TOL, Scene, rigid
 

@@ -13,7 +13,7 @@ from twin.core.errors import StageError
 from twin.core.findings import Finding, info
 from twin.core.spatial import Array
 from twin.core.units import DEG
-from twin.model.mechanism import Drive, Joint
+from twin.model.joint import Drive, Joint
 from twin.usd import gf
 from twin.usd.scan import End, RawJoint, Scene
 

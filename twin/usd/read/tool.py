@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from twin.core.errors import MechanismError, unknown
-from twin.model.mechanism import Frame, Mechanism
+from twin.model.body import Frame
+from twin.model.mechanism import Mechanism
 
 _OWN = "tool"
 """Name of an added tool frame."""

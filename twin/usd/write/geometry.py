@@ -10,7 +10,8 @@ from pxr import Gf, Kind, Sdf, Usd, UsdGeom, UsdShade
 
 from twin.core.spatial import Array
 from twin.core.units import DEG
-from twin.model.mechanism import Material, Mechanism, Mesh
+from twin.model.body import Material, Mesh
+from twin.model.mechanism import Mechanism
 from twin.usd import gf
 from twin.usd.write.layers import Leaves, describe, new_layer, save
 

@@ -18,7 +18,9 @@ from twin.core.errors import StageError
 from twin.core.spatial import Array
 from twin.core.units import DEG
 from twin.model.following import Following, following
-from twin.model.mechanism import FREE_AXES, Coupling, Drive, Inertia, Joint, Mechanism
+from twin.model.inertia import Inertia
+from twin.model.joint import FREE_AXES, Drive, Joint
+from twin.model.mechanism import Coupling, Mechanism
 from twin.model.transmission import Actuator, joint_gains
 from twin.usd import gf
 from twin.usd.scan import TURNS

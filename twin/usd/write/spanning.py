@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from twin.model.mechanism import Joint, Mechanism, reversed_joint
+from twin.model.joint import Joint, reversed_joint
+from twin.model.mechanism import Mechanism
 
 _KEPT = {"fixed": 0, "prismatic": 1, "cylindrical": 1, "free": 1, "revolute": 2, "spherical": 3}
 """Priority of joint types for the tree; joints with a lower number are chosen first.

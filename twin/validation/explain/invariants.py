@@ -12,7 +12,7 @@ from twin.core.findings import Finding, Kind, disagreement
 from twin.core.quantity import Quantity, mm
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM, decimals
-from twin.model.mechanism import Joint
+from twin.model.joint import Joint
 from twin.reference import ReferenceModel
 from twin.validation.explain.judge import Judge, Place, worst
 from twin.validation.explain.numeric import Matrix, to_array

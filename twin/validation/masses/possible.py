@@ -18,7 +18,8 @@ from twin.core.findings import Finding, Severity, finding
 from twin.core.quantity import Quantity, mm
 from twin.core.spatial import Array
 from twin.core.units import MM
-from twin.model.mechanism import Inertia, Mesh
+from twin.model.body import Mesh
+from twin.model.inertia import Inertia
 from twin.validation.masses import solid
 from twin.validation.masses.guess import guesses
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from twin.core.spatial import Array
-from twin.model.mechanism import Mesh
+from twin.model.body import Mesh
 
 _SECOND = (np.ones((4, 4)) + np.eye(4)) / 20.0
 """Integrals of the products of two barycentric coordinates over a tetrahedron of volume 1."""

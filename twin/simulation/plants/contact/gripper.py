@@ -13,7 +13,9 @@ from twin.core.errors import WorldError
 from twin.core.spatial import Array
 from twin.formula.flow import attach
 from twin.kinematics import Kinematics
-from twin.model.mechanism import Body, Joint, Mechanism
+from twin.model.body import Body
+from twin.model.joint import Joint
+from twin.model.mechanism import Mechanism
 from twin.reference import ReferenceModel
 
 _TURN = 0.1

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from twin.core import spatial
 from twin.core.errors import WorldError
 from twin.core.spatial import Array
-from twin.model.mechanism import Body, Mesh
+from twin.model.body import Body, Mesh
 from twin.model.movable import Movable
 from twin.simulation.plants.contact.feel import Feel
 from twin.simulation.plants.contact.gripper import Gripper

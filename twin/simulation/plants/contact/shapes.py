@@ -12,7 +12,7 @@ import numpy as np
 
 from twin.core import spatial
 from twin.core.spatial import Array
-from twin.model.mechanism import Mesh
+from twin.model.body import Mesh
 from twin.model.movable import Movable
 
 RING = 12

@@ -16,7 +16,7 @@ from twin.core import spatial
 from twin.core.errors import WorldError
 from twin.core.spatial import Array
 from twin.core.units import MM
-from twin.model.mechanism import Frame
+from twin.model.body import Frame
 from twin.model.movable import Movable
 from twin.model.procedure import ProcedureTable
 from twin.model.surface import inside, nearest

@@ -13,7 +13,7 @@ from twin.core import spatial
 from twin.core.errors import WorldError
 from twin.core.spatial import Array, Index
 from twin.core.units import MM
-from twin.model.mechanism import Body
+from twin.model.body import Body
 from twin.model.surface import inside
 from twin.model.tissue import Tissue
 from twin.simulation.plants.contact.shapes import add_part

@@ -1,0 +1,148 @@
+"""The tables of a surgeon's console in a scene: its hands, its cameras, the forces on its hands."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Annotated
+
+from pydantic import Field, model_validator
+
+from twin.core import spatial
+from twin.core.errors import unknown
+from twin.core.provenance import Parameter
+from twin.core.spatial import Array
+from twin.core.units import DEG, MM
+from twin.schema import Identifier, Origin, Table, at, error_at
+
+
+class StereoTable(Table):
+    """Two lenses side by side: the distance between them, and the distance at which their lines of sight meet."""
+
+    baseline_mm: float = Field(gt=0, le=200)
+    converge_mm: float = Field(gt=0, le=10_000)
+
+
+class CameraTable(Table):
+    """A camera on a robot frame: it looks along the frame's z axis, with -y up, rotated by `roll_deg` about z.
+
+    With `stereo`, it has two lenses, one on each side of the frame's origin at half the baseline.
+    """
+
+    robot: Identifier
+    frame: Identifier
+    roll_deg: float = 0.0
+    view_deg: float = Field(gt=1, lt=170)
+    stereo: StereoTable | None = None
+    provenance: Origin
+    note: str = Field(min_length=1)
+
+    @property
+    def in_frame(self) -> Array:
+        """Pose (4, 4) of the camera in its frame: a rotation by the roll angle about z."""
+        return spatial.pose(spatial.rotation_z(self.roll_deg * DEG))
+
+
+class CameraRangeTable(Table):
+    """Ranges of a console's camera about its port, each (lowest, highest)."""
+
+    pan_deg: tuple[float, float]
+    tilt_deg: tuple[float, float]
+    depth_mm: tuple[float, float]
+    roll_deg: tuple[float, float]
+
+    @model_validator(mode="after")
+    def _in_order(self) -> CameraRangeTable:
+        for key in ("pan_deg", "tilt_deg", "depth_mm", "roll_deg"):
+            low, high = getattr(self, key)
+            if not low < high:
+                raise at(key, f"the lowest value, {low:g}, must be below the highest, {high:g}")
+        return self
+
+
+class ConsoleTable(Table):
+    """A surgeon's console: robots of each hand, in the order of selection by clutch taps, and the shared camera.
+
+    `tip` is the frame of these robots that touches targets and whose path is measured; default: the tool frame.
+    `instrument_mm` is the length of a robot's instrument from its tip to its outer end: such a hand can also lead the
+    outer end. `through` names robots whose shaft, the z axis of the tool, is kept in the port by the controller,
+    because no mechanism does it. `camera_range` replaces the range of the da Vinci's endoscope.
+    """
+
+    right: list[Identifier] = Field(min_length=1)
+    left: list[Identifier] = Field(min_length=1)
+    camera: Identifier
+    tip: Identifier | None = None
+    scale: float = Field(ge=0.05, le=1)
+    through: list[Identifier] = Field(default_factory=list)
+    instrument_mm: dict[Identifier, Annotated[float, Field(ge=50, le=1000)]] = Field(default_factory=dict)
+    camera_range: CameraRangeTable | None = None
+    provenance: Origin
+    note: str = Field(min_length=1)
+
+    @model_validator(mode="after")
+    def _lengths(self) -> ConsoleTable:
+        for name in self.through:
+            if name not in self.instrument_mm:
+                raise at("through", f"'{name}' needs the length of its instrument in `instrument_mm`")
+        return self
+
+
+class HapticsTable(Table):
+    """Forces on the hands: stiffness and damping of all surfaces; forces are clipped at `largest_n`.
+
+    `device_damping_ns_m` is the damping of the device with the fingers that hold it, which makes the sampled surface
+    passive. `on` is the switch at the start.
+    """
+
+    stiffness_n_m: float = Field(gt=0, le=10_000)
+    damping_ns_m: float = Field(ge=0, le=1000)
+    largest_n: float = Field(gt=0, le=50)
+    device_damping_ns_m: float = Field(gt=0, le=1000)
+    on: bool = True
+    provenance: Origin
+    note: str = Field(min_length=1)
+
+
+def check(path: Path, console: ConsoleTable, cameras: Mapping[str, CameraTable], robots: Sequence[str]) -> None:
+    """Raise if the console names a camera or a robot that the scene does not have, or a robot twice.
+
+    Raises:
+        DescriptionError: with file, line, key and value.
+    """
+    if console.camera not in cameras:
+        raise error_at(path, ("console", "camera"), unknown("camera", console.camera, cameras))
+    seen = [cameras[console.camera].robot]
+    for hand in ("right", "left"):
+        for name in getattr(console, hand):
+            if name not in robots:
+                raise error_at(path, ("console", hand), unknown("robot", name, robots))
+            if name in seen:
+                raise error_at(
+                    path, ("console", hand), f"a hand or the camera already moves '{name}'; name each robot once"
+                )
+            seen.append(name)
+    for name in console.instrument_mm:
+        if name not in (*console.right, *console.left):
+            raise error_at(
+                path,
+                ("console", "instrument_mm", name),
+                unknown("robot of a hand", name, [*console.right, *console.left]),
+            )
+
+
+def parameters(console: ConsoleTable | None, haptics: HapticsTable | None) -> Iterator[Parameter]:
+    """Return the numbers of a console and of its forces, with their provenance."""
+    if console is not None:
+        origin = (console.provenance, console.note)
+        yield Parameter("console scale", console.scale, "1", console.scale, *origin)
+        for name, v in console.instrument_mm.items():
+            yield Parameter(f"console instrument {name}", v * MM, "mm", v, *origin)
+    if haptics is not None:
+        for what, v, unit in (
+            ("stiffness", haptics.stiffness_n_m, "N/m"),
+            ("damping", haptics.damping_ns_m, "N s/m"),
+            ("largest force", haptics.largest_n, "N"),
+            ("device damping", haptics.device_damping_ns_m, "N s/m"),
+        ):
+            yield Parameter(f"haptics {what}", v, unit, v, haptics.provenance, haptics.note)

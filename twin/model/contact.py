@@ -1,0 +1,95 @@
+"""The tables of movable objects in a scene, and of their contact with props and instruments."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from twin.core import spatial
+from twin.core.provenance import Parameter
+from twin.core.units import MM, linear_rgba
+from twin.model.movable import Movable, ShapeName
+from twin.schema import Identifier, Origin, Table, Vector, at
+
+
+class ObjectTable(Table):
+    """A movable object. Instruments grasp and push it in tasks that name it.
+
+    `size_mm` of a ring: the radius of its wire's centre line, and the radius of the wire; of a box: its three edges; of
+    a ball: its radius. At the start, its centre is at `position_mm` in the world frame, and the axis of a ring is along
+    `axis`.
+    """
+
+    shape: ShapeName
+    size_mm: list[float] = Field(min_length=1, max_length=3)
+    mass_g: float = Field(ge=0.001, le=10_000)
+    friction: float = Field(
+        ge=0, le=2, description="coefficient of sliding friction; in a contact, the larger one applies"
+    )
+    position_mm: Vector
+    axis: Vector = (0.0, 0.0, 1.0)
+    color: str = Field("#999999", pattern="^#[0-9a-f]{6}$", description="sRGB")
+    provenance: Origin
+    note: str = Field(min_length=1)
+
+    @model_validator(mode="after")
+    def _whole(self) -> ObjectTable:
+        count = {"ring": 2, "box": 3, "ball": 1}[self.shape]
+        if len(self.size_mm) != count or min(self.size_mm) <= 0:
+            lengths = "1 length" if count == 1 else f"{count} lengths"
+            raise at("size_mm", f"a {self.shape} needs {lengths} above 0; {self.size_mm} was given")
+        if self.shape == "ring" and self.size_mm[0] <= self.size_mm[1]:
+            raise at("size_mm", f"a ring needs a hole: the wire's radius {self.size_mm[1]:g} mm is not below "
+                     f"{self.size_mm[0]:g} mm, the radius of its centre line")  # fmt: skip
+        if not np.linalg.norm(self.axis) > 0:
+            raise at("axis", "the axis is a zero vector")
+        return self
+
+
+class ContactTable(Table):
+    """Contact of movable objects with bodies of the props and with the instruments of the console.
+
+    `solid` names the bodies of the props. `jaw_effort_n_mm` is the largest torque of one jaw. `friction` is the
+    coefficient of these bodies and of the instruments.
+    """
+
+    solid: list[Identifier] = Field(min_length=1)
+    friction: float = Field(ge=0, le=2)
+    jaw_effort_n_mm: float = Field(gt=0, le=1000)
+    provenance: Origin
+    note: str = Field(min_length=1)
+
+
+def movable(name: str, o: ObjectTable) -> Movable:
+    """Return the object of a table, in SI units."""
+    axis = np.array(o.axis, float)
+    R = spatial.frame_from_axes(axis, np.eye(3)[int(np.argmin(np.abs(axis)))])
+    factor = 0.5 if o.shape == "box" else 1.0
+    return Movable(
+        name,
+        o.shape,
+        tuple(v * factor * MM for v in o.size_mm),
+        o.mass_g * 1e-3,
+        o.friction,
+        spatial.pose(R, np.array(o.position_mm) * MM),
+        linear_rgba(o.color),
+    )
+
+
+def parameters(objects: Mapping[str, ObjectTable], contact: ContactTable | None) -> Iterator[Parameter]:
+    """Return the numbers of all objects and of their contact, with their provenance."""
+    for name, o in objects.items():
+        origin = (o.provenance, o.note)
+        for k, v in enumerate(o.size_mm, 1):
+            yield Parameter(f"object {name} size {k}", v * MM, "mm", v, *origin)
+        yield Parameter(f"object {name} mass", o.mass_g * 1e-3, "g", o.mass_g, *origin)
+        yield Parameter(f"object {name} friction", o.friction, "1", o.friction, *origin)
+        for axis, v in zip("xyz", o.position_mm, strict=True):
+            yield Parameter(f"object {name} {axis}", v * MM, "mm", v, *origin)
+    if contact is not None:
+        origin = (contact.provenance, contact.note)
+        yield Parameter("contact friction", contact.friction, "1", contact.friction, *origin)
+        effort = contact.jaw_effort_n_mm
+        yield Parameter("contact jaw effort", effort * MM, "N mm", effort, *origin)

@@ -1,0 +1,169 @@
+"""A task at a console or a bedside: targets to touch, rings to bring to pegs, a camera to align, or a procedure."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from twin.core.errors import unknown
+from twin.core.provenance import Parameter
+from twin.core.spatial import Array
+from twin.core.units import MM
+from twin.model import alignment, procedure
+from twin.model.alignment import Alignment, AlignTable
+from twin.model.contact import ObjectTable
+from twin.model.procedure import ProcedureTable
+from twin.schema import Identifier, Origin, Table, Vector, at, error_at
+
+
+class TransferTable(Table):
+    """A ring to bring to a peg: names of the object and of the part of a solid body that is the peg."""
+
+    ring: Identifier
+    peg: Identifier
+
+
+class TargetTable(Table):
+    """A target: the points in the world frame, in mm, that the tips of the hands must touch at the same time."""
+
+    name: Identifier
+    right_mm: Vector | None = None
+    left_mm: Vector | None = None
+
+    @model_validator(mode="after")
+    def _someone(self) -> TargetTable:
+        if self.right_mm is None and self.left_mm is None:
+            raise at("name", "a target needs `right_mm`, `left_mm`, or both")
+        return self
+
+
+class TaskTable(Table):
+    """A task: targets to touch in this order, rings to bring to pegs, a camera to align, or a surgical procedure.
+
+    A target is touched when all its tips have been within the tolerance for `hold_s`, without interruption. A ring is
+    transferred when it lies around its peg and nothing holds it. For `align`, see `AlignTable`; for `procedure`, which
+    needs no console, `ProcedureTable`.
+    """
+
+    title: str = Field(min_length=1)
+    tolerance_mm: float | None = Field(None, gt=0)
+    hold_s: float | None = Field(None, ge=0, le=10)
+    target: list[TargetTable] = Field(default_factory=list)
+    transfer: list[TransferTable] = Field(default_factory=list)
+    align: AlignTable | None = None
+    procedure: ProcedureTable | None = None
+    provenance: Origin
+    note: str = Field(min_length=1)
+
+    @model_validator(mode="after")
+    def _one_kind(self) -> TaskTable:
+        kinds = [name for name in ("target", "transfer", "align", "procedure") if getattr(self, name)]
+        if len(kinds) != 1:
+            found = " and ".join(f"`{k}`" for k in kinds) or "none of them"
+            raise at(
+                "title",
+                "a task needs a goal: `target` or `transfer` with at least one entry, `align` or `procedure`; it has "
+                f"{found}",
+            )
+        for key in ("tolerance_mm", "hold_s"):
+            if (getattr(self, key) is None) == bool(self.target):
+                raise at("title" if self.target else key, f"a task with `{kinds[0]}` "
+                         f"{'needs' if self.target else 'takes no'} `{key}`")  # fmt: skip
+        return self
+
+
+@dataclass(frozen=True)
+class Target:
+    """A target of a task: its name and, by hand ("right", "left"), the point (3,) in m in the world frame."""
+
+    name: str
+    p_world: Mapping[str, Array]
+
+
+@dataclass(frozen=True)
+class Transfer:
+    """A ring, by name, to bring to a peg, which is a part of a body in the props."""
+
+    ring: str
+    peg: str
+
+
+@dataclass(frozen=True)
+class Task:
+    """A task; it has targets, transfers, an alignment or a procedure. All but the last are for a console.
+
+    Attributes:
+        name, title: name and title.
+        tolerance: largest distance in m of a tip from its point during a touch.
+        hold: time in s for which all tips of a target must be within the tolerance.
+        targets: the targets, in order.
+        transfers: rings to bring to pegs.
+        alignment: what the camera is to align, or None.
+        procedure: the procedure, or None.
+    """
+
+    name: str
+    title: str
+    tolerance: float
+    hold: float
+    targets: tuple[Target, ...]
+    transfers: tuple[Transfer, ...] = ()
+    alignment: Alignment | None = None
+    procedure: ProcedureTable | None = None
+
+
+def task_of(name: str, task: TaskTable) -> Task:
+    """Return the task of a table, in SI units."""
+    targets = []
+    for target in task.target:
+        points = {"right": target.right_mm, "left": target.left_mm}
+        targets.append(Target(target.name, {h: np.array(p) * MM for h, p in points.items() if p is not None}))
+    transfers = tuple(Transfer(t.ring, t.peg) for t in task.transfer)
+    return Task(
+        name,
+        task.title,
+        (task.tolerance_mm or 0.0) * MM,
+        task.hold_s or 0.0,
+        tuple(targets),
+        transfers,
+        None if task.align is None else alignment.alignment(task.align),
+        task.procedure,
+    )
+
+
+def check_transfers(path: Path, name: str, task: TaskTable, objects: Mapping[str, ObjectTable], contact: bool) -> None:
+    """Raise if a ring of task `name` is not a ring of the scene, is listed twice, or nothing can touch it.
+
+    Raises:
+        DescriptionError: with file, line, key and value.
+    """
+    if task.transfer and not contact:
+        raise error_at(path, ("task", name), "a task with `transfer` needs the table [contact]")
+    for k, transfer in enumerate(task.transfer):
+        keys = ("task", name, "transfer", k, "ring")
+        if transfer.ring not in objects:
+            raise error_at(path, keys, unknown("object", transfer.ring, objects))
+        if (shape := objects[transfer.ring].shape) != "ring":
+            raise error_at(path, keys, f"'{transfer.ring}' is a {shape}; only a ring goes around a peg")
+        if transfer.ring in [t.ring for t in task.transfer[:k]]:
+            raise error_at(path, keys, f"'{transfer.ring}' is listed twice")
+
+
+def parameters(name: str, task: TaskTable) -> Iterator[Parameter]:
+    """Return the numbers of task `name`, with their provenance."""
+    origin = (task.provenance, task.note)
+    if task.tolerance_mm is not None and task.hold_s is not None:
+        yield Parameter(f"task {name} tolerance", task.tolerance_mm * MM, "mm", task.tolerance_mm, *origin)
+        yield Parameter(f"task {name} hold", task.hold_s, "s", task.hold_s, *origin)
+    if task.align is not None:
+        yield from alignment.parameters(name, task.align, *origin)
+    if task.procedure is not None:
+        yield from procedure.parameters(name, task.procedure, *origin)
+    for target in task.target:
+        for hand, point in (("right", target.right_mm), ("left", target.left_mm)):
+            for axis, v in zip("xyz", point or (), strict=False):
+                yield Parameter(f"task {name} {target.name} {hand} {axis}", v * MM, "mm", v, *origin)
