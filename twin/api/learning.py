@@ -6,8 +6,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from twin.api.console_session import ConsoleSession
 from twin.api.robot import Progress, silent
-from twin.api.session import ConsoleSession, replay_session
+from twin.api.session import replay_session
 from twin.core.errors import DescriptionError
 from twin.core.foreign.text import load_json
 from twin.validation.ranks import Ranks, Users, compare_users

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from twin.api.session import ConsoleSession
+from twin.api.console_session import ConsoleSession
 from twin.core.units import DEG, MM
 from twin.model.alignment import Alignment
 from twin.simulation import console_scene
