@@ -7,7 +7,7 @@ import shutil
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 import twin
@@ -120,6 +120,7 @@ _pivot = Pivot(np.array([0.1, 0.2, 0.3]), np.array([0.0, 0.0, -1.0]), 0.33, guid
     st.floats(SHALLOW + 1e-3, 0.33 - SHALLOW - 1e-3),
     st.lists(st.floats(-1, 1), min_size=3, max_size=3),
 )
+@example(0.0, 3e-6, 0.25, [0.0, 0.0, 0.0])  # nearly half a turn
 @settings(max_examples=60, deadline=None)
 def test_the_outer_end_gives_the_tool_back(x, y, depth, turn):
     a = np.array([np.sin(x), np.sin(y), -1.0])
@@ -130,7 +131,7 @@ def test_the_outer_end_gives_the_tool_back(x, y, depth, turn):
     assert _pivot.tool(outer, True) == pytest.approx(T, abs=1e-12)
     assert _pivot.tool(T, False) == pytest.approx(T, abs=1e-12)
     back = Pivot(_pivot.p_port, _pivot.axis, 0.33, guided=True).tool(T, False)
-    assert back[:3, 2] == pytest.approx(a, abs=1e-6)  # a shaft that points backwards is turned less exactly
+    assert back[:3, 2] == pytest.approx(a, abs=1e-7)  # least exact near half a turn
     assert spatial.is_pose(back, 1e-6)
 
 

@@ -129,6 +129,25 @@ class Equations:
         T = ca.horzcat(*axes, self._carried(chain, ca.SX.zeros(3), True, stepping))
         return ca.vertcat(T, ca.SX([[0, 0, 0, 1]]))
 
+    def links(self) -> dict[str, ca.SX]:
+        """Return T_base_body (3, 4) of every body, by name; each pose is composed from that of the parent body.
+
+        `pose` carries vectors along the whole path instead, which gives less to compute for one frame.
+        """
+        poses: dict[str, ca.SX | Array] = {self.mechanism.base: np.eye(4)}
+        for joint in self.mechanism.tree:
+            before = poses[joint.parent]
+            chain = self._chain([joint])
+            if all(isinstance(part, np.ndarray) for part in chain) and isinstance(before, np.ndarray):
+                poses[joint.child] = before @ chain[0]
+                continue
+            axes = [self._carried(chain, ca.SX(e), False, False) for e in np.eye(3)]
+            T = ca.horzcat(*axes, self._carried(chain, ca.SX.zeros(3), True, False))
+            first = ca.SX(_rounded(before)) if isinstance(before, np.ndarray) else before
+            R, p = first[:3, :3], first[:3, 3]
+            poses[joint.child] = ca.horzcat(R @ T[:, :3], R @ T[:, 3] + p)
+        return {b.name: ca.SX(poses[b.name])[:3, :] for b in self.mechanism.bodies}
+
     def rest(self) -> tuple[Array, list[Array]]:
         """Return q (n,) and the state of each passive joint in the rest poses (as drawn in the CAD)."""
         rest = self.mechanism.rest

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import casadi as ca
 import numpy as np
 
-from twin.codegen import Kernel, Stage
 from twin.core.spatial import Array
 from twin.kinematics.closed_loops.solver import LoopSolver
 
@@ -17,13 +15,9 @@ class LinkPoses:
     """Returns the body poses at joint values; each call continues from the state of the last one."""
 
     def __init__(self, loops: LoopSolver) -> None:
-        """Compile the poses of all bodies of a mechanism whose loops are compiled."""
-        self._loops, e, bodies = loops, loops.equations, loops.mechanism.bodies
-        rows = [ca.vec(e.pose(b.name)[:3, :].T) for b in bodies]
-        function = ca.Function("links", [e.q, e.states], [ca.densify(ca.vertcat(*rows))], {"cse": True})
-        inputs = {"q": e.q.numel(), "states": e.states.numel()}
-        self._rows = Kernel([Stage(function, tuple(inputs), ("links",))], inputs, ["links"], single=True).single()
-        self._names = [b.name for b in bodies]
+        """Use a mechanism whose loops are compiled."""
+        self._loops = loops
+        self._names = [b.name for b in loops.mechanism.bodies]
         self._states: Array | None = None
 
     def __call__(self, q: Array) -> dict[str, Array]:
@@ -35,7 +29,7 @@ class LinkPoses:
         """
         self._states = self._solved(np.asarray(q, float))
         Ts = np.zeros((len(self._names), 4, 4))
-        Ts[:, :3], Ts[:, 3, 3] = self._rows(q, self._states).reshape(-1, 3, 4), 1.0
+        Ts[:, :3], Ts[:, 3, 3] = self._loops.links_at(q, self._states).reshape(-1, 3, 4), 1.0
         return dict(zip(self._names, Ts, strict=True))
 
     def _solved(self, q: Array) -> Array:

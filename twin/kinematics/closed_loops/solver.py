@@ -9,6 +9,7 @@ In array shapes, `numbers` is the total number of state values of all passive jo
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -187,13 +188,20 @@ class LoopSolver:
         return {body.name: Ts[:, i] for i, body in enumerate(self.mechanism.bodies)}
 
     @cached_property
+    def links_at(self) -> Callable[..., Array]:
+        """Function of q (n,) and unknowns (numbers,) that returns T_base_body (3, 4) of all bodies as one vector."""
+        return self._links_kernel(single=True).single()
+
+    @cached_property
     def _links(self) -> Kernel:
+        return self._links_kernel()
+
+    def _links_kernel(self, single: bool = False) -> Kernel:
         e = self.equations
-        rows = [ca.vec(e.pose(b.name)[:3, :].T) for b in self.mechanism.bodies]
+        rows = [ca.vec(T.T) for T in e.links().values()]
         function = ca.Function("links", [e.q, e.states], [ca.densify(ca.vertcat(*rows))], {"cse": True})
-        return Kernel(
-            [Stage(function, ("q", "states"), ("links",))], {"q": len(self.q), "states": len(self._start)}, ["links"]
-        )
+        inputs = {"q": len(self.q), "states": len(self._start)}
+        return Kernel([Stage(function, tuple(inputs), ("links",))], inputs, ["links"], single=single)
 
     def _good(self, gaps: Array) -> np.ndarray:
         return (gaps[0] <= self._gap) & (gaps[1] <= self._tilt) & (gaps[2] > 0)

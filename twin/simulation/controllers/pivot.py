@@ -75,9 +75,9 @@ class Pivot:
 
 def turned(a: Array, b: Array) -> Array:
     """Return the smallest rotation (3, 3) that turns the unit vector a (3,) into b (3,)."""
-    (a1, a2, a3), (b1, b2, b3) = a.tolist(), b.tolist()
-    x, y, z = a2 * b3 - a3 * b2, a3 * b1 - a1 * b3, a1 * b2 - a2 * b1
-    c, K = float(a @ b), np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    if 1 + c < 1e-12:
+    # Two reflections: exact also near half a turn, where the usual formula divides two differences that cancel.
+    middle = a + b
+    size = float(np.linalg.norm(middle))
+    if size < 1e-8:
         return spatial.exp_so3(np.pi * spatial.frame_from_axes(a, np.eye(3)[int(np.argmin(np.abs(a)))])[:, 0])
-    return np.eye(3) + K + K @ K / (1 + c)
+    return (np.eye(3) - np.outer(middle, 2 / size**2 * middle)) @ (np.eye(3) - np.outer(a, 2 * a))

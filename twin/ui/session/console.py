@@ -22,7 +22,6 @@ from twin.core.errors import TwinError, unknown
 from twin.core.jobs import Call
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM
-from twin.kinematics.closed_loops import LoopSolver
 from twin.kinematics.closed_loops.placing import LinkPoses
 from twin.model.mechanism import Mechanism
 from twin.model.movable import Movable
@@ -128,9 +127,7 @@ class LiveConsole:
         self.scene, self.table = scene, scene.console
         settings = console_scene.settings(scene, fulcrum, task)
         self.device = device or GivenHands(console_scene.PEDALS, HANDS, self.table.scale, settings=settings)
-        self.members = {
-            n: Member(r.mechanism, r.kinematics(), LinkPoses(LoopSolver(r.mechanism))) for n, r in robots.items()
-        }
+        self.members = {n: Member(r.mechanism, r.kinematics(), LinkPoses(r.loops)) for n, r in robots.items()}
         self.task, self._props, self._make_report = task, props, report
         on = scene.haptics is None or scene.haptics.on
         self.condition = condition or Condition(haptics=on)
