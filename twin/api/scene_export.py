@@ -62,7 +62,7 @@ class SceneBundle(Result):
         return (*own, *(_finding(c) for c in self.checks if c["verdict"] != "agree"))
 
     def content(self) -> dict[str, Any]:
-        """Return plain data."""
+        """Return dicts, lists, numbers and strings, as JSON has them."""
         bundles = self.bundles
         return {
             "scene": self.scene.name,

@@ -319,7 +319,7 @@ class Organ:
         return points[((points > low) & (points < high)).all(axis=1)]
 
     def _approached(self) -> bool:
-        """Return whether a point of a link is so near to a vertex that it can touch the organ, which is at rest."""
+        """Return whether a link is near enough to touch the organ, which is at rest."""
         near = [points for k in range(len(self._tools)) if len(points := self._near(k))]
         return bool(near) and float(self._tree.query(np.concatenate(near))[0].min()) < self._reach
 
