@@ -221,7 +221,9 @@ def _merged(base: Callable[..., Any], change: Callable[..., Any]) -> tuple[Row, 
             continue
         at = [i for i, r in enumerate(out) if set(assigned(r.node)) == set(names)]
         if len(at) != 1:
-            raise fail(row.node, f"changes {', '.join(names)}: {len(at)} rows of the equation assign it; exactly one must")
+            raise fail(
+                row.node, f"changes {', '.join(names)}: {len(at)} rows of the equation assign it; exactly one must"
+            )
         out[at[0] : at[0] + 1] = [*waiting, row]
         waiting = []
         changes += names
