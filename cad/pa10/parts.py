@@ -6,10 +6,8 @@ the next link is between the two cheeks of a fork of the previous link; the chee
 Every function returns a list of ``(part name, solid, material)``.
 """
 
-from math import cos, radians, sin
-
 from build123d import Axis, Plane, Solid
-from shapes import X, Y, Z, bolts, cone, cyl, flange, flat, hull, seat
+from shapes import X, Y, Z, bolts, cone, cyl, flange, flat, hull, polar, seat, soft
 
 BACK = (0, -1, 0)
 MATERIALS = {  # sRGB, density in kg/m3
@@ -23,11 +21,6 @@ MATERIALS = {  # sRGB, density in kg/m3
 
 
 # ---- shapes -----------------------------------------------------------------
-def rims(solid, axis, end, radius):
-    """Round all edges at one end of a solid; the ends are those along an axis."""
-    return solid.fillet(radius, solid.edges().group_by(axis)[end])
-
-
 def slot(half, low, high, long, radius):
     """Return the gap of a fork, to be subtracted: `half` width along y, z from low to high, lower edges rounded."""
     block = Solid.make_box(2 * long, 2 * half, high - low, Plane(origin=(-long, -half, low)))
@@ -45,7 +38,7 @@ def fork(d, n, z, foot, r_foot, height, deep):
     wide = half + thick
     block = hull([(0, 0, r), (0, z - foot, waist)], Plane(origin=(0, -wide, z), x_dir=X, z_dir=Y), 2 * wide)
     for end in (0, -1):
-        block = rims(block, Axis.Y, end, thick / 4)
+        block = soft(block, Axis.Y, thick / 4, end)
     grown, rise = 1.45 * wide, 0.8 * (low - foot) + 0.35 * thick
     block &= cone((0, 0, foot), Z, r_foot, grown, rise) + cyl((0, 0, foot + rise), Z, grown, z + r + 1 - foot - rise)
     block -= slot(half, low, z + r + 1, wide + r, thick / 2)
@@ -74,7 +67,7 @@ def drum(d, n, z, tube, height, deep, err):
 def cover(name, at, axis, r, h):
     """Draw the motor cover of a joint on the outside of a cheek: a disc with a dome, and six bolts."""
     disc = cyl(at, axis, r, 0.3 * h)
-    dome = rims(cyl(at, axis, 0.78 * r, h), Axis.Y, -1 if axis == Y else 0, 0.55 * h)
+    dome = soft(cyl(at, axis, 0.78 * r, h), Axis.Y, 0.55 * h, -1 if axis == Y else 0)
     top = [at[i] + 0.3 * h * axis[i] for i in range(3)]
     heads = bolts(top, axis, 0.89 * r, 6, 0.055 * r, 0.05 * r)
     return [(name, disc + dome, "cap"), *((f"{name}_bolt{k}", b, "steel") for k, b in enumerate(heads, 1))]
@@ -90,11 +83,6 @@ def stem(low, high, r0, r1, collar):
     """Return the tube on the flange of a roll joint; it begins with a cone from radius `collar` to r0."""
     rise = 1.2 * (collar - r0)
     return cone((0, 0, low), Z, collar, r0, rise) + cone((0, 0, low + rise), Z, r0, r1, high - low - rise)
-
-
-def polar(r, degrees, z):
-    """Return the point at a radius and an angle about the axis of the arm."""
-    return (r * cos(radians(degrees)), r * sin(radians(degrees)), z)
 
 
 def roll_seat(d, n, height, err):
@@ -119,13 +107,13 @@ def roll_flange(d, n, height, deep, err):
 def base(d, err):
     """Draw the base: mounting plate with bolts, conical column with a cable socket, and seat of joint 1."""
     low, high = -d.shoulder_high, d.hub1
-    plate = rims(cyl((0, 0, low), Z, d.base_radius, d.plate), Axis.Z, -1, 4)
+    plate = soft(cyl((0, 0, low), Z, d.base_radius, d.plate), Axis.Z, 4)
     foot, collar = low + d.plate, high - d.seat - d.rib
     body = cone((0, 0, foot), Z, d.column, d.r1 - 4, collar - foot) + cyl((0, 0, collar), Z, d.r1 - 4, d.rib)
     z = foot + d.plug_high
     body += cyl((0, 0, z), (-1, 0, 0), d.plug + 5, d.column + 4)
     body -= cyl((0, 0, high - d.seat - d.deep), Z, d.j1 + 1, d.deep + 2)
-    plug = rims(cyl((-d.column - 4, 0, z), (-1, 0, 0), d.plug, 12), Axis.X, 0, 3)
+    plug = soft(cyl((-d.column - 4, 0, z), (-1, 0, 0), d.plug, 12), Axis.X, 3, 0)
     heads = bolts((0, 0, foot), Z, (d.column + d.base_radius) / 2 - 1, 8, 5, 5)
     return [
         ("plate", plate, "grey"),
@@ -224,13 +212,13 @@ def link7(d, err):
 def instrument(d, err):
     """Draw the instrument: adapter, jaw drive, rotation ring, nose, shaft, and a grasper along the last axis."""
     z, tip = d.flange_high, d.flange_high + d.tool_length + err("tip_mm", 0.0)
-    adapter = rims(cyl((0, 0, z), Z, d.adapter_radius, d.adapter), Axis.Z, -1, 3)
+    adapter = soft(cyl((0, 0, z), Z, d.adapter_radius, d.adapter), Axis.Z, 3)
     adapter -= cyl((0, 0, z - 1), Z, d.pin + 0.02, d.pin_high + 3)
     adapter = flat(adapter, (0, 0, z), Z, d.adapter_radius, d.adapter)
     foot = z + d.adapter
     heads = bolts((0, 0, foot), Z, (d.adapter_radius + d.housing) / 2 - 1, 6, 2.2, 2.2)
     ring = foot + d.housing_long
-    housing = rims(cyl((0, 0, foot), Z, d.housing, d.housing_long), Axis.Z, 0, 2)
+    housing = soft(cyl((0, 0, foot), Z, d.housing, d.housing_long), Axis.Z, 2, 0)
     knob = cyl((0, 0, ring), Z, d.knob, d.knob_long)
     knob = knob.chamfer(2, None, [*knob.edges().group_by(Axis.Z)[0], *knob.edges().group_by(Axis.Z)[-1]])
     for k in range(12):
@@ -239,7 +227,7 @@ def instrument(d, err):
     cap = cone((0, 0, nose), Z, d.housing - 3, 2.2 * d.shaft, d.nose)
     start, hinge = nose + d.nose, tip - d.jaw - d.clevis
     shaft = cyl((0, 0, start), Z, d.shaft, hinge - start)
-    clevis = rims(cyl((0, 0, hinge), Z, d.shaft, d.clevis), Axis.Z, 0, 0.4)
+    clevis = soft(cyl((0, 0, hinge), Z, d.shaft, d.clevis), Axis.Z, 0.4, 0)
     both = cone((0, 0, tip - d.jaw), Z, d.shaft - 0.2, d.jaw_end, d.jaw)
     jaws = [
         both & Solid.make_box(10, 5, 2 * d.jaw, Plane(origin=(-5, side, tip - 1.5 * d.jaw)))
