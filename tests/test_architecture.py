@@ -187,7 +187,6 @@ def test_facade_reexports_exactly_what_it_promises():
 LONGEST = {
     "cli/parser.py:parser": "a table: one call for each command and option, in the order of --help",
     "validation/explain/explain.py:explain": "the order in which causes are tried; each step is a function",
-    "cli/parser_sweeps.py:add_sweeps": "a table, as `parser`",
     "validation/console.py:_roll": "five clauses on the same two hands, each with its sentences",
     "model/mechanism.py:_check": "one check after another of what a mechanism must hold, each with its message",
     "exchange/read/step.py:describe": "writes one file from top to bottom",

@@ -18,7 +18,7 @@ def hazards(args: argparse.Namespace) -> int:
     from twin.api.hazards import hazards as run
 
     robot = api.load(args.robot)
-    folder = Path(args.out) if args.out else Path("twin-out") / robot.name / f"{Path(args.campaign).stem}-hazards"
+    folder = show.folder(args, robot.name, f"{Path(args.campaign).stem}-hazards")
     with show.progress(args.quiet or args.json) as progress:
         found = run(
             robot,

@@ -89,13 +89,8 @@ def run(file: Path, args: argparse.Namespace) -> int:
 
     The exit code is 1 if robots collide.
     """
-    from twin.ui.report.files import write_result
-
     scene = api.load_scene(file)
-    root = Path(args.out) if args.out else Path("twin-out") / scene.name
-    assets.require_writable(root)
+    root = show.folder(args, scene.name)
     with show.progress(args.quiet or args.json) as progress:
         played = api.play(scene, progress)
-        with assets.atomic_folder(root) as work:
-            pictures = write_result(played, work)
-    return show.finish(played, args, root, [*pictures, f"usd/{scene.name}/{scene.name}.usda"])
+    return show.store(played, args, root, [f"usd/{scene.name}/{scene.name}.usda"])
