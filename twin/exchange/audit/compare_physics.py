@@ -16,18 +16,21 @@ from scipy.spatial import cKDTree
 
 from twin.exchange.audit import poses
 from twin.exchange.audit.colors import Rgba, apart
-from twin.exchange.audit.couplings import solved
 from twin.exchange.audit.motion import Content, Shape
 from twin.exchange.audit.physics import Frame, Joint, Mass, Motor, Physics
 from twin.exchange.audit.physics_tracks import TOOL
 from twin.exchange.audit.poses import Array
-from twin.exchange.audit.report import Ledger, quantity
+from twin.exchange.audit.report import Ledger, Measured, quantity
 
 TRUTH = "the mechanism"
 
 _TRUST = ("truth", "usda", "usd", "usdc", "mjcf", "tracks", "urdf", "csv", "glb", "gltf", "usdz")
 _FAMILY = {"usda": "usd", "usdc": "usd", "gltf": "glb", "csv": "tracks"}
 """Source of formats that are written from the same data and count as one source, by format."""
+
+
+_ZERO = 1e-6
+"""Magnitude up to which a ratio counts as zero, after each row is divided by its largest ratio (single precision)."""
 
 
 def _number(a: float, b: float) -> float:
@@ -364,6 +367,40 @@ def _state(view: View, canonical: Mapping[str, Joint], known: set[str], movable:
         _state_motor(say, f"motor '{name}'", motor, p.all_motors)
 
 
+def solved(couplings: Mapping[str, tuple[Mapping[str, float], float]]) -> dict[str, tuple[dict[str, float], float]]:
+    """Return couplings in reduced row echelon form; the key of a row is its first joint in alphabetical order.
+
+    The form is the same whether a file couples each joint of a chain to the next or all joints to the first. Couplings
+    with numbers that are not finite are left out.
+
+    Args:
+        couplings: (ratios by joint, constant sum of ratio times joint coordinate) by name.
+    """
+    joints = sorted({n for ratios, _ in couplings.values() for n in ratios})
+    rows = np.array([[*(ratios.get(n, 0.0) for n in joints), total] for ratios, total in couplings.values()], float)
+    rows = rows[np.isfinite(rows).all(axis=1) & rows[:, :-1].any(axis=1)] if len(rows) else rows
+    if not len(rows):
+        return {}
+    rows /= np.abs(rows[:, :-1]).max(axis=1, keepdims=True)
+    out: dict[str, tuple[dict[str, float], float]] = {}
+    done = 0
+    for k in range(len(joints)):
+        if done == len(rows):
+            break
+        at = done + int(np.argmax(np.abs(rows[done:, k])))
+        if abs(rows[at, k]) <= _ZERO:
+            continue
+        rows[[done, at]] = rows[[at, done]]
+        rows[done] /= rows[done, k]
+        others = np.arange(len(rows)) != done
+        rows[others] -= rows[others, k, None] * rows[done]
+        done += 1
+    for row in rows[:done]:
+        ratios = {n: float(r) for n, r in zip(joints, row[:-1], strict=True) if abs(r) > _ZERO}
+        out[next(iter(ratios))] = ratios, float(row[-1])
+    return out
+
+
 def _state_motor(say: dict, subject: str, motor: Motor, exists: bool) -> None:
     if exists:
         say[subject, "existence"] = True
@@ -457,15 +494,13 @@ def _hold(subject: str, name: str, views: Sequence[View], worst: dict) -> None:
         others = [v.file for v in right]
         tie = len({v.family for v in right}) == 1 and right[0].format != "truth"
         text = _text(subject, name, q, view.said[key], right[0].said[key], _listed(others))
-        view.ledger.add(
+        message = text + (" One of the two is wrong." if tie else "")
+        view.ledger.wrong(
             f"physics.{name.replace(' ', '_')}",
-            "disagreement",
-            text + (" One of the two is wrong." if tie else ""),
-            where=subject,
-            size=off if np.isfinite(off) else None,
-            unit="" if q.relative else q.unit,
-            limit=q.tolerance,
+            message,
+            subject,
             suggestion="find out which of the two is right: `twin audit --robot NAME` compares with the mechanism",
+            size=Measured(off if np.isfinite(off) else None, q.tolerance, "" if q.relative else q.unit),
         )
 
 
