@@ -23,7 +23,6 @@ from twin.core.spatial import Array
 from twin.core.units import DEG, MM
 from twin.exchange.read.pairs import GROSS, Pair, Round, perpendicular, same_axis, shared
 from twin.exchange.read.text import frame as given
-from twin.exchange.read.text import number, numbers, string
 from twin.model.joint import JointType
 
 MEETING = (0.001 * MM, 0.001 * DEG)
@@ -38,10 +37,10 @@ _RAIL = 2.0
 
 @dataclass(frozen=True)
 class Side:
-    """A joint's frame on one body: its TOML text, and by name the TOML text of the features to which it refers."""
+    """A joint's frame on one body, and the features to which the frame refers, by name; all are inline TOML tables."""
 
-    text: str
-    features: dict[str, str]
+    frame: dict[str, Any]
+    features: dict[str, dict[str, Any]]
 
 
 @dataclass(frozen=True)
@@ -193,13 +192,8 @@ class _Frame:
         return frame(FrameSpec(**self._spec()), found)
 
     def side(self) -> Side:
-        """Return the frame and its features as TOML."""
-        shown = {
-            k: string(v) if isinstance(v, str) else number(v) if isinstance(v, float) else numbers(v)
-            for k, v in self._spec().items()
-        }
-        text = ", ".join(f"{k} = {v}" for k, v in shown.items())
-        return Side(f"{{ {text} }}", {n: _table(s) for n, s in self.features.items()})
+        """Return the frame and its features."""
+        return Side(self._spec(), {n: f.model_dump(exclude_none=True) for n, f in self.features.items()})
 
 
 def _along_axis(
@@ -275,12 +269,3 @@ def _flats(parts: Sequence[Sequence[Part]], zs: Sequence[Array], within: float) 
     apart = np.linalg.norm(np.cross(a[:, None], b[None]), axis=-1)
     i, k = np.unravel_index(int(np.argmin(np.round(apart, 9))), apart.shape)
     return [planes[0][i], planes[1][k]] if apart[i, k] < within else None
-
-
-def _table(spec: Feature) -> str:
-    text = f'{{ kind = "{spec.kind}", near_mm = {numbers(spec.near_mm)}'
-    if spec.direction:
-        text += f", direction = {numbers(spec.direction)}"
-    if spec.radius_mm:
-        text += f", radius_mm = {number(spec.radius_mm)}"
-    return f"{text}, part = {string(spec.part or '')} }}"
