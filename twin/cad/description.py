@@ -87,6 +87,11 @@ class FrameSpec(Table):
             raise at((), f"a measured frame needs exactly one of {ways}")
         return self
 
+    def features(self, *keys: str) -> tuple[str, ...]:
+        """Return the names of the features in the entries `keys`, each once."""
+        values = (getattr(self, key) for key in keys)
+        return tuple(dict.fromkeys(n for v in values for n in (v if isinstance(v, list) else [v] if v else [])))
+
 
 class MassSpec(Table):
     """Mass, centre of mass, and inertia (xx, yy, zz, xy, xz, yz) about the centre of mass, in drawn coordinates."""
@@ -189,6 +194,11 @@ class JointSpec(Table):
     on_parent: FrameSpec
     on_child: FrameSpec
 
+    @property
+    def sides(self) -> tuple[tuple[str, FrameSpec], tuple[str, FrameSpec]]:
+        """Body and frame of the parent and of the child."""
+        return (self.parent, self.on_parent), (self.child, self.on_child)
+
 
 class NamedFrame(Table):
     """A named frame on a body."""
@@ -259,6 +269,16 @@ class ActuatorSpec(Table):
                     key, f"the coordinate of this actuator is of kind {self.kind}; write {key.replace(wrong, right)}"
                 )
         return self
+
+    @property
+    def limits(self) -> tuple[float, float] | None:
+        """Limits in deg or mm."""
+        return self.limits_deg or self.limits_mm
+
+    @property
+    def max_speed(self) -> float | None:
+        """Maximum speed in deg/s or mm/s."""
+        return self.max_speed_deg_s or self.max_speed_mm_s
 
 
 class MatrixSpec(Table):

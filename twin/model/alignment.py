@@ -9,13 +9,13 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from twin.core import spatial
-from twin.core.provenance import Parameter
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM, linear_rgba
 from twin.model.body import Body, Finish, Mesh
 from twin.model.joint import Joint
 from twin.model.mechanism import Mechanism
-from twin.schema import Origin, Table, Vector, at
+from twin.schema import Table, Vector, at
+from twin.schema.sourced import Row
 
 BODY = "target"
 """Name of the drawn body: a plate with the rectangle."""
@@ -116,9 +116,7 @@ class Alignment:
 def beside(props: Mechanism | None, alignment: Alignment | None) -> Mechanism | None:
     """Return the props of a scene together with the plate of a task; both are fixed in the World.
 
-    Args:
-        props: the props, or None.
-        alignment: the task; None: the props are returned as they are.
+    Without an alignment, the props are returned as they are.
     """
     if alignment is None:
         return props
@@ -137,10 +135,8 @@ def beside(props: Mechanism | None, alignment: Alignment | None) -> Mechanism | 
 def frame(middle: Array, facing: Array, roll: float) -> Array:
     """Return the frame (4, 4) of a plate: z along `facing`, x horizontal and then turned about z by `roll` in rad.
 
-    Args:
-        middle: (3,) middle of the rectangle in m.
-        facing: (3,) direction out of the plate; not vertical.
-        roll: angle in rad, counter-clockwise as seen from in front of the plate.
+    `middle` (3,) is the middle of the rectangle in m, `facing` (3,) the direction out of the plate, which is not
+    vertical. `roll` is counter-clockwise as seen from in front of the plate.
     """
     z = facing / np.linalg.norm(facing)
     x = np.cross([0.0, 0.0, 1.0], z)
@@ -162,16 +158,14 @@ def alignment(a: AlignTable) -> Alignment:
     )
 
 
-def parameters(name: str, a: AlignTable, provenance: Origin, note: str) -> Iterator[Parameter]:
-    """Return the numbers of the alignment of task `name`, with their provenance."""
-    lengths = {f"rectangle {axis}": v for axis, v in zip("xyz", a.position_mm, strict=True)}
-    for what, size in (("rectangle", a.size_mm), ("plate", a.plate_mm)):
-        lengths |= {f"{what} width": size[0], f"{what} height": size[1]}
-    for what, v in lengths.items():
-        yield Parameter(f"task {name} {what}", v * MM, "mm", v, provenance, note)
-    for axis, v in zip("xyz", a.facing, strict=True):
-        yield Parameter(f"task {name} facing {axis}", v, "1", v, provenance, note)
-    for what, v in (("roll", a.roll_deg), ("tolerance", a.tolerance_deg)):
-        yield Parameter(f"task {name} {what}", v * DEG, "deg", v, provenance, note)
-    for what, v in (("line", a.line), ("tolerance of the line", a.tolerance_line)):
-        yield Parameter(f"task {name} {what}", v, "1", v, provenance, note)
+def rows(a: AlignTable) -> Iterator[Row]:
+    """Yield name, value and unit of the numbers of an alignment."""
+    yield "rectangle", a.position_mm, "mm"
+    for what, (width, height) in (("rectangle", a.size_mm), ("plate", a.plate_mm)):
+        yield f"{what} width", width, "mm"
+        yield f"{what} height", height, "mm"
+    yield "facing", a.facing, "1"
+    yield "roll", a.roll_deg, "deg"
+    yield "tolerance", a.tolerance_deg, "deg"
+    yield "line", a.line, "1"
+    yield "tolerance of the line", a.tolerance_line, "1"

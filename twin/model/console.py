@@ -12,8 +12,9 @@ from twin.core import spatial
 from twin.core.errors import unknown
 from twin.core.provenance import Parameter
 from twin.core.spatial import Array
-from twin.core.units import DEG, MM
+from twin.core.units import DEG
 from twin.schema import Identifier, Origin, Table, at, error_at
+from twin.schema.sourced import parameters
 
 
 class StereoTable(Table):
@@ -131,18 +132,16 @@ def check(path: Path, console: ConsoleTable, cameras: Mapping[str, CameraTable],
             )
 
 
-def parameters(console: ConsoleTable | None, haptics: HapticsTable | None) -> Iterator[Parameter]:
-    """Return the numbers of a console and of its forces, with their provenance."""
+def listed(console: ConsoleTable | None, haptics: HapticsTable | None) -> Iterator[Parameter]:
+    """Yield the numbers of a console and of its forces, with their provenance."""
     if console is not None:
-        origin = (console.provenance, console.note)
-        yield Parameter("console scale", console.scale, "1", console.scale, *origin)
-        for name, v in console.instrument_mm.items():
-            yield Parameter(f"console instrument {name}", v * MM, "mm", v, *origin)
+        lengths = [(f"instrument {name}", v, "mm") for name, v in console.instrument_mm.items()]
+        yield from parameters("console", console, [("scale", console.scale, "1"), *lengths])
     if haptics is not None:
-        for what, v, unit in (
+        rows = (
             ("stiffness", haptics.stiffness_n_m, "N/m"),
             ("damping", haptics.damping_ns_m, "N s/m"),
             ("largest force", haptics.largest_n, "N"),
             ("device damping", haptics.device_damping_ns_m, "N s/m"),
-        ):
-            yield Parameter(f"haptics {what}", v, unit, v, haptics.provenance, haptics.note)
+        )
+        yield from parameters("haptics", haptics, rows)

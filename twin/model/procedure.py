@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 
 from pydantic import Field
 
-from twin.core.provenance import Parameter
-from twin.schema import Identifier, Origin, Table
+from twin.schema import Identifier, Table
+from twin.schema.sourced import Row
 
 
 class ProcedureTable(Table):
@@ -40,13 +40,14 @@ class ProcedureTable(Table):
     depth_mm: float = Field(gt=0, le=100)
 
 
-def parameters(task: str, p: ProcedureTable, provenance: Origin, note: str) -> Iterator[Parameter]:
-    """Yield the numbers of a procedure with their provenance."""
-    rows: Iterable[tuple[str, float, str, float]] = (
-        ("change", p.change_mm, "mm", 1e-3), ("lift", p.lift_mm, "mm", 1e-3), ("seen", p.seen, "1", 1.0),
-        ("seen for", p.seen_s, "s", 1.0), ("clips kept", p.clips_kept, "1", 1.0),
-        ("clips taken", p.clips_taken, "1", 1.0), ("energy of the bed", p.bed_j, "J", 1.0),
-        ("out", p.out_mm, "mm", 1e-3), ("depth", p.depth_mm, "mm", 1e-3),
-    )  # fmt: skip
-    for what, v, unit, factor in rows:
-        yield Parameter(f"task {task} {what}", v * factor, unit, float(v), provenance, note)
+def rows(p: ProcedureTable) -> Iterator[Row]:
+    """Yield name, value and unit of the numbers of a procedure."""
+    yield "change", p.change_mm, "mm"
+    yield "lift", p.lift_mm, "mm"
+    yield "seen", p.seen, "1"
+    yield "seen for", p.seen_s, "s"
+    yield "clips kept", p.clips_kept, "1"
+    yield "clips taken", p.clips_taken, "1"
+    yield "energy of the bed", p.bed_j, "J"
+    yield "out", p.out_mm, "mm"
+    yield "depth", p.depth_mm, "mm"

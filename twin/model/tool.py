@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Literal
 
 from pydantic import Field, model_validator
 
 from twin.core.provenance import Parameter
 from twin.schema import Identifier, Origin, Table, at
+from twin.schema.sourced import parameters
 
 Kind = Literal["grasper", "clip_applier", "scissors", "scalpel", "cautery"]
 
@@ -68,14 +70,14 @@ class ToolTable(Table):
         return 2.0 * (self.friction or 0.0) * (self.pinch_n or 0.0)
 
 
-def parameters(name: str, t: ToolTable) -> list[Parameter]:
-    """Return the numbers of a tool with their provenance."""
+def listed(name: str, t: ToolTable) -> Iterator[Parameter]:
+    """Yield the numbers of a tool with their provenance."""
     rows = (
-        ("jaw", t.jaw_mm, "mm", 1e-3), ("open", t.open_mm, "mm", 1e-3), ("pinch", t.pinch_n, "N", 1.0),
-        ("friction", t.friction, "1", 1.0), ("clips", t.clips, "1", 1.0), ("power", t.power_w, "W", 1.0),
-    )  # fmt: skip
-    return [
-        Parameter(f"tool {name} {what}", v * unit, text, float(v), t.provenance, t.note)
-        for what, v, text, unit in rows
-        if v is not None
-    ]
+        ("jaw", t.jaw_mm, "mm"),
+        ("open", t.open_mm, "mm"),
+        ("pinch", t.pinch_n, "N"),
+        ("friction", t.friction, "1"),
+        ("clips", t.clips, "1"),
+        ("power", t.power_w, "W"),
+    )
+    return parameters(f"tool {name}", t, rows)

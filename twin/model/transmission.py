@@ -134,12 +134,8 @@ def faults(
 ) -> Iterator[Fault]:
     """Yield the faults of actuators and transmissions; later faults may be caused by earlier ones.
 
-    Args:
-        actuators: actuators of the mechanism.
-        transmissions: transmissions of the mechanism.
-        active: names of the active joints of the mechanism.
-        joints: names of all joints of the mechanism.
-        own_drive: names of the joints that have a position drive of their own.
+    `joints` has the names of all joints of the mechanism, `active` those of the active joints, `own_drive` those of the
+    joints that have a position drive of their own.
     """
     for a in actuators:
         for key, text in _actuator(a, joints):
