@@ -51,12 +51,8 @@ def write_mcap(
 ) -> Path:
     """Write the file and return its path; the same input gives the same bytes.
 
-    Args:
-        path: the .mcap file.
-        t: (k,) times in s, from 0.
-        links: T_world_link (k, 4, 4), by name of the link ("psm1/yaw").
-        joints: joint values (k,) in m or rad, by name of the joint ("psm1/q1").
-        console: further numbers (k,), by name.
+    Times (k,) are in s, from 0; links are T_world_link (k, 4, 4) and joints (k,) in m or rad, with names such as
+    "psm1/yaw". `console` has further numbers (k,), by name.
 
     Raises:
         TwinError: the package `mcap` is not installed.

@@ -73,10 +73,8 @@ MOTORS = (
 def write_mjcf(mechanism: Mechanism, folder: Path, name: str = "") -> Path:
     """Write <robot>.xml, or <name>.xml, and its meshes; return the .xml file.
 
-    Args:
-        mechanism: the robot with masses; masses of bodies without one are assumed (see `mjcf_findings`).
-        folder: created if it is missing; the caller moves it to its final place.
-        name: file name without suffix, if a robot has several files (one for each trocar position); "": robot name.
+    The mechanism has masses; the missing ones are assumed (see `mjcf_findings`). `name` is the file name without
+    suffix, if a robot has several files (one for each trocar position).
 
     Raises:
         AssemblyError: the loops of the mechanism cannot be closed.

@@ -116,9 +116,10 @@ def _motions(order: Order) -> Iterator[str]:
         )
         yield (
             f"- {c.name}: {c.title}; {c.times[-1]:.3f} s, {len(c.times)} keys at {c.rate:g} Hz. A player that "
-            f"interpolates linearly between keys is at most {c.between_position / UM:.1f} um off at any point of a "
+            f"interpolates linearly between keys is at most {c.between.position / UM:.1f} um off at any point of a "
             "link and "
-            f"{c.between_rotation / DEG:.4f} degrees; joints open by at most {c.joint_gap / UM:.1f} um ({budget})."
+            f"{c.between.rotation / DEG:.4f} degrees; joints open by at most {c.between.joint_gap / UM:.1f} um "
+            f"({budget})."
         )
 
 
