@@ -57,12 +57,7 @@ def finish(
 ) -> int:
     """Print a result as text or, with --json, as JSON; return its exit code.
 
-    Args:
-        result: the result.
-        args: arguments of the command line.
-        folder: folder of the written files; None: no files.
-        files: names of the files in the folder to list.
-        text: lines to print; None: the whole text of the result.
+    `folder` and `files` are the written files to list; `text` replaces the whole text of the result.
     """
     if args.json:
         print(as_json({**result.as_dict(), **({} if folder is None else {"folder": str(folder)})}))

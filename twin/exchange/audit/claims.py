@@ -62,12 +62,8 @@ def _check_between(content: Content, shapes: Mapping[str, Shape], joints: Sequen
             continue
         low = said < estimate / TOO_GOOD and estimate > floor
         high = said > TOO_BAD * max(estimate, floor) and (shapes or key != "between_position")
-        content.ledger.row(
-            f"{key}: stated error compared with an estimate from every second key",
-            abs(estimate - said),
-            unit,
-            fits=not low,
-        )
+        message = f"{key}: stated error compared with an estimate from every second key"
+        content.ledger.row(message, abs(estimate - said), unit, fits=not low)
         if low or high:
             message = (
                 f"{key} states an error of {quantity(said, unit)} for {text}, but the estimate is "

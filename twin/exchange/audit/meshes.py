@@ -21,13 +21,8 @@ def check_mesh(
 ) -> Shape | None:
     """Report the faults of a mesh, and return its shape; None if its triangles are invalid.
 
-    Args:
-        ledger: receives the findings.
-        where: name of the mesh.
-        vertices: (n, 3) in m.
-        triangles: (m, 3) indices.
-        normals: unit normals (3 m, 3), one for each corner of a triangle, or None.
-        code: first part of the codes of the findings.
+    Vertices are (n, 3) in m, triangles (m, 3); `normals` has a unit normal for each corner of a triangle (3 m, 3), or
+    is None. `code` is the first part of the codes of the findings.
     """
     if not len(vertices) or not len(triangles):
         return None

@@ -54,7 +54,6 @@ class Clip:
     """A motion.
 
     Attributes:
-        name: name of the clip.
         times: times (k,) of the keys in s.
         links: T_world_link (k, 4, 4) by link.
         joints: known joint values (k,) in rad or m, by joint.

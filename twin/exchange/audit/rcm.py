@@ -29,7 +29,6 @@ class _Stay:
     """A phase with an RCM.
 
     Attributes:
-        name: name of the phase.
         point: stated RCM (3,) in m.
         enforced: whether the RCM is enforced (else monitored); None if not stated.
         times: times (k,) of its keys in s.
@@ -50,11 +49,8 @@ class _Stay:
 def check_rcm(data: dict[str, Any], clip: Clip, local: Array, ledger: Ledger) -> None:
     """Report shaft axes that miss the RCM of their phase, and RCMs that are not the centre of rotation of the shaft.
 
-    Args:
-        data: the track.
-        clip: the motion of the track.
-        local: poses of its n named frames in their links, flat (7 n,): x y z in m, quaternion x y z w.
-        ledger: receives the findings.
+    `local` has the poses of the n named frames of the track in their links, flat (7 n,): x y z in m, quaternion x y z
+    w.
     """
     stays = _stays(data, clip, local, ledger)
     if stays is None:

@@ -30,7 +30,6 @@ class Check:
     Attributes:
         check: short description.
         file: path relative to the audited folder.
-        tool, version: name and version of the reader.
         worst: the maximum deviation in `unit`; None if nothing can be measured.
         unit: unit of `worst` and `tolerance`.
         tolerance: limit of `worst` in `unit`; None if there is no limit.
@@ -62,7 +61,6 @@ class AuditReport(Result):
     Attributes:
         path: the audited file or folder.
         files: for each file its name, format and conventions (units, up axis, handedness, clips).
-        checks: the measurements.
         findings: the faults, the most severe first.
     """
 
@@ -196,7 +194,6 @@ class Ledger:
 
     Attributes:
         file: name of the file as shown in reports, relative to the audited folder.
-        tool, version: name and version of the reader.
     """
 
     file: str

@@ -47,9 +47,7 @@ class Shown:
 def audit_scene(folder: Path, audited: Callable[[Path], Audited]) -> Audited:
     """Return (contents of the robots' files, ledgers of these files and of the scene's stages) of an exported scene.
 
-    Args:
-        folder: the exported scene, with scene.json.
-        audited: function that audits the folder of one robot; the robot's name is added before its file names.
+    `audited` audits the folder of one robot; the name of the robot is added before its file names.
     """
     contents: list[Content] = []
     ledger = Ledger(FILE, "twin.exchange.audit scene", "1")

@@ -29,7 +29,6 @@ class UrdfJoint:
     """A joint of a URDF.
 
     Attributes:
-        name: name of the joint.
         parent, child: names of its links.
         link: its pose in the parent, kind of motion and axis.
         limits: (lower, upper) in rad or m; None if not stated.
@@ -245,13 +244,8 @@ def named_mesh(
 ) -> tuple[Array, Array] | None:
     """Return (points (n, 3) in m, triangles (m, 3)) of a mesh file, checked once; None if it cannot be read.
 
-    Args:
-        path: the robot's file, which refers to the mesh file.
-        name: path of the mesh file relative to the robot's file.
-        scale: scale factors (3,) from units of the mesh file to m.
-        checked: cache of the meshes already read, by name.
-        ledger: receives the findings.
-        code: first part of the codes of the findings.
+    `name` is the path of the mesh file relative to the robot's file `path`; `scale` (3,) converts its units to m;
+    `checked` stores the meshes already read; `code` is the first part of the codes of the findings.
     """
     key = f"{name} {scale.tolist()}"
     if key in checked:

@@ -17,7 +17,6 @@ def run_usd_validators(path: str | Path) -> list[Finding]:
 
     Raises:
         StageError: if the stage cannot be opened.
-
     """
     stage = Scene(path).stage
     validators = UsdValidation.ValidationRegistry().GetOrLoadAllValidators()
@@ -54,7 +53,6 @@ def parse_with_usdphysics(path: str | Path) -> dict[str, list[str]]:
 
     Raises:
         StageError: if the stage cannot be opened.
-
     """
     stage = Scene(path).stage
     found = UsdPhysics.UsdPhysicsLoadStageFromPrimRange(stage, ["/"])
