@@ -11,6 +11,20 @@ from build123d import Axis, Edge, Face, Location, Plane, Solid, Vector, Wire
 
 X, Y, Z = (1, 0, 0), (0, 1, 0), (0, 0, 1)
 
+METAL_AND_PLASTIC = {  # sRGB, density in kg/m3
+    "steel": ((0.66, 0.69, 0.72), 7850),
+    "dark_steel": ((0.26, 0.28, 0.31), 7850),
+    "aluminium": ((0.80, 0.82, 0.84), 2700),
+    "blue_aluminium": ((0.17, 0.36, 0.55), 2700),
+    "grey_aluminium": ((0.45, 0.49, 0.54), 2700),
+    "bronze": ((0.78, 0.57, 0.27), 8800),
+    "copper": ((0.80, 0.45, 0.28), 8960),
+    "plastic": ((0.13, 0.14, 0.16), 1200),
+    "white_plastic": ((0.91, 0.91, 0.89), 1200),
+    "orange_plastic": ((0.89, 0.42, 0.12), 1200),
+    "glass": ((0.35, 0.62, 0.78), 2500),
+}
+
 
 def cyl(at, axis, r, h):
     """Return a cylinder of radius r that starts at `at` and has length h along `axis`."""

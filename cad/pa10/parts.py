@@ -49,7 +49,7 @@ def fork(d, n, z, foot, r_foot, height, deep):
 
 
 def drum(d, n, z, tube, height, deep, err):
-    """Return three parts of joint n at height z: (disc with journal, drum joined to the `tube`, opposite disc).
+    """Return (disc with journal, drum joined to the `tube`, opposite disc) of joint n at height z.
 
     Where the tube is wider than the drum, it is cut out around the discs so that they can rotate.
     """
@@ -61,7 +61,7 @@ def drum(d, n, z, tube, height, deep, err):
     for at, way in ((height - half, BACK), (end - height, Y)):
         tube -= cyl((0, at, z), way, r + d.gap, 2 * height)
     disc = cyl((0, end - height, z), Y, r, height) + cyl((0, end - 1, z), Y, journal, deep)
-    return (f"flange{n}", foot, "cap"), body + tube, (f"disc{n}", disc, "cap")
+    return foot, body + tube, disc
 
 
 def cover(name, at, axis, r, h):
@@ -135,69 +135,58 @@ def link1(d, err):
     ]
 
 
-def link2(d, err):
-    """Draw the lower half of the upper arm: the drum of joint 2 and a tube up to joint 3."""
-    tube = cone((0, 0, 0), Z, d.tube2, d.tube2 - 3, d.hub3 - d.seat)
-    foot, body, disc = drum(d, 2, 0.0, tube, d.seat, d.deep, err)
-    body -= cyl((0, 0, d.hub3 - d.seat - d.deep), Z, d.j3 + 1, d.deep + 1)
+def lower(d, err, n, name, z, tube, height, deep):
+    """Draw the link of pitch joint n at height z: its drum, and a tube up to the seat of the next roll joint."""
+    foot, body, disc = drum(d, n, z, tube, height, deep, err)
+    hole = getattr(d, f"hub{n + 1}") - height - deep
+    body -= cyl((0, 0, hole), Z, getattr(d, f"j{n + 1}") + 1, deep + 1)
     return [
-        foot,
-        ("arm", body, "cast"),
-        disc,
-        ("seat3", roll_seat(d, 3, d.seat, err), "cap"),
+        (f"flange{n}", foot, "cap"),
+        (name, body, "cast"),
+        (f"disc{n}", disc, "cap"),
+        (f"seat{n + 1}", roll_seat(d, n + 1, height, err), "cap"),
     ]
+
+
+def upper(d, err, n, name, z, height, deep, cap):
+    """Draw the link of roll joint n: its flange, a tube, and the fork of the next pitch joint at height z."""
+    low, waist = z - getattr(d, f"foot{n + 1}"), getattr(d, f"waist{n + 1}") - 1
+    body = fork(d, n + 1, z, low, waist, height, deep)
+    body += stem(getattr(d, f"hub{n}") + d.seat, low, getattr(d, f"tube{n}"), waist, getattr(d, f"r{n}") - 2)
+    return [
+        (f"flange{n}", roll_flange(d, n, d.seat, d.deep, err), "grey"),
+        (name, body, "cast"),
+        (f"seat{n + 1}", pitch_seat(d, n + 1, z, height, err), "cap"),
+        *covers(d, n + 1, z, cap),
+    ]
+
+
+def link2(d, err):
+    """Draw the lower half of the upper arm."""
+    tube = cone((0, 0, 0), Z, d.tube2, d.tube2 - 3, d.hub3 - d.seat)
+    return lower(d, err, 2, "arm", 0.0, tube, d.seat, d.deep)
 
 
 def link3(d, err):
-    """Draw the upper half of the upper arm: the flange of joint 3, a tube, and the fork of joint 4."""
-    z, low = d.elbow, d.elbow - d.foot4
-    body = fork(d, 4, z, low, d.waist4 - 1, d.seat, d.deep)
-    body += stem(d.hub3 + d.seat, low, d.tube3, d.waist4 - 1, d.r3 - 2)
-    return [
-        ("flange3", roll_flange(d, 3, d.seat, d.deep, err), "grey"),
-        ("upper_arm", body, "cast"),
-        ("seat4", pitch_seat(d, 4, z, d.seat, err), "cap"),
-        *covers(d, 4, z, 18),
-    ]
+    """Draw the upper half of the upper arm."""
+    return upper(d, err, 3, "upper_arm", d.elbow, d.seat, d.deep, 18)
 
 
 def link4(d, err):
-    """Draw the lower half of the forearm: the drum of joint 4 and a tube up to joint 5."""
+    """Draw the lower half of the forearm."""
     tube = cyl((0, 0, d.elbow), Z, d.tube4, d.hub5 - d.seat - d.elbow)
-    foot, body, disc = drum(d, 4, d.elbow, tube, d.seat, d.deep, err)
-    body -= cyl((0, 0, d.hub5 - d.seat - d.deep), Z, d.j5 + 1, d.deep + 1)
-    return [
-        foot,
-        ("arm", body, "cast"),
-        disc,
-        ("seat5", roll_seat(d, 5, d.seat, err), "cap"),
-    ]
+    return lower(d, err, 4, "arm", d.elbow, tube, d.seat, d.deep)
 
 
 def link5(d, err):
-    """Draw the upper half of the forearm: the flange of joint 5, a tube, and the fork of joint 6."""
-    z, low = d.wrist, d.wrist - d.foot6
-    body = fork(d, 6, z, low, d.waist6 - 1, d.seat6, d.deep6)
-    body += stem(d.hub5 + d.seat, low, d.tube5, d.waist6 - 1, d.r5 - 2)
-    return [
-        ("flange5", roll_flange(d, 5, d.seat, d.deep, err), "grey"),
-        ("forearm", body, "cast"),
-        ("seat6", pitch_seat(d, 6, z, d.seat6, err), "cap"),
-        *covers(d, 6, z, 9),
-    ]
+    """Draw the upper half of the forearm."""
+    return upper(d, err, 5, "forearm", d.wrist, d.seat6, d.deep6, 9)
 
 
 def link6(d, err):
     """Draw the wrist: the drum of joint 6 with the neck of joint 7."""
     tube = cyl((0, 0, d.wrist), Z, d.r7 - 3, d.hub7 - d.seat6 - d.wrist)
-    foot, body, disc = drum(d, 6, d.wrist, tube, d.seat6, d.deep6, err)
-    body -= cyl((0, 0, d.hub7 - d.seat6 - d.deep6), Z, d.j7 + 1, d.deep6 + 1)
-    return [
-        foot,
-        ("wrist", body, "cast"),
-        disc,
-        ("seat7", roll_seat(d, 7, d.seat6, err), "cap"),
-    ]
+    return lower(d, err, 6, "wrist", d.wrist, tube, d.seat6, d.deep6)
 
 
 def link7(d, err):

@@ -16,21 +16,9 @@ from math import cos, radians, sin
 
 import numpy as np
 from build123d import Axis, Location, Plane, Solid
-from shapes import X, Y, Z, box, cyl, hull, joint, pipe, polar
+from shapes import METAL_AND_PLASTIC, X, Y, Z, box, cyl, hull, joint, pipe, polar
 
-MATERIALS = {  # sRGB, density in kg/m3
-    "steel": ((0.66, 0.69, 0.72), 7850),
-    "dark_steel": ((0.26, 0.28, 0.31), 7850),
-    "aluminium": ((0.80, 0.82, 0.84), 2700),
-    "blue_aluminium": ((0.17, 0.36, 0.55), 2700),
-    "grey_aluminium": ((0.45, 0.49, 0.54), 2700),
-    "bronze": ((0.78, 0.57, 0.27), 8800),
-    "copper": ((0.80, 0.45, 0.28), 8960),
-    "plastic": ((0.13, 0.14, 0.16), 1200),
-    "white_plastic": ((0.91, 0.91, 0.89), 1200),
-    "orange_plastic": ((0.89, 0.42, 0.12), 1200),
-    "glass": ((0.35, 0.62, 0.78), 2500),
-}
+MATERIALS = METAL_AND_PLASTIC
 
 
 # ---- shapes -----------------------------------------------------------------
