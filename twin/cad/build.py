@@ -42,7 +42,7 @@ class CadModel:
         mechanism: bodies, joints and loops, rest poses as in the CAD.
         findings: results of the checks for parts that do not meet, open meshes and single-precision placements.
         description: the content of the TOML file.
-        measured: every feature by body and name, in drawn coordinates (those of the STEP file, in m).
+        measured: every feature by body and name, in drawn coordinates (coordinates of the STEP file, in m).
         dimensions: the dimensions from which the drawing was made, with provenance.
         gaps: (lower joint, upper joint, minimum distance in m) of each pair of joints on one rail.
     """

@@ -292,7 +292,7 @@ class MatrixSpec(Table):
 class TransmissionSpec(Table):
     """Transmission from motors to active joints: q_joints = matrix @ m_actuators in rad or m, one row per joint.
 
-    `variants` are other matrices by name; `matrix` is the one in use.
+    `matrix` is in use; `variants` are other matrices by name.
     """
 
     name: Identifier

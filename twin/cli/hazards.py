@@ -10,7 +10,7 @@ from twin.cli import show
 
 
 def hazards(args: argparse.Namespace) -> int:
-    """Run the sessions that are left, print the outcome by class; the log has each session.
+    """Run the remaining sessions and print the number of outcomes by class; the log contains each session.
 
     The exit code is 1 after a false cue.
     """

@@ -326,7 +326,7 @@ def _pages(add: Add) -> None:
     sub.page(8080, "page")
     sub.tool()
     sub.text("--html", "FILE", "write a recording of the protocol and exit")
-    sub.text("--watch", "PORT", "only show what a running twin serve of this scene simulates", type=_port)
+    sub.text("--watch", "PORT", "only show the simulation of a running twin serve of this scene", type=_port)
 
     sub = add(
         "serve",
@@ -433,8 +433,8 @@ def _trials(add: Add) -> None:
     sub.choice("--mode", ("advanced", "moderate", "beginner"), "limits of the DAC")
     sub.choice("--overdrive", ("none", "soft", "hard"), "action above the limits: count, clip, or stop")
     sub.number("--master-timeout-ms", "MS", "time without packets after which the pedal counts as up")
-    sub.number("--mass-error", "PERCENT", "excess of the machine's masses over those of its software", 0.0)
-    sub.number("--friction-error", "PERCENT", "excess of the machine's friction over that of its software", 0.0)
+    sub.number("--mass-error", "PERCENT", "excess of the machine's masses over the masses in its software", 0.0)
+    sub.number("--friction-error", "PERCENT", "excess of the machine's friction over the friction in its software", 0.0)
     sub.number("--tilt-deg", "DEG", "tilt of the machine's base about x", 0.0)
 
     sub = add(
@@ -519,7 +519,7 @@ def _files(add: Add) -> None:
 
     sub = add(
         "audit",
-        "check exported files, including those of other tools, with independent readers, and compare the files",
+        "check exported files, also from other tools, with independent readers, and compare the files",
         "  twin audit twin-out/sils/export/\n  twin audit twin-out/sils/export/ --robot sils    against the mechanism\n"
         "  twin audit model.glb              a file from any source\n  twin audit robot.usdz --json",
     )

@@ -65,7 +65,7 @@ def tissues(scene: Scene) -> tuple[Tissue, ...]:
 
 
 def organs(scene: Scene, robots: Mapping[str, api.Robot]) -> OrganFeed | None:
-    """Return the soft organs of a scene for a page whose robots are not in a World with them; None: it has none."""
+    """Return the soft organs of a scene for a page without a World; None: it has none."""
     if not (found := tissues(scene)):
         return None
     from twin.simulation import tissue_scene

@@ -136,7 +136,7 @@ def _settle(base: Path, own: Path) -> None:
 
 
 def _discard(own: Path) -> None:
-    """Remove a folder, unless its journal must still be completed or undone."""
+    """Remove a folder if no journal remains in it that must be completed or undone."""
     if not any((own / name).is_file() for name in (_COMMIT, _UNDO)):
         shutil.rmtree(own, ignore_errors=True)
 

@@ -62,7 +62,7 @@ class AssemblyError(TwinError):
 
     Attributes:
         best: the best assembly found.
-        gap: largest loop gap of this assembly in m; NaN if unknown.
+        gap: maximum loop gap of this assembly in m; NaN if unknown.
     """
 
     def __init__(self, message: str, best: Any = None, gap: float = float("nan")) -> None:

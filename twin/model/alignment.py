@@ -29,12 +29,13 @@ _THICK, _BEFORE = 2e-3, 1e-4
 
 
 class AlignTable(Table):
-    """A green rectangle on a plate, and a grey line in the middle of the picture; the camera is to align them.
+    """A green rectangle on a plate, and a grey line in the middle of the picture; the task is to align them.
 
-    The rectangle's middle is at `position_mm` in the world frame; `facing` points out of the plate; `roll_deg` turns
-    the rectangle about `facing`, from its upper side being horizontal. `line` is the length of the line divided by the
-    height of the picture. The task is done if, at the end, the upper side of the rectangle is within `tolerance_deg`
-    of the line, and its ends are within `tolerance_line` times the length of the line from the line's ends.
+    The rectangle's middle is at `position_mm` in the world frame; `facing` points out of the plate; `roll_deg` is the
+    rotation of the rectangle about `facing`; at 0, its upper side is horizontal. `line` is the length of the line
+    divided by the height of the picture. The task is done if, at the end, the upper side of the rectangle is within
+    `tolerance_deg` of the line, and its ends are within `tolerance_line` times the length of the line from the line's
+    ends.
     """
 
     position_mm: Vector
@@ -64,7 +65,7 @@ class AlignTable(Table):
 
 @dataclass(frozen=True)
 class Alignment:
-    """A rectangle on a plate, and the line in the picture to which its upper side is to be aligned.
+    """A rectangle on a plate, and the line in the picture with which its upper side is aligned.
 
     Attributes:
         T_world_plate: (4, 4) frame at the rectangle's middle: x along its upper side to the right, y to its upper side,
@@ -73,8 +74,8 @@ class Alignment:
         plate: width and height of the plate in m.
         color_rgba: colour of the rectangle, linear, 0..1.
         line: length of the line in the middle of the picture, divided by the height of the picture.
-        tolerance: largest angle in rad between line and upper side at the end of the task.
-        off: largest distance of an end of the upper side from an end of the line, divided by the length of the line.
+        tolerance: maximum angle in rad between line and upper side at the end of the task.
+        off: maximum distance of an end of the upper side from an end of the line, divided by the length of the line.
     """
 
     T_world_plate: Array

@@ -63,7 +63,7 @@ class TissueTable(Table):
 
 
 class AnatomyTable(Table):
-    """The organs of a scene. `file` is a description like that of props, with one body for each organ.
+    """The organs of a scene. `file` is a description as for props, with one body for each organ.
 
     `touching` names the links of instruments that touch organs, each as "robot/body". If the organs are drawn in a
     frame of their own, `axes` are the directions of its x, y and z in the world frame, such as ["-y", "x", "z"];

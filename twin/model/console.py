@@ -64,10 +64,10 @@ class CameraRangeTable(Table):
 class ConsoleTable(Table):
     """A surgeon's console: robots of each hand, in the order of selection by clutch taps, and the shared camera.
 
-    `tip` is the frame of these robots that touches targets and whose path is measured; default: the tool frame.
+    `tip` is the frame of these robots for targets and path lengths; default: the tool frame.
     `instrument_mm` is the length of a robot's instrument from its tip to its outer end: such a hand can also lead the
-    outer end. `through` names robots whose shaft, the z axis of the tool, is kept in the port by the controller,
-    because no mechanism does it. `camera_range` replaces the range of the da Vinci's endoscope.
+    outer end. `through` names the robots without a mechanical RCM: the controller keeps their
+    shaft, the z axis of the tool, in the port. `camera_range` replaces the range of the da Vinci's endoscope.
     """
 
     right: list[Identifier] = Field(min_length=1)
@@ -92,8 +92,8 @@ class ConsoleTable(Table):
 class HapticsTable(Table):
     """Forces on the hands: stiffness and damping of all surfaces; forces are clipped at `largest_n`.
 
-    `device_damping_ns_m` is the damping of the device with the fingers that hold it, which makes the sampled surface
-    passive. `on` is the switch at the start.
+    `device_damping_ns_m` is the damping of the device and of the fingers on it, with which the sampled surface is
+    passive. `on` states whether forces are on at the start.
     """
 
     stiffness_n_m: float = Field(gt=0, le=10_000)

@@ -27,7 +27,7 @@ class ObjectTable(Table):
     size_mm: list[float] = Field(min_length=1, max_length=3)
     mass_g: float = Field(ge=0.001, le=10_000)
     friction: float = Field(
-        ge=0, le=2, description="coefficient of sliding friction; in a contact, the larger one applies"
+        ge=0, le=2, description="coefficient of sliding friction; in a contact, the larger coefficient applies"
     )
     position_mm: Vector
     axis: Vector = (0.0, 0.0, 1.0)
@@ -52,7 +52,7 @@ class ObjectTable(Table):
 class ContactTable(Table):
     """Contact of movable objects with bodies of the props and with the instruments of the console.
 
-    `solid` names the bodies of the props. `jaw_effort_n_mm` is the largest torque of one jaw. `friction` is the
+    `solid` names the bodies of the props. `jaw_effort_n_mm` is the maximum torque of one jaw. `friction` is the
     coefficient of these bodies and of the instruments.
     """
 

@@ -1,4 +1,4 @@
-"""A surgical procedure as a task: the organ that is taken out, the vessel that is cut, and what counts as done."""
+"""A surgical procedure as a task: removed organ, cut vessel, and limits of each stage."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from twin.schema.sourced import Row
 
 
 class ProcedureTable(Table):
-    """A procedure in five stages; all lengths and limits are those of its checks.
+    """A procedure in five stages, with the lengths and limits of its checks.
 
     1 expose: a grasper holds `organ` and has lifted the held point by `lift_mm` when the first clip is placed.
     2 show: `camera` has seen the fraction `seen` of `vessel` for `seen_s` before the first clip is placed.
     3 clip: `clips_kept` clips shut the vessel on the side that stays, `clips_taken` on the side of the organ.
     4 cut: the vessel is cut between them, and no cut end is open.
-    5 remove: each cell of the bed got `bed_j` by cautery and let go; the organ is at most `out_mm` from a port.
+    5 remove: cautery separated each cell of the bed with the energy `bed_j`; the organ is at most `out_mm` from a port.
 
     During all stages, no tip goes deeper than `depth_mm` below the surface at rest of an organ in `spare`, and no other
     vessel is clipped or cut. `start` names the first tool of each robot; a tool is changed while the tip is at most

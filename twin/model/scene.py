@@ -61,7 +61,7 @@ class RobotTable(Table):
 
 
 class SceneTable(Table):
-    """The scene file. `props` names a description like that of a robot, in the world frame, without driven joints."""
+    """The scene file. `props` is the file of a description as for robots, in the world frame, without driven joints."""
 
     name: Identifier
     title: str
@@ -119,7 +119,7 @@ class Scene:
         console: the surgeon's console, or None.
         contact: contact of the objects, or None.
         haptics: numbers of the forces on the hands; None: the defaults.
-        anatomy: where the organs are drawn and what touches them, or None.
+        anatomy: drawing of the organs and the links that touch them, or None.
         tissues: material of the organs by name.
         tools: tools that the instruments can carry, by name.
         tasks: tasks, by name.
@@ -229,7 +229,7 @@ def _place(r: RobotTable, table: SceneTable) -> Place:
 
 
 def _organs(path: Path, table: SceneTable, names: list[str]) -> None:
-    """Raise if organs and anatomy do not belong together, or a link is of an unknown robot."""
+    """Raise if only one of organs and anatomy is given, a file is missing, or a link names an unknown robot."""
     if (table.anatomy is None) != (not table.tissue):
         key = "tissue" if table.anatomy is None else "anatomy"
         raise error_at(path, (key,), "organs need both the table [anatomy] and one table [tissue.NAME] for each organ")

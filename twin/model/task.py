@@ -95,13 +95,13 @@ class Transfer:
 
 @dataclass(frozen=True)
 class Task:
-    """A task; it has targets, transfers, an alignment or a procedure. All but the last are for a console.
+    """A task; it has targets, transfers, an alignment or a procedure. Only a procedure needs no console.
 
     Attributes:
-        tolerance: largest distance in m of a tip from its point during a touch.
+        tolerance: maximum distance in m of a tip from its point during a touch.
         hold: time in s for which all tips of a target must be within the tolerance.
         transfers: rings to bring to pegs.
-        alignment: what the camera is to align, or None.
+        alignment: rectangle and line of the camera task, or None.
         procedure: the procedure, or None.
     """
 

@@ -29,7 +29,7 @@ DOES: dict[Kind, str] = {
     "scalpel": "cuts along the path of its blade",
     "cautery": "separates tissue by heat and stops bleeding",
 }
-"""What the tools of each kind do."""
+"""Function of the tools of each kind."""
 
 
 class ToolTable(Table):
@@ -38,8 +38,8 @@ class ToolTable(Table):
     The signal `<robot>.tool` of a console is its number in the order of the scene file.
 
     Its jaws, legs or blades are `jaw_mm` long, end at the tip of the instrument, and are along its shaft; `open_mm` is
-    the gap between them, or the width of the stroke of a scalpel. A grasper pinches with `pinch_n`; what it holds slips
-    at the force 2 `friction` `pinch_n`. Cautery heats what is within `jaw_mm` of its tip with `power_w`.
+    the gap between them, or the width of the stroke of a scalpel. A grasper pinches with `pinch_n`; grasped tissue
+    slips at the force 2 `friction` `pinch_n`. Cautery heats tissue within `jaw_mm` of its tip with `power_w`.
     """
 
     title: str = Field(min_length=1)
@@ -66,7 +66,7 @@ class ToolTable(Table):
 
     @property
     def slips_at(self) -> float:
-        """Force in N at which what a grasper holds slips: friction at both jaws."""
+        """Force in N at which grasped tissue slips: friction at both jaws."""
         return 2.0 * (self.friction or 0.0) * (self.pinch_n or 0.0)
 
 

@@ -1,4 +1,4 @@
-"""A vessel: a thin, closed tube along a line, whose segments are closed bodies of their own, so that it can be cut."""
+"""A vessel: a thin, closed tube along a line, made of closed segments, between which it can be cut."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from twin.schema import Identifier, Origin, Table, Vector
 from twin.schema.sourced import parameters
 
 SEGMENTS = 60
-"""Largest number of segments of a vessel; the time of a step grows with it."""
+"""Maximum number of segments of a vessel; the computing time of a step increases with it."""
 
 _SIDES = 8
 """Number of sides of a drawn segment."""
@@ -28,7 +28,8 @@ _SIDES = 8
 class VesselTable(Table):
     """A vessel along a line in the world frame, in segments of about `segment_mm`.
 
-    The first point is on the surface of `organ` and moves with it; without `organ` it is fixed, as the last point is.
+    The first point is on the surface of `organ` and moves with the organ; without `organ` it is fixed. The last point
+    is fixed.
     """
 
     line_mm: list[Vector] = Field(min_length=2, max_length=20)

@@ -1,8 +1,8 @@
 """Unchecked content of a UsdPhysics stage: rigid bodies, joints, poses.
 
 The reader and the checker use this module. For any unit and up axis of the stage, lengths are converted to metres and
-poses to world z up; joint frames are rotated so that z is the axis. Invalid data are returned too: the reader rejects
-and the checker reports such data.
+poses to world z up; joint frames are rotated so that z is the axis. Invalid data are also returned: the reader
+rejects them, and the checker reports them.
 """
 
 from __future__ import annotations

@@ -4,7 +4,7 @@ poses       quaternions and matrices, implemented independently of the writers
 motion      the common result of the readers: clips of link poses in the world frame
 gltf, usd, tracks, mjcf, urdf      readers
 physics     mechanism data of a file, in a common form for all formats; physics_<format> convert to this form
-sense       physically impossible data in one file
+sense       find physically impossible data in one file
 compare     compare the pose of every link at every key between files
 compare_physics    compare joints, drives, masses, frames, surfaces, colours between files and with the mechanism
 claims      check what files state about themselves: errors between keys, assumptions, README.txt
@@ -60,7 +60,7 @@ def audit(
 
     Args:
         path: a .glb, .gltf, USD, .usdz, track, MJCF or URDF file, a folder with any of them, or an exported scene.
-        truth: poses of the reference model by clip; None: poses are compared with those of the tracks.
+        truth: poses of the reference model by clip; None: poses are compared with the poses in the tracks.
         mechanism: the expected mechanism; masses, joints, drives and frames of the files are compared with it. None:
             they are compared only between files.
         progress: see `Progress`.

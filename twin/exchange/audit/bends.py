@@ -21,7 +21,7 @@ GLB, USD = "organs.glb", "usd/organs.usdc"
 """Files of the deformables, in the folder of the scene."""
 
 TOLERANCE = 10e-6
-"""Largest distance in m between a vertex in both files."""
+"""Maximum distance in m between a vertex in one file and the same vertex in the other file."""
 
 _TIMES = 16
 """Number of samples of each mesh, evenly distributed, at which the files are compared."""

@@ -14,7 +14,7 @@ from twin.exchange.audit.physics import Joint, Physics
 from twin.exchange.audit.report import Ledger, Measured, quantity
 
 TOO_GOOD = 3.0
-"""Maximum ratio of the estimated error to the stated error; at higher ratios the stated error is too small."""
+"""Maximum ratio of the estimated error to the stated error; at higher ratios, the stated error is too small."""
 
 TOO_BAD = 20.0
 """Maximum ratio of the stated error to the estimated error.

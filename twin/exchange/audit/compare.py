@@ -172,7 +172,7 @@ def _times_apart(clip: Clip, ref: Reference, mine: Array, its: Array) -> str:
         here, there = told_apart(clip.duration, ref.clip.duration)
         return (
             f"the clip lasts {here} s; in {ref.source} it lasts {there} s (ratio {ratio:.6g}); {len(mine)} "
-            f"of its {len(clip.times)} key times are among the {len(ref.clip.times)} key times there"
+            f"of its {len(clip.times)} key times are among the {len(ref.clip.times)} key times of that clip"
         )
     said = []
     for times, shared, text in (
@@ -358,7 +358,7 @@ def compare_shapes(contents: Sequence[Content]) -> None:
 
 
 def compare_hashes(contents: Sequence[Content], proof: str = "") -> None:
-    """Report files whose model hash differs from that of proof.json or, without a proof, of most other files."""
+    """Report files whose model hash differs from the hash in proof.json or, without a proof, in most other files."""
     said: dict[str, dict[str, str]] = {}
     for c in contents:
         if c.model_hash:

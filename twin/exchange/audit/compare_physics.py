@@ -71,7 +71,7 @@ def _direction(a: Array, b: Array) -> float:
 
 
 def _sense(a: tuple[Array, bool], b: tuple[Array, bool]) -> float:
-    """Return the distance between two unit vectors; the sign is ignored unless both files state it."""
+    """Return the distance between two unit vectors; the sign is ignored if one of the files does not state it."""
     return _distance(a[0], b[0]) if a[1] and b[1] else _direction(a[0], b[0])
 
 
@@ -245,7 +245,7 @@ def _ends_on(links: Collection[str] | None) -> tuple[str, ...]:
 
 
 def _known_links(views: Sequence[View]) -> set[str]:
-    """Return the links without auxiliary links: those of the mechanism, else of tracks, USD or GLB, else all."""
+    """Return the links without auxiliary links, from the mechanism, tracks, USD or GLB; else all links."""
     for family in ("truth", "tracks", "usd", "glb"):
         for v in views:
             if v.family == family and v.physics.links:

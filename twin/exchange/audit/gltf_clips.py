@@ -119,7 +119,7 @@ class Clips:
         if jumping:
             node = self._nodes[jumping[0].node].label
             text = (
-                f"clip '{clip}' jumps from key to key (STEP) in {len(jumping)} channels, such as that of node '{node}'."
+                f"clip '{clip}' jumps from key to key (STEP) in {len(jumping)} channels, for instance of node '{node}'."
             )
             self._ledger.add("gltf.jumps", "info", text, clip, suggestion="use LINEAR for a motion")
 

@@ -81,10 +81,10 @@ class Content:
         format: "glb", "usd", "usdz", "tracks", "csv", "mjcf", "urdf".
         clips: motions, in the order of the file.
         rest: T_world_link (4, 4) by link, without any motion.
-        declared: names of the links that the file marks (as rigid bodies, in extras); None if it marks none.
+        declared: names of the links that the file marks (as rigid bodies, in extras); None: no link is marked.
         shapes: meshes by link.
         colors: for each link, the fraction of its area by colour (linear rgba).
-        physics: masses, joints and frames in the file; None if it has none.
+        physics: masses, joints and frames in the file; None: the file has no such data.
         model_hash: hash, stated in the file, of the mechanism that the file was made from; "" if not stated.
         facts: conventions of the file, for the report: units, up_axis, handedness, ...
         known: links that any file in the folder marks; None if no file marks links.

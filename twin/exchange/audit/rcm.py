@@ -1,6 +1,6 @@
 """Check the remote centres of motion (RCM) of a track against the motion of the shaft.
 
-The distance of the shaft axis from the stated RCM is a fault if the RCM is enforced, but not if it is only monitored.
+The distance of the shaft axis from the stated RCM is a fault only if the protocol enforces the RCM.
 In both cases, if all shaft axes of a phase meet in one point, a stated RCM at a different point is a fault.
 """
 
@@ -136,7 +136,7 @@ def _is_unit(value: Any) -> bool:
 
 
 def _centre(stay: _Stay) -> Array | None:
-    """Return the point (3,) in m where the shaft axes meet; None if they do not meet or are nearly parallel."""
+    """Return the intersection (3,) of the shaft axes in m; None if they do not meet or are nearly parallel."""
     for p, d in stay.lines.values():
         P = np.eye(3) - d[:, :, None] * d[:, None, :]
         A, b = P.mean(axis=0), np.einsum("kij,kj->i", P, p) / len(p)

@@ -107,7 +107,7 @@ _MARKS = {"agree": "ok", "disagree": "WRONG", "unchecked": "?"}
 
 
 def worst(checks: Sequence[Check]) -> list[Check]:
-    """Return the worst check of each kind; checks that differ only in clip, file and counts are of one kind."""
+    """Return the worst check of each kind; checks that differ only in clip, file and counts have the same kind."""
     kinds: dict[str, Check] = {}
     for check in checks:
         kind = re.sub(r"clip '[^']*': | against [^,]*|, \d.*|\d+", "", check.check)
@@ -155,7 +155,7 @@ ADVICE: Mapping[str, str] = {
     "mjcf.loop": "check the anchors of the equality constraints, and the zero positions of the joints",
     "name": "letters, digits and underscores are safe in every format",
     "normals_against": "reverse the normals or the winding",
-    "proof.hash": "export again; the measured values are those of the original file",
+    "proof.hash": "export again; the measured values belong to the original file",
     "quaternion": "normalise the quaternion",
     "quaternion_sign": "negate quaternions so that successive quaternions have a positive dot product",
     "step": "write more keys",

@@ -24,7 +24,7 @@ FILE = "scene.json"
 """File of an exported scene: its robots, their folders and the poses of their bases."""
 
 REACH = 0.1
-"""Distance in m from a link's origin of the points at which a deviation is measured; it thus includes rotation."""
+"""Distance in m from a link's origin of the points at which a deviation, also of rotation, is measured."""
 
 Audited = tuple[list[Content], list[Ledger]]
 

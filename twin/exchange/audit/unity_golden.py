@@ -165,7 +165,7 @@ def _apart(a: Any, b: Any) -> float:
 
 
 def _turned(a: Array, b: Array) -> float:
-    """Return the largest difference between components of quaternions (k, 4), with their signs ignored."""
+    """Return the maximum difference between components of quaternions (k, 4); signs of quaternions are ignored."""
     if a.shape != b.shape:
         return np.inf
     return float(np.minimum(np.abs(a - b).max(axis=1), np.abs(a + b).max(axis=1)).max(initial=0.0))

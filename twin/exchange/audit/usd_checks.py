@@ -76,7 +76,7 @@ _AR_TYPES = {
     *("Material", "Shader", "SkelRoot", "Skeleton", "SkelAnimation", "BlendShape", "SpatialAudio", "PhysicsScene"),
     *("Preliminary_ReferenceImage", "Preliminary_Text", "Preliminary_Trigger"),
 }
-"""Prim types that AR Quick Look supports (ARKit rules of OpenUSD 26.5), in addition to those of RealityKit."""
+"""Prim types that AR Quick Look supports (ARKit rules of OpenUSD 26.5), in addition to the prim types of RealityKit."""
 
 
 def _check_quick_look(path: Path, ledger: Ledger) -> None:

@@ -16,7 +16,7 @@ _SHAPES = {"BOX": "box", "CYLINDER": "cylinder", "SPHERE": "sphere", "CAPSULE": 
 
 
 def shown(m, bodies: Sequence[str], name: Callable[[str, int], str], findings: Findings) -> list[list[Mesh]]:
-    """Return the meshes of each body: its visual shapes, or its colliders if it has no visual shapes.
+    """Return the meshes of each body: its visual shapes or, without visual shapes, its colliders.
 
     `bodies` has the names of the bodies in the mechanism; `name` returns the name of an object from its kind and
     number.

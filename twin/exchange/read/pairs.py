@@ -96,7 +96,7 @@ class Pair:
 
     @property
     def miss(self) -> float:
-        """Largest distance between the axes in the overlap, or between the centres, divided by the smaller radius."""
+        """Maximum distance between the axes in the overlap, or between the centres, divided by the smaller radius."""
         return (self.offset + 0.5 * self.tilt * self.overlap) / min(self.a.face.radius, self.b.face.radius)
 
     @property

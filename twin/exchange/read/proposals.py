@@ -105,7 +105,7 @@ def propose(parts: Mapping[str, Sequence[Part]], pairs: Sequence[Pair], base: st
 def _kinds(pairs: list[Pair]) -> tuple[list[tuple[JointType | None, Pair, str]], list[Pair]]:
     """Return ((type, fit, evidence) of each joint, remaining fits) for the fits between two bodies.
 
-    The position of the joint is that of its fit. The type is None if it depends on stops along the axis.
+    The joint is at the position of its fit. The type is None if it depends on stops along the axis.
     """
     balls = [p for p in pairs if p.kind == "concentric"]
     axes = sorted((p for p in pairs if p.kind == "coaxial"), key=lambda p: (p.near, p.clearance, -p.overlap))
@@ -257,7 +257,7 @@ def _along_axis(
 def _flats(parts: Sequence[Sequence[Part]], zs: Sequence[Array], within: float) -> list[tuple[Part, Face]] | None:
     """Return the most parallel pair of plane faces that are parallel to the axes, one of each body.
 
-    Returns None if there is no such pair, or its angle in rad is not below `within`.
+    Returns None if there is no such pair, or the angle of each pair is at least `within` in rad.
     """
     planes = [
         [(part, f) for part in own for f in part.faces if f.kind == "plane" and abs(float(f.direction @ z)) < 1e-4]

@@ -105,7 +105,8 @@ class _Sdf:
     def _drive(self, joints: list[Joint], base: str, followers: set[str], names: Names) -> list[Joint]:
         """Return the joints, with the driven ones marked as active.
 
-        Driven joints are those named by plug-ins; without plug-ins, all joints that neither mimic nor close a loop.
+        Plug-ins name the driven joints; without plug-ins, all joints are driven except followers (`mimic`) and joints
+        that close a loop.
         """
         told = {t for p in self.model.iter("plugin") for e in p.iter("joint_name") if (t := (e.text or "").strip())}
         told = {names[t] for t in told if t in names}

@@ -1,8 +1,8 @@
 """Read a URDF, with its loops from a closure YAML.
 
-Joint frames are those of the URDF, rotated so that z is the axis. A fixed link without shape and mass becomes a named
-frame on its parent. Data that a mechanism cannot hold cause an error (planar joints) or a warning (friction, efforts,
-textures).
+Joint frames are the frames in the URDF, rotated so that z is the axis. A fixed link without shape and mass becomes a
+named frame on its parent. Data that a mechanism cannot hold cause an error (planar joints) or a warning (friction,
+efforts, textures).
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ _LIGHT = 1e-6
 
 
 def read_urdf(path: Path, closures: Path | None = None) -> Imported:
-    """Read a URDF and its closure YAML, if it has one.
+    """Read a URDF and its closure YAML; None: the URDF has no closure YAML.
 
     Raises:
         SourceError: the file is invalid or unsupported; the message names file, element and fault.
@@ -425,7 +425,7 @@ class _Urdf:
 
 
 def _origin(xml: Xml, element: Element, where: str) -> Array:
-    """Return the pose (4, 4) of an element's <origin>; the identity if it has none."""
+    """Return the pose (4, 4) of an element's <origin>; the identity without <origin>."""
     found = element.find("origin")
     xyz, angles = (found.get("xyz"), found.get("rpy")) if found is not None else (None, None)
     p = xml.numbers(where, "origin xyz", xyz, 3, (0, 0, 0))
@@ -459,7 +459,7 @@ class _Visuals:
         return (float(r), float(g), float(b), float(a))
 
     def meshes(self, name: str, link: Element) -> list[Mesh]:
-        """Return the visual shapes of a link, or its collision shapes if it has no visual shapes."""
+        """Return the visual shapes of a link or, without visual shapes, its collision shapes."""
         where, out = f"link '{name}'", []
         if link.find("visual") is not None and link.find("collision") is not None:
             text = f"{where}: its <collision> shapes are not imported; the visual meshes are used for collision."

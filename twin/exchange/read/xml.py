@@ -36,7 +36,7 @@ class Xml:
         raise SourceError(f"{self.path}: {where}: {message}")
 
     def name(self, element: ElementTree.Element, kind: str) -> str:
-        """Return the name of an element; raise `SourceError` if it has none."""
+        """Return the name of an element; raise `SourceError` if the name is missing."""
         name = (element.get("name") or "").strip()
         if not name:
             self.fail(f"<{kind}>", "it has no name")

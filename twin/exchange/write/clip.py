@@ -192,8 +192,8 @@ def key_rows(count: int, stride: int) -> Index:
 def extremes(mechanism: Mechanism, body: Body) -> Array:
     """Return the corner points (n, 3) in m of a body, in its frame; their convex hull contains the body.
 
-    The largest position error of the body occurs at one of these points: the corners of the meshes' bounding box, named
-    frames, named points, and the origin.
+    The position error of the body has its maximum at one of these points: the corners of the meshes' bounding box,
+    named frames, named points, and the origin.
     """
     points = [np.zeros((1, 3))]
     if meshes := [m.vertices for m in body.meshes if len(m.vertices)]:
@@ -261,7 +261,7 @@ def draw(times: Array, Ts: Array, keys: Index, blend: Callable[[Array, Array, Ar
 
 
 def _furthest(off: Array, reach: Array) -> Array:
-    """Return the largest error (k,) in m of the points `reach` (n, 3), from the pose differences `off` (k, 4, 4)."""
+    """Return the maximum error (k,) in m of the points `reach` (n, 3), from the pose differences `off` (k, 4, 4)."""
     moved = off[:, None, :3, :3] @ reach[None, :, :, None]
     return np.linalg.norm(moved[..., 0] + off[:, None, :3, 3], axis=-1).max(axis=1)
 
@@ -345,7 +345,7 @@ def model_hash(mechanism: Mechanism) -> str:
 def between_keys(keys: Array, Ts: Array, times: Array) -> Array:
     """Return the poses (n, 4, 4) that a player shows at times (n,) in s.
 
-    Before the first key, the pose is that of the first key; after the last key, that of the last key. `keys` (k,) are
+    Before the first key, players show the first pose; after the last key, the last pose. `keys` (k,) are
     the times of the keys in s, `Ts` (k, 4, 4) the poses at the keys.
     """
     from scipy.spatial.transform import Rotation, Slerp

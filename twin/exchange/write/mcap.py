@@ -1,8 +1,8 @@
 """Write .mcap: link poses and joint values over time, with the messages of Foxglove, as JSON with their schemas.
 
-Every link's pose is given in "world", so that a viewer needs no kinematics. Messages and their names are those of
+Every link's pose is given in "world", so that a viewer needs no kinematics. Messages and their names are from
 Foxglove's documentation (docs.foxglove.dev/docs/sdk/schemas): /tf holds foxglove.FrameTransforms, /joint_states
-foxglove.JointStates, /console the numbers of a console. Times are those of the session, which begins at 0.
+foxglove.JointStates, /console the numbers of a console. Times are counted from the start of the session.
 """
 
 from __future__ import annotations

@@ -1,9 +1,10 @@
 """The robot as MJCF for MuJoCo: a tree, and equality constraints that close its loops.
 
 Bodies are placed at home, and the `ref` of a joint is its coordinate at home, so that a simulation starts with closed
-loops; all joint coordinates equal those of the mechanism. A control is the displacement of a drive from home: the
-initial value zero holds the robot at home. A ball joint has no scalar coordinate; its quaternion is relative to home.
-Because loops are closed at `ref`, one anchor point is sufficient for both bodies; Drake reads no other form:
+loops; all joint coordinates are equal to the coordinates of the mechanism. A control is the displacement of a drive
+from home: the initial value zero holds the robot at home. A ball joint has no scalar coordinate; its quaternion is
+relative to home. Because loops are closed at `ref`, one anchor point is sufficient for both bodies; Drake reads no
+other form:
 
     spherical       one connect at the ball
     revolute        two connects, at two points of the pin

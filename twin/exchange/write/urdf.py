@@ -44,7 +44,7 @@ FAR = 1e3
 """Limit in m of a slide without limits, because URDF requires a limit."""
 
 _ON_AXIS = 1e-12
-"""Maximum distance in m between a body's origin and its pin axis at which the origin counts as on the axis."""
+"""Distance in m of a body's origin from its pin axis up to which the origin counts as a point on the axis."""
 
 
 _TRANSMISSION = Kind("export.urdf_transmission", "warning", "use MJCF or USD if motors matter")

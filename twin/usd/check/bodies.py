@@ -24,7 +24,7 @@ COM_MARGIN = 1 * MM
 """Maximum distance in m of a centre of mass outside the bounding box of thin shells and coarse meshes."""
 
 GYRATION = (0.02, 1.0)
-"""Plausible range of the largest radius of gyration, divided by the diagonal of the meshes' bounding box."""
+"""Plausible range of the maximum radius of gyration, divided by the diagonal of the meshes' bounding box."""
 
 LARGEST = 20.0
 """Diagonal in m of a link's bounding box above which the unit of length is probably wrong."""

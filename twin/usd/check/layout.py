@@ -91,7 +91,7 @@ def check_units(scene: Scene) -> Iterator[Finding]:
                 "warning" if authored else "disagreement",
                 code,
                 "/",
-                f"{name} {said}; references never convert it, so that parts in another unit get a wrong size",
+                f"{name} {said}; USD references do not convert units: parts in another unit get a wrong size",
                 Quantity(value),
                 1.0,
                 f"author {name} = 1 and convert the numbers",
