@@ -293,7 +293,7 @@ def test_bad_settings_are_named_with_their_line(tmp_path, scene, members, props)
 @pytest.mark.parametrize(
     ("command", "said"),
     [
-        (["serve", "davinci", "--participant", "7"], "--participant and --run belong together"),
+        (["serve", "davinci", "--participant", "7"], "--participant and --run must be given together"),
         (["serve", "davinci", "--participant", "7", "--run", "1"], "--participant requires --session"),
         (["serve", "davinci", "--participant", "7", "--run", "1", "--haptics", "on"], "cannot be combined"),
         (["serve", "sils", "--haptics", "on"], "--haptics requires a scene with a console"),

@@ -589,10 +589,7 @@ def test_without_the_extra_the_rest_is_written_and_the_command_says_what_to_inst
         (["operate", "davinci", "--scale", "3"], "--scale 3: give 0.05 to 1"),
         (["operate", "vsrs", "scan"], "vsrs is a scene: give a task by --task instead of the protocol"),
         (["operate", "sher", "--task", "touch"], "--task applies to a scene; sher is a robot"),
-        (
-            ["serve", "sils", "--session", "a.session"],
-            "hands at a console, and sils has no console",
-        ),
+        (["serve", "sils", "--session", "a.session"], "--session requires a scene with a console, such as davinci"),
         (
             ["serve", "vsrs", "--protocols", "--session", "a.session"],
             "--session and --protocols cannot be combined",

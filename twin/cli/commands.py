@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import math
 from collections.abc import Callable, Mapping, Sequence
 from importlib import import_module
 from pathlib import Path
@@ -86,11 +85,8 @@ def validate(args: argparse.Namespace) -> int:
     """Validate the equations on the chosen protocols and variants; write a report for each."""
     from twin.validation.rows import Tolerances
 
-    tolerances = None
-    if args.tolerance_um is not None:
-        if not (math.isfinite(args.tolerance_um) and args.tolerance_um > 0):
-            raise TwinError(f"--tolerance-um {args.tolerance_um:g}: give a positive number of micrometres")
-        tolerances = Tolerances().widened(args.tolerance_um * 1e-6)
+    width = show.micrometres("--tolerance-um", args.tolerance_um)
+    tolerances = None if width is None else Tolerances().widened(width)
     robot = api.load(args.robot)
     if args.sweep or args.compare:
         from twin.cli.stroke import run as run_stroke

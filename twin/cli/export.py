@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import argparse
-import math
 from pathlib import Path
 
 from twin import api
 from twin.cli import show
 from twin.core import assets
 from twin.core.errors import TwinError
-from twin.core.units import UM
 from twin.exchange.write.bundle import chosen_formats
 from twin.exchange.write.clip import Budget
 
@@ -19,12 +17,8 @@ def export(args: argparse.Namespace) -> int:
     """Write the export folder, audit it and print the files; the exit code is 1 if the audit finds a difference."""
     formats = chosen_formats(None if args.to is None else [f.strip() for f in args.to.split(",") if f.strip()])
     budget = Budget()
-    if args.budget_um is not None:
-        if not (math.isfinite(args.budget_um) and args.budget_um > 0):
-            raise TwinError(f"--budget-um {args.budget_um:g}: give a positive number of micrometres")
-        budget = Budget(
-            args.budget_um * UM, budget.rotation * args.budget_um * UM / budget.position, args.budget_um * UM
-        )
+    if (size := show.micrometres("--budget-um", args.budget_um)) is not None:
+        budget = Budget(size, budget.rotation * size / budget.position, size)
     if (scene := assets.scene_file(args.robot)) is not None:
         return _scene(scene, args, formats, budget)
     robot = api.load(args.robot, tool=args.tool)

@@ -10,7 +10,7 @@ import sys
 import threading
 import webbrowser
 from collections import ChainMap
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -31,15 +31,10 @@ def serve(args: argparse.Namespace) -> int:
     """Serve a robot or a scene until Ctrl-C."""
     port = free_port(args.host, args.port)
     context = _tls(args.cert, args.key)
-    if args.record is not None:
-        if args.replay is not None:
-            raise TwinError("--record and --replay cannot be combined: the replayed session is already in a file")
-        assets.require_writable(Path(args.record).parent)
-    if args.session is not None:
-        if args.replay is not None:
-            raise TwinError("--session and --replay cannot be combined: a replay has no hands to record")
-        assets.require_writable(Path(args.session).parent)
-    _require_whole_study(args)
+    _require_compatible(args)
+    for file in (args.record, args.session):
+        if file is not None:
+            assets.require_writable(Path(file).parent)
     name, make = _what(args)
     asyncio.run(_run(args, name, make, port, context))
     return 0
@@ -50,20 +45,9 @@ def _what(args: argparse.Namespace) -> tuple[str, Callable[[], Served]]:
     from twin.ui.headset import served
 
     plans = args.replay is None
-    linked = next((n for n in ("packets", "mqtt", "mqtt_topic") if getattr(args, n) is not None), None)
-    option = f"--{linked}".replace("_", "-")
-    if linked == "mqtt_topic" and args.mqtt is None:
-        raise TwinError("--mqtt-topic requires --mqtt HOST")
-    if linked is not None and not plans:
-        raise TwinError(f"{option} and --replay cannot be combined: a recorded session cannot be controlled")
     file = scenes.find(args.robot)
     if file is None:
-        if linked is not None:
-            raise TwinError(f"{option} requires a scene with a console, such as davinci; {args.robot} is a robot")
-        _require_no_session(args)
-        if args.task is not None:
-            raise TwinError(f"--task applies to the console of a scene; {args.robot} is a robot")
-        _require_no_haptics(args)
+        _refuse(args, _CONSOLE, f"requires a scene with a console, such as davinci; {args.robot} is a robot")
         robot = api.load(args.robot)
         if args.protocol is not None:
             robot.protocol(args.protocol)
@@ -94,42 +78,41 @@ def _what(args: argparse.Namespace) -> tuple[str, Callable[[], Served]]:
         )
     scene.require_protocols()
     if args.protocols:
-        _require_no_hands(args)
-    if args.task is not None:
-        raise TwinError(f"--task: scene '{scene.name}' has no console: add the table [console] to {file.name}")
-    if linked is not None:
-        raise TwinError(f"{option}: scene '{scene.name}' has no console: add the table [console] to {file.name}")
-    _require_no_session(args)
-    _require_no_haptics(args)
+        _refuse(args, _CONSOLE, "and --protocols cannot be combined: robots that play protocols have no console")
+    lacking = f"scene '{scene.name}' has no console: add the table [console] to {file.name}"
+    _refuse(args, _CONSOLE, f"requires a console; {lacking}")
     return scene.name, lambda: served.of_scene(scene, robots, props, plans, scenes.organs(scene, robots))
 
 
-def _require_no_hands(args: argparse.Namespace) -> None:
-    names = ("task", "session", "haptics", "participant", "fulcrum", "packets", "mqtt")
-    if (wrong := next((n for n in names if getattr(args, n) is not None), None)) is not None:
-        raise TwinError(f"--{wrong} and --protocols cannot be combined: robots that play protocols have no console")
+_CONNECTIONS = ("packets", "mqtt", "mqtt_topic")
+_CONSOLE = (*_CONNECTIONS, "session", "task", "haptics", "participant", "fulcrum")
+"""Options for the console of a scene."""
 
 
-def _require_no_session(args: argparse.Namespace) -> None:
-    if args.session is not None:
-        raise TwinError(f"--session records the hands at a console, and {args.robot} has no console: use --record")
+def _refuse(args: argparse.Namespace, options: Sequence[str], why: str) -> None:
+    """Raise `TwinError` for the first of these options that is given."""
+    for name in options:
+        if getattr(args, name) is not None:
+            hint = "; --record records what clients see" if name == "session" else ""
+            raise TwinError(f"--{name.replace('_', '-')} {why}{hint}")
 
 
-def _require_no_haptics(args: argparse.Namespace) -> None:
-    given = next((n for n in ("haptics", "participant", "fulcrum") if getattr(args, n) is not None), None)
-    if given is not None:
-        raise TwinError(f"--{given} requires a scene with a console, such as davinci; {args.robot} has none")
-
-
-def _require_whole_study(args: argparse.Namespace) -> None:
+def _require_compatible(args: argparse.Namespace) -> None:
+    """Raise `TwinError` for options that cannot be combined, and for options that require others."""
+    if args.replay is not None:
+        together = "and --replay cannot be combined"
+        _refuse(args, ("record",), f"{together}: the replayed session is already in a file")
+        _refuse(args, ("session",), f"{together}: a replay has no hands to record")
+        unsteered = (*_CONNECTIONS, "haptics", "participant")
+        _refuse(args, unsteered, f"{together}: a recorded session cannot be controlled")
+    if args.mqtt is None:
+        _refuse(args, ("mqtt_topic",), "requires --mqtt HOST")
     if (args.participant is None) != (args.run is None):
         raise TwinError("--participant and --run must be given together, such as --participant 7 --run 1")
     if args.participant is not None and args.haptics is not None:
         raise TwinError("--haptics and --participant cannot be combined: the number of the participant sets the order")
     if args.participant is not None and args.session is None:
         raise TwinError("--participant requires --session FILE, which records the condition")
-    if args.replay is not None and (args.haptics is not None or args.participant is not None):
-        raise TwinError("--haptics and --replay cannot be combined: a recorded session cannot be controlled")
 
 
 async def _run(

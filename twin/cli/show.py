@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import math
 import shutil
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -11,13 +12,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from twin.core import assets
+from twin.core.errors import TwinError
 from twin.core.findings import Finding
 from twin.core.result import Line, Part, Result, Table, as_json
+from twin.core.units import UM
 
 if TYPE_CHECKING:
     from twin.api import Robot
 
-__all__ = ["as_json", "finding", "finish", "folder", "plain", "progress", "store", "table", "tool_note"]
+__all__ = ["as_json", "finding", "finish", "folder", "micrometres", "plain", "progress", "store", "table", "tool_note"]
 
 _MARKS = {"error": "✖", "disagreement": "✖", "warning": "▲", "info": "·"}
 
@@ -70,6 +73,17 @@ def finish(
     for name in files:
         print(f"  {folder / name if folder else name}")
     return result.exit_code
+
+
+def micrometres(option: str, value: float | None) -> float | None:
+    """Return the value of an option, given in micrometres, in m; None if it is not given.
+
+    Raises:
+        TwinError: the value is not positive or not finite.
+    """
+    if value is not None and not (math.isfinite(value) and value > 0):
+        raise TwinError(f"{option} {value:g}: give a positive number of micrometres")
+    return None if value is None else value * UM
 
 
 def folder(args: argparse.Namespace, *default: str) -> Path:

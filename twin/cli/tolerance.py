@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import argparse
 
-import numpy as np
-
 from twin import api
 from twin.cli import show
 from twin.core.errors import TwinError
@@ -22,8 +20,7 @@ def tolerance(args: argparse.Namespace) -> int:
 
     if args.samples and args.samples < 1000:
         raise TwinError(f"--samples {args.samples}: give at least 1000, or 0 for none")
-    if args.require_um is not None and not (np.isfinite(args.require_um) and args.require_um > 0):
-        raise TwinError(f"--require-um {args.require_um:g}: give a positive number of micrometres")
+    required = show.micrometres("--require-um", args.require_um)
     robot = api.load(args.robot)
     folder = show.folder(args, robot.name, "tolerance")
     spread = Spread(args.sigma_um * UM, args.sigma_deg * DEG, args.encoder_um * UM, args.encoder_deg * DEG)
@@ -32,7 +29,7 @@ def tolerance(args: argparse.Namespace) -> int:
             robot,
             spread,
             args.protocol,
-            required=None if args.require_um is None else args.require_um * UM,
+            required=required,
             samples=args.samples,
             seed=args.seed,
             progress=progress,
