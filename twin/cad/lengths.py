@@ -22,11 +22,7 @@ _PARALLEL = 1e-3
 class Length:
     """A measured length.
 
-    Attributes:
-        body: name of the body with both faces.
-        between: names of the two features.
-        parameter: name of the length in the equations.
-        value: length in m.
+    `body` has both features `between`; `parameter` is its name in the equations; `value` is in m.
     """
 
     body: str

@@ -34,10 +34,8 @@ def free_port(host: str, port: int) -> int:
 class Address:
     """The address of a page, as printed on the terminal.
 
-    Attributes:
-        url: address for a browser on this machine or, if the server is open to the network, on another machine.
-        title: title of the served robot or scene.
-        advice: text printed if the server is open to the network.
+    `url` is the address for a browser on this machine or, if the server is open to the network, on another machine;
+    `advice` is printed if the server is open to the network.
     """
 
     def __init__(self, host: str, port: int, secure: bool, title: str, advice: str = "") -> None:

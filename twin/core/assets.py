@@ -40,10 +40,8 @@ def is_checkout() -> bool:
 class RobotFiles:
     """The paths of one robot; the files need not exist.
 
-    Attributes:
-        cad, usd, trajectories: folders.
-        formula: file of the equations.
-        read: reader that opens each file once (`twin.core.foreign.once`).
+    `cad`, `usd` and `trajectories` are folders, `formula` is the file of the equations, and `read` opens each file once
+    (`twin.core.foreign.once`).
     """
 
     name: str

@@ -84,11 +84,7 @@ def finding(
 class Kind:
     """Fields that all findings with one code share. A call with the other fields returns the finding.
 
-    Attributes:
-        code: see `Finding`.
-        severity: see `Finding`.
-        suggestion: how to fix the fault; an argument of the call replaces this text.
-        word: the word before the limit in the message.
+    The suggestion of a call replaces the suggestion of the kind. For the fields see `Finding` and `finding`.
     """
 
     code: str

@@ -18,11 +18,8 @@ _EXACT = 0.1 * UM
 class Bend:
     """The motion of a deformable, in the World; at the first time it is at rest.
 
-    Attributes:
-        mesh: triangles, colour and vertices (n, 3) at rest in m.
-        weights: (n, m), vertices = weights @ nodes.
-        times: (k,) in s, evenly spaced from 0.
-        nodes: (k, m, 3) in m.
+    At times (k,) in s, evenly spaced from 0, nodes (k, m, 3) are in m; vertices (n, 3) = weights (n, m) @ nodes; `mesh`
+    is at rest.
     """
 
     mesh: Mesh

@@ -16,11 +16,7 @@ from twin.model.mechanism import Mechanism
 class Following:
     """A joint whose coordinate is multiplier * (coordinate of the leader) + offset.
 
-    Attributes:
-        joint: name of the joint that follows; it is not driven.
-        leader: name of the joint that it follows; the leader follows no other joint.
-        multiplier: factor of the leader's coordinate.
-        offset: in m or rad.
+    `joint` is not driven; `leader` follows no other joint; `offset` is in m or rad.
     """
 
     joint: str

@@ -109,21 +109,9 @@ class Place:
 class Scene:
     """A checked scene.
 
-    Attributes:
-        name, title, source: name, title and source document.
-        props: description file of the props, or None.
-        places: the robots with their positions and ports.
-        clearance: required minimum clearance in m.
-        touching: pairs of "owner/body" that touch by design.
-        cameras: cameras by name.
-        console: the surgeon's console, or None.
-        contact: contact of the objects, or None.
-        haptics: numbers of the forces on the hands; None: the defaults.
-        anatomy: drawing of the organs and the links that touch them, or None.
-        tissues: material of the organs by name.
-        tools: tools that the instruments can carry, by name.
-        tasks: tasks, by name.
-        parameters: every number with its provenance.
+    `clearance` is the required minimum clearance in m; `touching` has pairs of "owner/body" that touch by design;
+    `parameters` has every number with its provenance. Optional parts without a table are None or empty; `haptics` None
+    means the default forces on the hands.
     """
 
     name: str

@@ -20,9 +20,7 @@ _SAME = 1e-9
 class Surface:
     """A closed surface whose triangles are counter-clockwise seen from outside.
 
-    Attributes:
-        vertices: (n, 3) in m.
-        triangles: (m, 3) indices of vertices.
+    Vertices are (n, 3) in m; triangles are (m, 3) indices of vertices.
     """
 
     def __init__(self, name: str, vertices: Array, triangles: Index, edge: float = np.inf) -> None:

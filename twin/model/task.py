@@ -97,12 +97,8 @@ class Transfer:
 class Task:
     """A task; it has targets, transfers, an alignment or a procedure. Only a procedure needs no console.
 
-    Attributes:
-        tolerance: maximum distance in m of a tip from its point during a touch.
-        hold: time in s for which all tips of a target must be within the tolerance.
-        transfers: rings to bring to pegs.
-        alignment: rectangle and line of the camera task, or None.
-        procedure: the procedure, or None.
+    `tolerance` is the maximum distance in m of a tip from its point during a touch; `hold` is the time in s for which
+    all tips of a target must be within the tolerance. `alignment` has rectangle and line of the camera task.
     """
 
     name: str

@@ -149,11 +149,10 @@ class Scene:
                 return ancestor
         return None
 
-    def raw_transform(self, prim: Usd.Prim, code: Usd.TimeCode | None = None) -> Array:
-        """Return T_stage_prim (4, 4) in units of the stage, with scale."""
-        time = Usd.TimeCode.Default() if code is None else code
+    def raw_transform(self, prim: Usd.Prim) -> Array:
+        """Return T_stage_prim (4, 4) at rest in units of the stage, with scale."""
         with self._evaluating():
-            return gf.affine(UsdGeom.XformCache(time).GetLocalToWorldTransform(prim))
+            return gf.affine(UsdGeom.XformCache().GetLocalToWorldTransform(prim))
 
     def poses(self, prims: Sequence[Usd.Prim], codes: ArrayLike | None = None) -> Array:
         """Return T_world_prim (n, k, 4, 4) of n prims at k time codes in metres, z up, without scale.

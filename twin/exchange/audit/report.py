@@ -58,10 +58,7 @@ class Check:
 class AuditReport(Result):
     """The result of `audit`.
 
-    Attributes:
-        path: the audited file or folder.
-        files: for each file its name, format and conventions (units, up axis, handedness, clips).
-        findings: the faults, the most severe first.
+    `files` has for each file its name, format and conventions (units, up axis, handedness, clips).
     """
 
     path: str
@@ -192,8 +189,7 @@ def um(value: float, limit: float | None = None) -> Measured:
 class Ledger:
     """Collection of checks and findings on one file, filled while the file is read.
 
-    Attributes:
-        file: name of the file as shown in reports, relative to the audited folder.
+    `file` is the name of the file as shown in reports, relative to the audited folder.
     """
 
     file: str

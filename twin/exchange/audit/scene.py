@@ -33,10 +33,7 @@ Audited = tuple[list[Content], list[Ledger]]
 class Shown:
     """Base pose and motion of a robot in an exported scene.
 
-    Attributes:
-        T_world_base: pose (4, 4) of the robot's base in scene.json.
-        times: times (k,) in s.
-        links: T_base_link (k, 4, 4) by link.
+    `T_world_base` (4, 4) is the pose in scene.json; at the times (k,) in s, `links` has T_base_link (k, 4, 4) by link.
     """
 
     T_world_base: Array

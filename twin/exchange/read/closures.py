@@ -32,10 +32,8 @@ RETYPED = ("SPHERICAL", "FIXED", *(f"UJOINT_{a}{b}" for a in "XYZ" for b in "XYZ
 class Closures:
     """Content of a closure YAML.
 
-    Attributes:
-        loops: (frame, frame, type of the joint that connects the two frames) of each loop.
-        motors: names of the driven joints.
-        retyped: new type of each joint whose type is replaced, by name.
+    `loops` has (frame, frame, type of the joint that connects the two frames); `motors` has the names of the driven
+    joints; `retyped` has the new type of each joint whose type is replaced.
     """
 
     loops: tuple[tuple[str, str, JointType], ...]

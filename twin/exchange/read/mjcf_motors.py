@@ -18,10 +18,7 @@ Name = Callable[[str, int], str]
 class Motors:
     """Transmissions of a mechanism, with MuJoCo's numbers of the joints, actuators and tendons in them.
 
-    Attributes:
-        joints: MuJoCo numbers of the joints.
-        numbers: MuJoCo numbers of the actuators.
-        tendons: MuJoCo numbers of the tendons.
+    `joints`, `numbers` and `tendons` are MuJoCo's numbers of the joints, actuators and tendons.
     """
 
     actuators: tuple[Actuator, ...]

@@ -49,12 +49,7 @@ _GROUND = ("base", "frame", "ground", "world", "housing", "fixed")
 class Skeleton:
     """Content of a STEP assembly.
 
-    Attributes:
-        parts: parts by body.
-        nodes: name of the assembly node by body.
-        pairs: pairs of fitting faces.
-        proposals: proposed joints.
-        findings: findings of the import.
+    `nodes` has the name of the assembly node of each body; `pairs` are the pairs of fitting faces.
     """
 
     parts: dict[str, list[Part]]

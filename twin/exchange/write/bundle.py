@@ -53,11 +53,8 @@ class Audit(Protocol):
 class Bundle(Result):
     """Result of an export.
 
-    Attributes:
-        formats: names of the written formats.
-        files: all files, relative to the folder.
-        findings: findings on the robot, from the writers and from the audit.
-        checks: measurements in proof.json.
+    `files` are relative to the folder; `findings` are from the robot, the writers and the audit; `checks` are the
+    measurements in proof.json.
     """
 
     folder: Path

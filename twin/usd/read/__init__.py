@@ -121,14 +121,8 @@ def _inspect(scene: Scene, root: str | None) -> tuple[Mechanism, list[Finding]]:
             frames=tuple(frames),
             points=tuple(points),
             rest=_rest(names, T_world_body, T_world_base),
-            postures=authored["postures"],
-            tool=authored["tool"],
-            parameters=authored["parameters"],
-            actuators=authored["actuators"],
-            transmissions=authored["transmissions"],
-            couplings=authored["couplings"],
-            trocars=authored["trocars"],
             source=scene.path,
+            **authored,
         )
     except MechanismError as error:
         raise StageError(f"{scene.path}: {error}") from error
@@ -185,7 +179,7 @@ def _robot_name(scene: Scene, chosen: Selection, root: str | None) -> str:
 
 
 def _authored(scene: Scene, chosen: Selection) -> dict[str, Any]:
-    """Return data that only twin writes: tool, postures and parameters; empty for a stage from other software."""
+    """Return the fields of `Mechanism` that only twin writes; empty fields for a stage from other software."""
     out: dict[str, Any] = {"tool": "tool", "postures": {}, "parameters": (), "couplings": (), "trocars": ()}
     parent = scene.bodies[chosen.bodies[0]].GetParent()
     tool = parent.GetAttribute("twin:tool")

@@ -25,10 +25,8 @@ WORLD = "world"
 class Selection:
     """Bodies and joints of the selected robot of a stage.
 
-    Attributes:
-        base: prim path of the base; "": the world itself.
-        bodies: prim paths of the bodies, in order of the stage.
-        joints: joints, loop-closing joints last, without the joint that only fixes the base.
+    Bodies are prim paths in the order of the stage; the base "" is the world itself. Joints that close loops are last;
+    the joint that only fixes the base is omitted.
     """
 
     base: str

@@ -46,9 +46,7 @@ class Motion:
 class MotionFiles:
     """Paths of the files of a motion.
 
-    Attributes:
-        layer: motion/<protocol>.usdc, which contains only overs.
-        root: <robot>_<protocol>.usda, the file to open.
+    `root` (<robot>_<protocol>.usda) is the file to open; `layer` (motion/<protocol>.usdc) contains only overs.
     """
 
     layer: Path

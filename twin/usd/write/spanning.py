@@ -19,9 +19,8 @@ all engines, while a ball joint in the tree has no single coordinate for a table
 class Spanning:
     """A spanning tree for export.
 
-    Attributes:
-        tree: joints of the tree, parents first, reversed where necessary so that the child is the outer body.
-        cut: joints that close loops, unchanged.
+    The joints of `tree` are in order, parents first, and reversed where necessary so that the child is the outer body;
+    the joints of `cut` close loops and are unchanged.
     """
 
     tree: tuple[Joint, ...]
