@@ -334,7 +334,7 @@ class ToleranceBudget(Result):
         return 1 if self.findings else 0
 
     def content(self) -> dict[str, Any]:
-        """Return plain data, in SI units unless the key names a unit."""
+        """Return plain data; a key names its unit if the unit is not an SI unit."""
         s = self.spread
         return {
             "robot": self.robot,
@@ -343,7 +343,7 @@ class ToleranceBudget(Result):
                 "sigma_deg": s.turn / DEG,
                 "encoder_um": s.slide / UM,
                 "encoder_deg": s.angle / DEG,
-                "note": "normal, independent, for each axis of each joint frame; ASSUMED unless given",
+                "note": "normal, independent, for each axis of each joint frame; ASSUMED if not given",
             },
             "required_um": None if self.required is None else self.required / UM,
             "requirement": self.requirement,
@@ -356,7 +356,7 @@ class ToleranceBudget(Result):
         """Yield a row for each state, the Monte Carlo check, and whether the requirement is met."""
         s = self.spread
         yield f"{self.robot} · tool error caused by part and encoder errors\n"
-        yield "  standard deviations (ASSUMED unless given):"
+        yield "  standard deviations (ASSUMED if not given):"
         place = f"joint frames {s.shift / UM:g} µm and {s.turn / DEG:g}° for each axis"
         yield f"  {place}; encoders {s.slide / UM:g} µm and {s.angle / DEG:g}°\n"
         rows = []

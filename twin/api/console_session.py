@@ -194,7 +194,7 @@ class ConsoleSession(Result):
         return out
 
     def _unaligned(self) -> Iterator[Finding]:
-        """Yield findings on a camera that is not aligned, and on two angles that differ or of which one is missing."""
+        """Yield findings on a camera that is not aligned, and on two angles that differ or a missing angle."""
         if (a := self.aligned) is None or self.task is None or self.task.alignment is None:
             return
         wanted = self.task.alignment
@@ -450,7 +450,10 @@ def _aligned_rows(a: AlignMeasures) -> list[tuple[str, str]]:
     return [
         ("AlignErr by projection", angle),
         ("AlignErr in the picture", "-" if a.seen is None else f"{a.seen / DEG:+.3f} deg"),
-        ("ends of the upper side from those of the line", "-" if np.isnan(a.off) else f"{a.off:.1%} of its length"),
+        (
+            "distance of the upper side's ends from the line's ends",
+            "-" if np.isnan(a.off) else f"{a.off:.1%} of its length",
+        ),
         ("time from the first press of the camera pedal to the last motion", f"{a.time:.1f} s"),
         ("path of the lens", str(mm(a.path))),
         *((f"path of the {hand} hand while it moved the camera", str(mm(p))) for hand, p in a.hands.items()),

@@ -15,7 +15,7 @@ from twin.validation.ranks import Ranks, Users, compare_users
 
 
 def study_sessions(groups: Mapping[str, Sequence[str | Path]], progress: Progress = silent) -> Ranks:
-    """Compare groups of sessions of one task, such as first and last ones, or those with and without haptics.
+    """Compare groups of sessions of one task, such as first and last sessions, or sessions with and without haptics.
 
     Args:
         groups: files of each group in the order in which the sessions took place, by name of the group. A file is a

@@ -21,7 +21,7 @@ def machine_parts(
     overdrive: Policy | None = None,
     master_timeout: float | None = None,
 ) -> Parts:
-    """Return what the machines of a robot are made of, compiled once.
+    """Return the compiled parts of a robot's machines; several machines can share them.
 
     Args:
         robot: a robot with inertia.toml and machine.toml in its folder, and with a closed inverse.

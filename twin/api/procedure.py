@@ -132,7 +132,7 @@ class ProcedureSession(Result):
         yield from by_severity(self.findings)
 
     def write(self, folder: Path) -> None:
-        """Write procedure.csv (what the checks use, over time), and the session file of a simulated surgeon."""
+        """Write procedure.csv (the signals that the checks use), and the session file of a simulated surgeon."""
         kept, p = self.ran.kept, self.procedure
         columns = {"t_s": kept.t, "seen": kept[f"{p.vessel}.seen"][:, 0]}
         columns["freed"] = kept[f"{p.organ}.freed"].sum(axis=1)

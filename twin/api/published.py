@@ -95,7 +95,7 @@ def study(source: Robot | str | Path) -> Result:
         return _users(paths)
     if robot.files is None or not (robot.files.cad / "exhibit.toml").is_file():
         raise TwinError(
-            f"{robot.name} has neither a study file nor published inertia tables (cad/exhibit.toml); give the path "
+            f"{robot.name} has no study file and no published inertia tables (cad/exhibit.toml); give the path "
             "of a study file"
         )
     return _inertias(robot.files.cad / "exhibit.toml")

@@ -240,7 +240,7 @@ def _line_of(module: ModuleType, path: Path, name: str, key: str | None = None) 
 
 
 def _length_scale(parameters: Sequence[Parameter]) -> Any:
-    """Return the characteristic length as a function of the parameters: the median of those that are lengths."""
+    """Return the characteristic length as a function of the parameters: the median of all lengths."""
     lengths = sorted(abs(p.value) for p in parameters if p.unit in ("mm", "m") and p.value)
     scale = lengths[len(lengths) // 2] if lengths else _LENGTH
     return lambda: scale

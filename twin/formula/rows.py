@@ -135,7 +135,7 @@ class PlainRows(ABC):
 
 
 def reason(error: BaseException) -> str:
-    """Return the message for the author of a plain formula about an error in it."""
+    """Return the message about an error in a plain formula, for the author of the formula."""
     text = " ".join(str(error).split()).rstrip(".")
     if isinstance(error, NeedsNumberError) or "truth value of a CasADi" in text:
         return text if isinstance(error, NeedsNumberError) else _CASADI_IF

@@ -143,7 +143,7 @@ class Kinematics(Compiled):
         """Return all assemblies at q (n,) as poses (4, 4), the preferred branch first; an empty list if there is none.
 
         Raises:
-            KinematicsError: the formula has neither an enumeration of assemblies nor forward equations.
+            KinematicsError: the formula has no enumeration of assemblies and no forward equations.
         """
         return assembly.branches(self, self._joints(q, batch=False))
 

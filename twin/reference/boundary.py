@@ -38,7 +38,7 @@ _ENDS = 0.05
 """Relative size of another margin below which it counts as zero; the walk then ended because of that margin."""
 
 _MOSTLY = 0.3
-"""Minimum ratio of the sum of an aspect's values with the preferred sign to the sum of those with the other sign.
+"""Minimum ratio of two sums of an aspect's values: values with the preferred sign, and values with the other sign.
 
 At this ratio, the preferred sign is confirmed. Some of the states may be in another assembly mode, or near a
 singularity.

@@ -67,7 +67,7 @@ class Dynamics:
         Args:
             mechanism: the mechanism, or its independent model.
             gravity: (3,) gravitational acceleration in base, m/s2.
-            rotor: (n,) rotor inertia at the joints in kg m2 or kg, added to that of the actuators.
+            rotor: (n,) rotor inertia at the joints in kg m2 or kg, in addition to the rotors of the actuators.
             friction: (n,) viscous friction at the joints, N m s/rad or N s/m.
 
         Raises:
@@ -146,7 +146,7 @@ class Dynamics:
         return self._mass(self._determined(at))
 
     def gravity(self, at: State) -> Array:
-        """Return g (n,): the efforts that hold a state at rest; a joint with neither drive nor loop counts as fixed."""
+        """Return g (n,): the efforts that hold a state at rest; a joint without drive or loop counts as fixed."""
         x = self.configuration(at)
         return self._gain(x).T @ np.array(pin.computeGeneralizedGravity(self._pin, self._data, x))
 

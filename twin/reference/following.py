@@ -32,7 +32,7 @@ _NEARBY = {True: 0.05, False: 0.005}
 class Follower:
     """Moves a mechanism along a path; its model is built at first use.
 
-    States are configurations (nq,) of the independent model; a motion can be continued from any of them.
+    States are configurations (nq,) of the independent model; a motion can continue from any state.
     """
 
     def __init__(self, make: Callable[[], ReferenceModel]) -> None:

@@ -410,7 +410,7 @@ class ReferenceModel:
     def _between(self, at: Index, knots: Array, targets: Array) -> Array:
         """Return first guesses (k, nq) for all samples from the solved states (j, nq) at samples `at`.
 
-        For driven motions, the slopes of all joints follow from those of the active joints by the constraint Jacobian.
+        For driven motions, the constraint Jacobian gives the slopes of all joints from the slopes of the active joints.
         The active joints have an interpolation error where a bang-bang acceleration switches. The Jacobian also
         converts this error to the passive joints. One iteration then suffices for nearly all samples.
         """

@@ -47,7 +47,7 @@ class Walks:
         row: (w,) index of the function that each walk follows.
         states: (w, nq) last states.
         value: (w,) values of the function at the last states.
-        slope: (w,) length of the function's gradient at the last accepted state where it was computed.
+        slope: (w,) norm of the function's gradient at the last accepted state with a computed gradient.
         ended: (w,) "zero" (at a zero), "least" (at a minimum) or "far" (stopped elsewhere).
     """
 

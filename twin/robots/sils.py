@@ -184,8 +184,8 @@ _PASSIVE = (
 def passive_joints(alpha1, alpha2, alpha3, beta1, beta2, beta3):
     """Return the passive joint angles; the angles of bar and strut are about t, measured from e_r.
 
-    With y = t x e_r = -e_a, the angle of the bar is atan2(sigma cos(beta), sin(beta)); that of the strut is its
-    negative.
+    With y = t x e_r = -e_a, the angle of the bar is atan2(sigma cos(beta), sin(beta)); the angle of the strut is
+    the negative.
     """
     out = [alpha1, alpha2, alpha3]
     for sigma, beta in ((1, beta1), (-1, beta2), (1, beta3)):

@@ -184,7 +184,7 @@ def _tried(
 
 
 def _with(protocol: Protocol, span: PhaseSpan, waypoint: Waypoint, mode: str | None) -> Protocol:
-    """Return the protocol with a changed waypoint and, if `mode` is given, with an enforced pivot to it."""
+    """Return the protocol with a changed waypoint and, if `mode` is given, an enforced pivot to this waypoint."""
     phases = protocol.phases
     if mode is not None:
         phases = tuple(

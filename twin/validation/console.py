@@ -249,7 +249,7 @@ def _mirror(c: Laws) -> Iterator[Clause]:
         "in a left-handed scene (mirror S: p' = S p, R' = S R S) the motion is the mirror image",
         moved + np.radians(turned) * 1e-4,
         f"in a left-handed scene the tool ends {moved / _MM:.3f} mm and {turned:.3f} deg from the mirrored pose",
-        "mirror positions and rotations alike: p' = S p, R' = S R S",
+        "mirror both positions and rotations: p' = S p, R' = S R S",
     )
 
 
@@ -394,8 +394,8 @@ def _force(c: Laws) -> Iterator[Clause]:
         "times",
         1.0,
         bool(c.force_units),
-        f"neither constant has a unit: read in N/mm, 1 mm gives {1e3 * rest:.0f} mN and 10 mm/s {1e3 * moving:.0f} mN; "
-        f"read in N/m, {rest:.1g} and {moving:.1g} mN, which is imperceptible",
+        f"the constants have no units: in N/mm, 1 mm gives {1e3 * rest:.0f} mN and 10 mm/s {1e3 * moving:.0f} mN; "
+        f"in N/m, {rest:.1g} and {moving:.1g} mN, which is imperceptible",
         "state the units; N/mm and N s/mm give perceptible forces",
     )
     yield Clause(
@@ -475,7 +475,7 @@ def _measure(c: Laws) -> Iterator[Clause]:
         off,
         f"the hand is still and the tool moves {gone / _MM:.3f} mm, as in the printed eqs (1), (2): eq. (7) gives "
         f"{shown / _MM:.3f} mm. Eq. (7) is circular: it compares eq. (2) with itself",
-        "compare displacements of the tool with those of the hand, without eq. (2)",
+        "compare displacements of the tool with displacements of the hand, without eq. (2)",
     )
 
 

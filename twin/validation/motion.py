@@ -41,6 +41,7 @@ TIME = 1e-6
 
 
 _DIFFERS = Kind("baked.differs", "disagreement", word="tolerance")
+_CONTACT = Kind("clearance.contact", "disagreement", "change the parts, or the protocol", word="")
 
 
 @dataclass(frozen=True)
@@ -242,29 +243,15 @@ def clearance_facts(
 ) -> tuple[dict[str, str], list[Finding]]:
     """Return the minimum clearance as text, and a finding for each contact."""
     clock = Clock(times, phases)
-
-    def when(t: float) -> str:
-        return f"{clock.phase(t)}, t = {t:.2f} s"
-
     k = int(np.argmin(found.distance))
     a, b = found.pair[k]
     facts = {
-        "minimum clearance": f"{found.distance[k] / MM:.2f} mm between {a} and {b}, {when(float(times[k]))}",
+        "minimum clearance": f"{found.distance[k] / MM:.2f} mm between {a} and {b}, {clock.when(k)}",
         "method": f"triangle meshes of the CAD (chord tolerance 0.1 mm), {CLEARANCE_RATE:g} Hz; pairs of "
         "bodies without a common joint, and parts of jointed bodies that do not form the joint",
     }
-    contacts = [(float(times[i]), p, q) for i, p, q in found.contacts]
-    if found.distance[k] <= 0:
-        contacts.insert(0, (float(times[k]), a, b))
+    contacts = [(k, a, b)] if found.distance[k] <= 0 else []
     return facts, [
-        disagreement(
-            "clearance.contact",
-            f"{p}, {q}",
-            f"{p} and {q} collide",
-            mm(0.0),
-            suggestion="change the parts, or the protocol",
-            when=when(t),
-            word="",
-        )
-        for t, p, q in contacts
+        _CONTACT(f"{p}, {q}", f"{p} and {q} collide", mm(0.0), when=clock.when(i))
+        for i, p, q in [*contacts, *found.contacts]
     ]

@@ -69,7 +69,7 @@ class Key(Table):
         return [f"{self.name}_{k}" for k in range(1, len(self.item) + 1)]
 
     def scores(self, answers: Sequence[float]) -> dict[str, float]:
-        """Return the scales, and the total if there is one, of one user; NaN where an answer is missing (NaN).
+        """Return the scales and, if defined, the total of one user; a score is NaN if an answer is missing (NaN).
 
         Args:
             answers: one number per item, `low` to `high`.
@@ -100,7 +100,7 @@ def keys() -> list[Key]:
 def scored(
     path: Path, columns: Mapping[str, Sequence[float]], lines: Sequence[int]
 ) -> tuple[dict[str, list[float]], list[Finding]]:
-    """Return the columns of a table of users with scores instead of answers, and findings on what is not scored.
+    """Return the columns of a table of users with scores instead of answers, and findings on unscored questionnaires.
 
     Args:
         path: file of the table, for messages.
@@ -121,7 +121,7 @@ def scored(
                 f"{', '.join(missing)} {'is' if len(missing) == 1 else 'are'} missing"
             )
         if more := [n for n in mine if n not in key.columns]:
-            raise DescriptionError(f"{path}:1: {key.name.upper()} has {len(key.item)} items; {more[0]} is none of them")
+            raise DescriptionError(f"{path}:1: {key.name.upper()} has {len(key.item)} items; {more[0]} is not an item")
         for n in key.columns:
             for value, line in zip(columns[n], lines, strict=True):
                 if not math.isnan(value) and (value != int(value) or not key.low <= value <= key.high):

@@ -220,7 +220,7 @@ def _repeated(users: Users) -> Iterator[Finding]:
         yield info(
             "study.repeated",
             _SESSION,
-            "the rank test takes first and last sessions as values of different users; those of one user are not "
+            "the rank test takes first and last sessions as values of different users; values of one user are not "
             "independent",
         )
 

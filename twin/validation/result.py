@@ -67,7 +67,7 @@ class Residual:
             what: the message.
             where: the place; "" for the name of the row.
             suggestion: how to correct the fault; "" for the suggestion of `kind`.
-            when: phase and time; "" for those of the largest deviation.
+            when: phase and time; "" for phase and time of the largest deviation.
             cause: name of the cause; "" if unknown.
         """
         limit = None if self.tolerance is None else si(self.tolerance, self.unit)

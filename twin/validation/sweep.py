@@ -1,4 +1,4 @@
-"""Move one joint through its stroke and compare the tool pose of the equations with that of the mechanism.
+"""Move one joint through its stroke and compare the tool poses of equations and mechanism.
 
 For comparison, the errors of two common simplified loop models are computed. Both models are fitted to the mechanism,
 so no model of the same kind has smaller errors:

@@ -1,4 +1,4 @@
-"""Seed faults into the equations: each fault is one edit of their source, of a kind that occurs in misprints."""
+"""Seed faults into the equations: each fault is one edit of the source, of a kind that occurs in misprints."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ KINDS: dict[str, tuple[str, ...]] = {
     "operator": ("operator", "order", "transpose"),
     "added term": ("missing",),
 }
-"""Kinds of faults, seeded equally often, with the kinds of edits that produce each of them."""
+"""Kinds of faults, each seeded equally often, with the kinds of edits that produce the fault."""
 
 _TRIES = 40
 

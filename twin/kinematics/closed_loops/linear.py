@@ -96,7 +96,7 @@ def least_squares(J: ca.SX, b: ca.SX, pattern: np.ndarray) -> ca.SX:
 
 
 def _least_filling(linked: np.ndarray) -> list[int]:
-    """Return an order of elimination; the next unknown is always the one with the fewest neighbours."""
+    """Return an order of elimination; the next unknown is always the unknown with the fewest neighbours."""
     linked, left, order = linked.copy(), list(range(len(linked))), []
     while left:
         least = min(left, key=lambda i: int(linked[i, left].sum()))

@@ -107,7 +107,7 @@ class LoopSolver:
 
         Args:
             q: (n,) in m or rad.
-            seed: unknowns (numbers,) to start from, as in `Closed.states`; default: those of the rest poses.
+            seed: unknowns (numbers,) to start from, as in `Closed.states`; default: unknowns of the rest poses.
 
         Raises:
             AssemblyError: the loops cannot be closed at q.
@@ -150,7 +150,7 @@ class LoopSolver:
 
         Args:
             qs: (k, n) in m or rad.
-            seeds: unknowns (numbers, k) to start from; default: those of the rest poses.
+            seeds: unknowns (numbers, k) to start from; default: unknowns of the rest poses.
             threads: maximum number of threads; default: the number of processors.
         """
         qs = np.asarray(qs, float)

@@ -63,7 +63,7 @@ def named(report: Report, prefix: str, times: str = "t") -> Iterator[tuple[str, 
 
 
 def rows(report: Report, quantity: RowKind, unit: str = "", pairs: str = "") -> list[Residual]:
-    """Return the residuals (rows) of a quantity; only those with this `unit` and pair of models `pairs`, if not ""."""
+    """Return the residuals (rows) of a quantity; `unit` and `pairs` (pair of models) select rows if they are not ""."""
     return [r for r in report.residuals if r.quantity == quantity and unit in ("", r.unit) and pairs in ("", r.pair)]
 
 

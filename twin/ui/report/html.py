@@ -31,7 +31,7 @@ CAPTIONS = {
     "first red cell is the first comparison that disagrees.",
     "active_joints": "Displacement, speed and acceleration of the active joints over the phases.",
     "tool_motion": "Displacement, speed and acceleration of the tool frame in the base. Coloured curves are "
-    "planned; dashed curves are those of the independent mechanism, if it was computed.",
+    "planned; dashed curves belong to the independent mechanism, if computed.",
     "residuals": "Difference between formula and mechanism on a logarithmic scale, with the tolerances.",
     "rcm": "Distance from the registered remote centre of motion (the trocar) to the shaft axis. "
     "The axis is logarithmic; there is no curve while no RCM is registered.",

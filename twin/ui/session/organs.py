@@ -46,7 +46,7 @@ class OrganFeed:
         """Move the organs; return whether one has moved.
 
         Args:
-            links: T_world_link (4, 4) by robot and link; at least those that touch organs.
+            links: T_world_link (4, 4) by robot and link; at least all links that touch organs.
             passed: time in s since the last call.
         """
         poses = [links[tool.robot][tool.body.name] for tool in self.organs.tools]

@@ -24,7 +24,7 @@ _BED = (0.9, 0.75, 0.35)
 
 
 class WorldFeed:
-    """A feed whose vertices are those of a World; a new World, after a restart, has the same deformables.
+    """A feed of the vertices of a World; after a restart, the new World has the same deformables.
 
     `<organ>_bed` marks the cells that hold the organ of a procedure; a cell that has let go has no mark.
 

@@ -10,8 +10,8 @@ import numpy as np
 
 from twin.core.errors import KinematicsError
 from twin.core.spatial import Array
-from twin.validation.explain.judge import Judge, evaluate, worst
-from twin.validation.explain.rows import Place, Step
+from twin.validation.explain.judge import Judge, evaluate
+from twin.validation.explain.rows import Key, Step
 from twin.validation.explain.source import Edit
 
 TOKENS = ("trig", "index", "parameter", "name", "sign", "left side", "function", "number", "operator", "exponent")
@@ -20,9 +20,6 @@ TOKENS = ("trig", "index", "parameter", "name", "sign", "left side", "function",
 REST = ("transpose", "order", "parenthesis", "surplus", "missing")
 
 _ORDER = (*TOKENS, *REST)
-
-Key = tuple[str, int, int]
-"""Key of a row (assignment), independent of the assigned symbol: (equation, statement, position)."""
 
 
 @dataclass
@@ -105,13 +102,8 @@ class Found:
         return bool(self.cures) and len(self.cures[0][0].edits) == 1 and not self.cures[0][0].dropped
 
 
-def key(place: Place) -> Key:
-    """Return the key of the row at a place."""
-    return place.equation, place.statement, place.position
-
-
 def aliases(judge: Judge, step: Step, change: Sequence[Edit]) -> dict[str, Any] | None:
-    """Return {name: value} of the new names that the edits define; None if one of them cannot be evaluated."""
+    """Return {name: value} of the new names that the edits define; None if a value cannot be computed."""
     out: dict[str, Any] = {}
     for e in change:
         if e.define and e.define[1]:
@@ -136,16 +128,11 @@ def residuals(
         extra: values of names that the edits define; None: they are computed.
     """
     if not change:
-        return {key(p): r for p, r in judge.residuals.items()}
+        return {p.key: r for p, r in judge.residuals.items()}
     try:
         step = judge.step(equation)
         extra = aliases(judge, step, change) if extra is None else extra
         found = None if extra is None else evaluate(judge, step, list(change), extra)
     except (StopIteration, KinematicsError, IndexError):
         return None
-    return {key(p): r for p, r in found.items()} if found else None
-
-
-def scores(changed: dict[Key, Array]) -> dict[Key, float]:
-    """Return the worst residual of each row, in units of the tolerance."""
-    return {k: worst(r) for k, r in changed.items()}
+    return {p.key: r for p, r in found.items()} if found else None

@@ -40,7 +40,8 @@ class Corrected:
     Attributes:
         findings: findings of the CAD reader on joints whose parts do not meet.
         parts: the faulty parts, one per fault.
-        model, judge: model of the corrected mechanism, and judge of the rows with it; None if nothing was corrected.
+        model: model of the corrected mechanism; None if nothing was corrected.
+        judge: judge of the rows with the corrected mechanism; None if nothing was corrected.
         agrees: whether every row agrees with the corrected mechanism.
     """
 
@@ -173,7 +174,7 @@ def _decide(
 
 def _name(s: Suspect) -> str:
     if s.given:
-        return f"'{s.body}' (the numbers that place {', '.join(joint for joint, _ in s.given)} on it)"
+        return f"'{s.body}' (the numbers for the position of {', '.join(joint for joint, _ in s.given)} on this body)"
     if not s.features:
         return f"the placement of '{s.body}' in the CAD"
     return f"'{s.body}' at its {' and '.join(s.features)}"

@@ -36,7 +36,7 @@ _PLACES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 
 
 def misfit(tensor: Array, shape: Array) -> float:
-    """Return the norm of `tensor` - `shape` relative to that of `shape`; both are tensors per mass (3, 3)."""
+    """Return the norm of `tensor` - `shape` divided by the norm of `shape`; both are tensors per mass (3, 3)."""
     return float(np.linalg.norm(tensor - shape) / np.linalg.norm(shape))
 
 
