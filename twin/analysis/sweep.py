@@ -29,7 +29,6 @@ class Sweep(Result):
     """Results of evaluated designs.
 
     Attributes:
-        robot: name of the robot.
         work: the factors and the objectives.
         designs: (k, factors) in SI units, the CAD's design first.
         judged: (k, objectives) values, in the units of `design.OBJECTIVES`.

@@ -62,7 +62,6 @@ class Budget:
     """Tool error of a mechanism in one state.
 
     Attributes:
-        name: name of the state.
         q: (n,) active joints in m or rad.
         sensitivity: (6, errors) tool shift (m) and rotation (rad), in base, per unit of each error.
         labels: (errors,) joint or encoder of each error.
@@ -279,8 +278,6 @@ class ToleranceBudget(Result):
     """Tool error in several states, compared with the requirement.
 
     Attributes:
-        robot: name of the robot.
-        spread: standard deviations of the errors.
         budgets: one budget for each state; Monte Carlo checks only the state with the largest error.
         required: position error in m that the fraction `SHARE` of robots must not exceed, or None.
         requirement: provenance and note of the requirement.

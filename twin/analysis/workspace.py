@@ -115,7 +115,6 @@ class Workspace(Result):
     """The workspace of a robot.
 
     Attributes:
-        robot: name of the robot.
         grid: the evaluated positions and orientations.
         values: (positions, 4) values, see `COLUMNS`.
         facts: further results, by key of the JSON output.

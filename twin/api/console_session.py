@@ -63,11 +63,9 @@ class ConsoleSession(Result):
     """Measures of a session at a console.
 
     Attributes:
-        scene: the scene.
         source: the replayed file; "" for a new simulation.
         seed: random seed of a simulated surgeon; None: a person.
         task: the task; None: no task.
-        ran: signals of the session.
         arms: all robots that the console moves, by name.
         lost: sentence that states where the file ends; "" if the file is complete.
         recorded: content of the session file of a simulated surgeon; None for a replayed file.

@@ -41,7 +41,6 @@ class ProcedureSession(Result):
         source: the replayed file; "" for a new simulation.
         seed: random seed of a simulated surgeon; None: a person.
         mistake: the mistake that the simulated surgeon was asked to make; "": none, or unknown.
-        ran: signals of the session.
         organ: the organ that is taken out.
         lost: sentence that says where the file ends; "" if the file is complete.
         recorded: content of the session file of a simulated surgeon; None for a replayed file.

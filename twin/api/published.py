@@ -170,7 +170,6 @@ class Masses(Result):
     """All sources that state masses of a robot (CAD, stage, tables), and whether the masses are physically possible.
 
     Attributes:
-        robot: name of the robot.
         sources: the sources, each with its bodies and findings.
     """
 
@@ -264,7 +263,6 @@ class PublishedMotion(Result):
     """Published equations of motion, compared with the dynamics of the mechanism.
 
     Attributes:
-        robot: name of the robot.
         source: document of the equations.
         states: number of random states.
         judged: rows, cause and findings.

@@ -42,7 +42,6 @@ class SceneBundle(Result):
     """The files written for a scene.
 
     Attributes:
-        scene: the scene.
         formats: the formats written.
         bundles: bundle of each robot, by name.
         checks: results of the checks of the scene's stage; empty without USD.

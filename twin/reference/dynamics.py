@@ -49,7 +49,6 @@ class Dynamics:
 
     Attributes:
         mechanism: the mechanism with masses; a body without inertia is massless.
-        model: the independent model of the mechanism.
         rotor: (n, n) inertia of the rotors, referred to the joints.
         friction: (n,) viscous friction, N m s/rad or N s/m.
     """

@@ -38,7 +38,6 @@ class Tree:
     """Spanning tree of a mechanism as a Pinocchio model.
 
     Attributes:
-        mechanism: the mechanism.
         model, data: Pinocchio's model and data.
         joint_id: Pinocchio's joint number, by joint name; fixed joints are missing.
         coordinate: index in the velocity of each joint with a single coordinate, by joint name.

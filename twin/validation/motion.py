@@ -49,7 +49,6 @@ class Samples:
     """Tool poses and joint values of a motion at the times that are checked.
 
     Attributes:
-        name: name of the protocol.
         keys, Ts_keys, q_keys: times (k,) in s of the baked keys, with T_base_tool (k, 4, 4) and joint values (k, n).
         middle, Ts_middle, q_middle: the same in the middle between keys.
         sparse, Ts_sparse, q_sparse: the same at the times at which clearances are measured.

@@ -107,7 +107,6 @@ class Ranks(Result):
     """Rank tests of all groups of users.
 
     Attributes:
-        users: the table.
         comparisons: one per pair of groups and measure.
         findings: warnings about groups too small for a significant result, and notes on questionnaires.
     """

@@ -117,7 +117,6 @@ class Report(Result):
         reasons: why the default variant differs from the printed equation, by name of the equation.
         residuals: the residual matrix.
         findings: findings of all checks (CAD, protocol, comparison, stage, clearance); they determine the verdict.
-        phases: phases of the protocol, in order.
         parameters: parameters of equations, mechanism, protocol and CAD, with provenance.
         facts: short texts with numbers (mobility, mass, sample rates, ...), by heading and name.
         environment: software versions and machine.

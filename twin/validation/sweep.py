@@ -264,7 +264,6 @@ class Strokes(Result):
     """Comparisons over the strokes of several joints.
 
     Attributes:
-        robot: name of the robot.
         sweeps: one comparison per joint.
         requirement: (required position accuracy of the tool in m, provenance, reason), or None.
     """

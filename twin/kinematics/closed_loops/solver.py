@@ -67,7 +67,6 @@ class LoopSolver:
     """Closed-loop forward kinematics of a mechanism; shares no code with the reference model that checks it.
 
     Attributes:
-        mechanism: the mechanism.
         equations: its loop equations.
         blocks: blocks of equations, in the order of solution.
         q, home: active joints (n,) and unknowns in the rest poses, with closed loops.

@@ -28,8 +28,6 @@ class Loop(ABC):
     """A page with its loop.
 
     Attributes:
-        server: the server of viser.
-        title: title of the page.
         stopping: set when the loop shall end.
         now: time in s of the present frame on the clock of `time.perf_counter`.
     """

@@ -27,7 +27,6 @@ class Candidate:
     """One or two edits of one equation, with the residuals that result.
 
     Attributes:
-        step: the equation.
         edits: one or two edits.
         extra: values of names that the edits define.
         scores: worst residual of each row that the edits change, in units of the tolerance.

@@ -18,7 +18,6 @@ class Row:
     Attributes:
         equation, variant, symbol: equation and variant of the row, and the symbol it computes.
         file, line: place of the row.
-        text: text of the row.
         term: summand of the row that the best repair changes; "" if there is none.
         means: meaning of the symbol: a named point, a joint or the tool pose.
         off: largest difference, in `unit` ("mm" or "deg").
