@@ -65,8 +65,7 @@ def operate(
 def load_scene(scene: str | Path) -> Scene:
     """Return the scene with a name or path.
 
-    Args:
-        scene: the name of a built-in scene, or the path of a scene.toml or of its folder.
+    `scene` is the name of a built-in scene, or the path of a scene.toml or of its folder.
 
     Raises:
         TwinError: there is no such scene.

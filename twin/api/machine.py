@@ -55,12 +55,8 @@ def machine(
 ) -> Machine:
     """Return a machine at home, in E_STOP; the control software does not know how its plant differs.
 
-    Args:
-        parts: see `machine_parts`.
-        mass: factor of all masses.
-        friction: factor of all friction.
-        tilt: tilt of the base about its x axis in rad.
-        faults: faults of the signals `packet`, `encoder` and `dac`.
+    `mass` and `friction` are factors of all masses and of all friction; `tilt` in rad turns the base about its x axis.
+    Faults change the signals `packet`, `encoder` and `dac`.
 
     Raises:
         TwinError: a mass is not above 0, a friction is negative, or a fault has an unknown signal.

@@ -74,9 +74,8 @@ class Study(Result):
 def study(source: Robot | str | Path) -> Result:
     """Recompute the published tables of a robot, a console or a study file, or compare groups of users.
 
-    Args:
-        source: a robot, its name or folder; the name of a study; or the path of a study file (.toml) or of a table of
-            users (.csv with a column `group`).
+    `source` is a robot, its name or folder; the name of a study; or the path of a study file (.toml) or of a table of
+    users (.csv with a column `group`).
 
     Raises:
         TwinError: there is nothing to recompute, or a file is malformed.
@@ -306,11 +305,6 @@ class PublishedMotion(Result):
 def equations_of_motion(robot: Robot, states: int = 200, seed: int = 0) -> PublishedMotion:
     """Compare a robot's published equations of motion with the dynamics of its mechanism, masses of inertia.toml.
 
-    Args:
-        robot: a robot whose equations include equations of motion.
-        states: number of random states.
-        seed: seed of the states.
-
     Raises:
         TwinError: the robot has no published equations of motion, or no masses.
     """
@@ -332,10 +326,7 @@ def console(
 ) -> Contract:
     """Judge the published equations of a surgeon's console, each clause (one requirement of its contract) separately.
 
-    Args:
-        name: name of the console.
-        variants: one variant for all equations ("paper", "conjugate", "decoupled"), or {equation: variant}.
-        progress: see `Progress`.
+    `variants` is one variant for all equations ("paper", "conjugate", "decoupled"), or {equation: variant}.
 
     Raises:
         TwinError: there is no such console, equation or variant.

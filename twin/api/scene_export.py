@@ -125,12 +125,7 @@ def export_scene(
 ) -> SceneBundle:
     """Write a bundle for each robot of a scene and one USD stage with all robots, and check the written files.
 
-    Args:
-        file: scene.toml.
-        folder: folder to write; default: ./twin-out/<scene>/export/.
-        formats: see `twin.export`.
-        budget: see `twin.export`.
-        progress: see `twin.api.Progress`.
+    `file` is a scene.toml; the default folder is ./twin-out/<scene>/export/. For formats and budget see `twin.export`.
 
     Raises:
         TwinError: an input is missing or malformed; the folder stays unchanged.

@@ -78,10 +78,7 @@ def replay_session(
 ) -> ConsoleSession:
     """Replay a session in a new World, compare it with the recording bit by bit, and measure it.
 
-    Args:
-        path: a session file.
-        scene: the scene of the session, as name, path or loaded scene; default: the built-in scene that the file names.
-        progress: see `Progress`.
+    The default scene is the built-in scene that the file names.
 
     Raises:
         WorldError: the file is damaged, of another version or of another scene.

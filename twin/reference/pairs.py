@@ -188,11 +188,6 @@ class Pairs:
         Pairs that few turns move against each other (the jaws of an instrument and its wrist) are often close, and
         meshes that are close take long. So it is stored for a whole cell of these angles that the pair is not nearer:
         in a cell it moves by at most half of the required distance from the middle.
-
-        Args:
-            pair: number of the pair.
-            X: configurations.
-            poses: (k, shapes, 4, 4) poses of the shapes.
         """
         required, left = float(self.required[pair]), np.ones(len(X), bool)
         if pair in self._turns:

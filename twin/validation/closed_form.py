@@ -74,12 +74,6 @@ class Judged:
 def judge(form: ClosedForm, dynamics: Dynamics, count: int = 200, seed: int = 0) -> Judged:
     """Compare published equations of motion with the dynamics of a mechanism at random states.
 
-    Args:
-        form: the published equations.
-        dynamics: equations of motion of the mechanism, with its masses.
-        count: number of states.
-        seed: seed of the states.
-
     Raises:
         KinematicsError: the mechanism does not have one of the published joints.
     """

@@ -62,10 +62,7 @@ class Comparison:
     def differs(self, r: Residual, what: str, cause: str = "") -> None:
         """Add a row and, if it disagrees, a disagreement; an info finding if the row is a consequence of another row.
 
-        Args:
-            r: the row.
-            what: the message of the finding.
-            cause: name of the wrong equation, if known.
+        `cause` is the name of the wrong equation, if known.
         """
         first = r.consequence_of
         kind = Kind(f"{r.quantity}.differs", "info" if first else "disagreement", word="tolerance")

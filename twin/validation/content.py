@@ -43,10 +43,7 @@ _MISPLACED = Kind("stage.content", "disagreement", _AGAIN, word="")
 def content(mechanism: Mechanism, stage: Mechanism, description: Description) -> list[Finding]:
     """Return findings on data of a mechanism that are missing or different on its USD stage.
 
-    Args:
-        mechanism: the CAD's mechanism, with or without computed masses.
-        stage: the mechanism read back from the stage.
-        description: source of the densities for bodies without computed masses.
+    The description gives the densities for bodies without computed masses.
     """
     found: list[Finding] = []
     for kind, ours, theirs in (

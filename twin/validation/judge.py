@@ -54,11 +54,8 @@ def judge(
 ) -> Report:
     """Run the validation of one robot along one trajectory and return the report.
 
-    Args:
-        case: the input of the validation.
-        progress: called with a description of the current step and the fraction done.
-        parts: the parts to run. "stage" and "motion" need the mechanism's states, from "equations" or from `known`.
-        known: results to reuse; None: compute everything.
+    The parts "stage" and "motion" need the states of the mechanism, from the part "equations" or from `known` (results
+    to reuse).
     """
     mechanism, trajectory = case.cad.mechanism, case.trajectory
     model = ReferenceModel(mechanism)

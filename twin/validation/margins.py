@@ -32,11 +32,7 @@ _JUMP = Kind(
 def margins(trajectory: Trajectory, mechanism: Mechanism, paths: PathKinematics, clock: Clock) -> dict[str, str]:
     """Return the minimum margin and its time, as text, for each joint, gap, reach and singularity measure.
 
-    Args:
-        trajectory: the trajectory.
-        mechanism: source of the joint limits.
-        paths: the robot's planning data: gaps, reach and singularity measures, evaluated at every sample.
-        clock: clock of the trajectory.
+    Joint limits come from the mechanism; gaps, reach and singularity measures from `paths`.
     """
     out: dict[str, str] = {}
     for j, joint in enumerate(mechanism.active):
@@ -84,13 +80,7 @@ def of_mechanism(
 
     While the Jacobians have full rank, the coordinates follow the driven joints continuously and the assembly mode
     cannot change. Full rank at every compared sample and coordinates without jumps therefore exclude a change of the
-    assembly mode, independently of the equations.
-
-    Args:
-        model: model of the mechanism.
-        posed: states of the mechanism at the samples `rows`.
-        rows: sample indices of `posed` in the trajectory.
-        clock: clock of the trajectory.
+    assembly mode, independently of the equations. `rows` are the sample indices of `posed` in the trajectory.
     """
     found = conditioning(model, posed.x, LENGTH_SCALE)
     at = clock.at(rows)

@@ -125,10 +125,7 @@ def samples(trajectory: Trajectory) -> Samples:
 def measure(mechanism: Mechanism, samples: Samples, written: Path | None = None) -> Measured:
     """Bake the mechanism's motion, read it back, and measure clearances between parts.
 
-    Args:
-        mechanism: the moved mechanism.
-        samples: the checked times, with poses and joint values.
-        written: a stage with an existing baked motion, to be compared with the mechanism; None if there is none.
+    `written` is a stage with an existing baked motion to compare with the mechanism, or None.
 
     Raises:
         AssemblyError: the mechanism cannot be assembled at one of the tool poses.
@@ -183,13 +180,8 @@ def written_rows(
 ) -> tuple[list[Residual], list[Finding]]:
     """Return rows and findings on an existing baked motion.
 
-    Args:
-        written: errors of the existing motion, from `measure`.
-        samples: the intended motion.
-        phases: phases of the protocol.
-        tolerances: maximum deviations that count as agreement.
-        due: whether the motion was baked from this trajectory. Otherwise the motion may be older than the protocol, so
-            a difference is only a warning.
+    `due`: whether the motion was baked from this trajectory. Otherwise the motion may be older than the protocol, so a
+    difference is only a warning.
     """
     keys = Clock(samples.keys, phases)
     severity: Severity = "disagreement" if due else "warning"

@@ -71,8 +71,7 @@ class Key(Table):
     def scores(self, answers: Sequence[float]) -> dict[str, float]:
         """Return the scales and, if defined, the total of one user; a score is NaN if an answer is missing (NaN).
 
-        Args:
-            answers: one number per item, `low` to `high`.
+        `answers` has one number per item, `low` to `high`.
         """
         counted = [
             (self.zero - x) if item.reversed else (x - self.zero) for x, item in zip(answers, self.item, strict=True)

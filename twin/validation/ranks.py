@@ -167,10 +167,8 @@ def compare(path: Path) -> Ranks:
     """Test every pair of groups in every numeric column of a CSV file; empty cells are skipped.
 
     Columns ssq_1 to ssq_16 and ueq_1 to ueq_26 are answers to questionnaires, and are scored. With a column `session`,
-    rows are sessions of the same users: the last ones of all groups are compared, and the first with the last ones.
-
-    Args:
-        path: CSV file with a header, a column `group`, and one row per user or session.
+    rows are sessions of the same users: the last ones of all groups are compared, and the first with the last ones. The
+    file has a header, a column `group`, and one row per user or session.
 
     Raises:
         DescriptionError: the column is missing, there is only one group, every group has only one value, or a cell is

@@ -68,10 +68,7 @@ class Passage:
 def offset(Ts: Array, axis: Array, rcm: Array) -> Array:
     """Return the vector (k, 3) in m from the nearest point of the shaft axis to the RCM (3,).
 
-    Args:
-        Ts: (k, 4, 4) poses of the moved frame.
-        axis: (3,) shaft direction in the moved frame.
-        rcm: (3,) in m, in the frame in which Ts is given.
+    `axis` (3,) is the shaft direction in the moved frame; Ts (k, 4, 4) are poses of this frame.
     """
     u = Ts[:, :3, :3] @ (axis / np.linalg.norm(axis))
     w = rcm - Ts[:, :3, 3]
@@ -79,12 +76,7 @@ def offset(Ts: Array, axis: Array, rcm: Array) -> Array:
 
 
 def passages(model: ReferenceModel, trajectory: Trajectory) -> list[Passage]:
-    """Return the distances for each phase with an RCM.
-
-    Args:
-        model: model of the mechanism that carries the shaft.
-        trajectory: source of the sampled joint values `q` and speeds `qd`.
-    """
+    """Return the distances for each phase with an RCM."""
     spans = [s for s in trajectory.phases if s.rcm is not None and s.stop > s.start]
     at = [_suspects(trajectory, s) for s in spans]
     if not spans:

@@ -130,15 +130,7 @@ def sweep(
 ) -> Sweep:
     """Compare equations and mechanism while one active joint moves from limit to limit.
 
-    Args:
-        kin: the equations.
-        model: model of the mechanism.
-        joint: the moved joint.
-        home: (n,) joint values of the other joints.
-        standins: simplified models to compute: "mimic", "serial".
-        samples: number of joint values between the limits.
-        tolerances: largest deviations that count as agreement; None for the defaults.
-        progress: called with the fraction done.
+    `home` (n,) contains the values of the other joints; `standins` names the simplified models to compute.
 
     Raises:
         TwinError: the joint has no limits, or no part of its stroke is reachable.

@@ -104,9 +104,7 @@ class LoopSolver:
     def forward(self, q: Array, seed: Array | None = None) -> Array:
         """Return T_base_tool (4, 4) at active joints q (n,).
 
-        Args:
-            q: (n,) in m or rad.
-            seed: unknowns (numbers,) to start from, as in `Closed.states`; default: unknowns of the rest poses.
+        `seed` (numbers,) contains the unknowns to start from, as in `Closed.states`; default: unknowns of the rest poses.
 
         Raises:
             AssemblyError: the loops cannot be closed at q.
@@ -147,10 +145,8 @@ class LoopSolver:
     def forward_many(self, qs: Array, seeds: Array | None = None, threads: int | None = None) -> Closed:
         """Return the states at active joints qs (k, n), each solved independently; NaN poses where no state is found.
 
-        Args:
-            qs: (k, n) in m or rad.
-            seeds: unknowns (numbers, k) to start from; default: unknowns of the rest poses.
-            threads: maximum number of threads; default: the number of processors.
+        `seeds` (numbers, k) contains the unknowns to start from; default: unknowns of the rest poses. `threads` is the
+        maximum number of threads; default: the number of processors.
         """
         qs = np.asarray(qs, float)
         if qs.ndim != 2 or qs.shape[1] != len(self.q):

@@ -16,12 +16,8 @@ POINTS = 2000
 def thin(t: Array, y: Array, points: int = POINTS) -> tuple[Array, Array]:
     """Return (t, y) with at most `points` samples of a curve: minimum and maximum of each of many intervals.
 
-    The first and last sample, the overall extremes and gaps (NaN) are kept, so that the plot looks the same.
-
-    Args:
-        t: (k,) times, increasing.
-        y: (k,) values; NaN without a value.
-        points: maximum number of samples, at least 16.
+    The first and last sample, the overall extremes and gaps (NaN) are kept, so that the plot looks the same. t (k,) are
+    increasing times; y (k,) is NaN without a value. `points` is at least 16.
     """
     k = len(y)
     if k <= points:

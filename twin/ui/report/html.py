@@ -49,9 +49,7 @@ _ORIGINS = ("ASSUMED", "DERIVED", "CITED", "PUBLISHED")
 def render_html(report: Report, figures: Mapping[str, Figure] | None = None) -> str:
     """Return the report as a self-contained HTML page, reproducible byte by byte.
 
-    Args:
-        report: the report.
-        figures: figures from `twin.ui.report.plots.figures`; None: draw them.
+    `figures` come from `twin.ui.report.plots.figures`; None: the figures are drawn.
     """
     from markupsafe import Markup
 

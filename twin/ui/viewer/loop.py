@@ -44,9 +44,7 @@ class Loop(ABC):
     def frame(self, passed: float, wished: bool) -> None:
         """Draw one frame.
 
-        Args:
-            passed: time in s since the last frame.
-            wished: whether a request was handled since then.
+        `passed` is the time in s since the last frame; `wished`: whether a request was handled since then.
         """
 
     def ask(self, kind: str, wish: Callable[[], object]) -> None:

@@ -120,11 +120,8 @@ def residuals(
 ) -> dict[Key, Array] | None:
     """Return the residuals of the rows that edits of an equation change; None if the edits cannot be evaluated.
 
-    Args:
-        judge: any judge of the formula.
-        equation: name of the edited equation.
-        change: the edits; if empty, the residuals of all unedited rows are returned.
-        extra: values of names that the edits define; None: they are computed.
+    Without edits, the residuals of all unedited rows are returned. `extra` gives the values of names that the edits
+    define; None: they are computed.
     """
     if not change:
         return {p.key: r for p, r in judge.residuals.items()}

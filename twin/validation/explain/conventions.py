@@ -303,10 +303,7 @@ def _dh(judge: Judge) -> Iterator[Convention]:
 def _dh_row(kind: str, order: tuple[int, ...], *values: Any) -> Matrix:
     """Return the matrix of one row of a Denavit-Hartenberg table.
 
-    Args:
-        kind: "standard" or "modified".
-        order: positions of alpha, a, theta and d in `values`.
-        values: the arguments of the helper.
+    `kind` is "standard" or "modified"; `order` gives the positions of alpha, a, theta and d in `values`.
     """
     alpha, a, theta, d = (np.atleast_1d(np.asarray(values[i], float)) for i in order)
     k = max(len(x) for x in (alpha, a, theta, d))

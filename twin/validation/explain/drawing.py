@@ -88,11 +88,7 @@ def correct(
 ) -> Corrected | None:
     """Find the faults of the CAD and judge the rows with the corrected CAD; None if the parts of every joint meet.
 
-    Args:
-        formula: the equations; lengths declared in the description are evidence.
-        cad: the CAD model as read.
-        judged: function that returns the judge of the rows for a mechanism.
-        progress: called with the fraction done.
+    Lengths declared in the description are evidence. `judged` returns the judge of the rows for a mechanism.
     """
     findings = tuple(f for f in cad.findings if f.code in CODES)
     if not findings:

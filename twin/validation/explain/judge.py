@@ -48,12 +48,8 @@ class Judge:
     ) -> None:
         """Compare a formula with the mechanism's values.
 
-        Args:
-            formula: the equations.
-            variants: chosen variants, by equation; None for the defaults.
-            truth: the mechanism's values of the symbols.
-            tolerance: largest deviation that counts as agreement; None for the default.
-            replaced: functions that replace the chosen variant, by equation.
+        `variants` are the chosen variants by equation, None for the defaults; `replaced` are functions by equation that
+        replace the chosen variant.
         """
         self.formula, self.truth, self.tolerance = formula, truth, tolerance or Tolerance()
         self.variants = choose(formula, variants)
@@ -257,10 +253,8 @@ class Judge:
     def trial(self, step: Step, edits: list[Edit], extra: Mapping[str, Any] | None = None) -> Residuals:
         """Return the residuals of the rows that edits change; call this method with NumPy's warnings disabled.
 
-        Args:
-            step: the edited equation.
-            edits: edits of its statements, or of one helper function.
-            extra: values of names that the edits define.
+        The edits change statements of the step, or of one helper function. `extra` gives the values of names that the
+        edits define.
 
         Raises:
             Exception: any exception of the edited code, including SyntaxError.

@@ -59,12 +59,7 @@ class Pairs:
     def __init__(self, judge: Judge, shaken: Judge, step: Step, row: Key, edits: Sequence[Edit]) -> None:
         """Set up the search.
 
-        Args:
-            judge: the judged formula.
-            shaken: judge of the formula at perturbed values.
-            step: the equation.
-            row: the row to fix.
-            edits: single edits of one token that change the row.
+        `shaken` judges the formula at perturbed values; `edits` are single edits of one token that change the row.
         """
         self.judge, self.shaken, self.step, self.row = judge, shaken, step, row
         self.evaluated = 0

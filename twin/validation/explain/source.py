@@ -244,9 +244,7 @@ def _tree(data: bytes) -> ast.Module:
 def diff(edits: Iterable[Edit], shown: str | None = None) -> str:
     """Return the unified diff of edits of one file, without context, including the definitions that they require.
 
-    Args:
-        edits: edits of one file.
-        shown: file name in the header of the diff; None: its path.
+    `shown` is the file name in the header of the diff; None: the path.
     """
     edits = list(edits)
     old, name = edits[0].path.read_text(encoding="utf-8"), shown or str(edits[0].path)

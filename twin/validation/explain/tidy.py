@@ -21,11 +21,7 @@ _ATOM = (ast.Name, ast.Constant, ast.Call, ast.Subscript, ast.Attribute)
 def tidy(text: bytes, edited: Sequence[Span]) -> bytes:
     """Tidy a one-line Python statement around its edits, without changing its meaning.
 
-    Text that is not valid Python is returned unchanged.
-
-    Args:
-        text: the statement after the edits.
-        edited: the edited parts of the text.
+    Text that is not valid Python is returned unchanged. `edited` are the edited parts of the text.
     """
     for _ in range(8):
         tree = _parsed(text)
