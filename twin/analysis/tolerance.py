@@ -134,11 +134,7 @@ class Tolerances:
     def budget(self, name: str, q: Array, samples: int = 0, rng: np.random.Generator | None = None) -> Budget:
         """Return the tool error at active joints q (n,).
 
-        Args:
-            name: name of the state.
-            q: (n,) in m or rad.
-            samples: number of samples of the Monte Carlo check; 0: no check.
-            rng: random generator of the samples.
+        q is in m or rad. `samples` is the number of samples of the Monte Carlo check; 0: no check.
 
         Raises:
             AssemblyError: the loops cannot be closed at q.

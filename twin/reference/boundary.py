@@ -109,10 +109,8 @@ class Boundary:
     def __init__(self, model: ReferenceModel, stated: Stated, states: Array) -> None:
         """Set up the search.
 
-        Args:
-            model: model of the mechanism.
-            stated: the margins and measures of the formula.
-            states: (k, nq) configurations around which the search begins.
+        `stated` are the margins and measures of the formula; the search begins around the configurations `states` (k,
+        nq).
         """
         self.model, self.stated = model, stated
         some = states[np.unique(np.linspace(0, len(states) - 1, _STARTS).astype(int))]

@@ -101,10 +101,8 @@ def scored(
 ) -> tuple[dict[str, list[float]], list[Finding]]:
     """Return the columns of a table of users with scores instead of answers, and findings on unscored questionnaires.
 
-    Args:
-        path: file of the table, for messages.
-        columns: values of the users, by name of the column; NaN: an empty cell.
-        lines: line of each user in the file.
+    `path` and `lines` (line of each user in the file) are used in messages. `columns` contains the values of the users
+    by name of the column; NaN: an empty cell.
 
     Raises:
         DescriptionError: a column of a questionnaire is missing, or an answer is not one of its numbers.

@@ -17,11 +17,8 @@ _PIVOT = 0.2
 def square(J: ca.SX, b: ca.SX, pattern: np.ndarray, sample: Array) -> tuple[ca.SX, ca.SX]:
     """Return the solution (n,) of J x = b by elimination, and the determinant of J except for a constant sign.
 
-    Args:
-        J: (n, n).
-        b: (n,).
-        pattern: (n, n) bool, whether an entry of J can differ from 0.
-        sample: (n, n) values of J in one state, to choose a stable pivot order with few fill-ins.
+    `pattern` (n, n) marks the entries of J (n, n) that can differ from 0. `sample` (n, n) is J in one state, used to
+    choose a stable pivot order with few fill-ins.
     """
     n = len(sample)
     a = {(i, j): J[i, j] for i in range(n) for j in range(n) if pattern[i, j]}
@@ -61,10 +58,7 @@ def _pivot(a: dict, values: Array, rows: list[int], columns: list[int]) -> tuple
 def least_squares(J: ca.SX, b: ca.SX, pattern: np.ndarray) -> ca.SX:
     """Return the shortest x (n,) that minimises |J x - b|, from the normal equations.
 
-    Args:
-        J: (m, n).
-        b: (m,).
-        pattern: (m, n) bool, whether an entry of J can differ from 0.
+    `pattern` (m, n) marks the entries of J (m, n) that can differ from 0; b has m entries.
     """
     n = pattern.shape[1]
     J = ca.SX(J)

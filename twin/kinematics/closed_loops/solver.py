@@ -104,7 +104,8 @@ class LoopSolver:
     def forward(self, q: Array, seed: Array | None = None) -> Array:
         """Return T_base_tool (4, 4) at active joints q (n,).
 
-        `seed` (numbers,) contains the unknowns to start from, as in `Closed.states`; default: unknowns of the rest poses.
+        `seed` (numbers,) contains the unknowns to start from, as in `Closed.states`; default: unknowns of the rest
+        poses.
 
         Raises:
             AssemblyError: the loops cannot be closed at q.
@@ -143,7 +144,7 @@ class LoopSolver:
         return np.vstack([self._single(q, states)[:12].reshape(3, 4), [0.0, 0.0, 0.0, 1.0]])
 
     def forward_many(self, qs: Array, seeds: Array | None = None, threads: int | None = None) -> Closed:
-        """Return the states at active joints qs (k, n), each solved independently; NaN poses where no state is found.
+        """Return the states at active joints qs (k, n), each solved independently; NaN poses without a solution.
 
         `seeds` (numbers, k) contains the unknowns to start from; default: unknowns of the rest poses. `threads` is the
         maximum number of threads; default: the number of processors.
