@@ -67,7 +67,7 @@ class ConsoleSession(Result):
         seed: random seed of a simulated surgeon; None: a person.
         task: the task; None: no task.
         arms: all robots that the console moves, by name.
-        lost: sentence that states where the file ends; "" if the file is complete.
+        lost: sentence on the end of a truncated file; "" if the file is complete.
         recorded: content of the session file of a simulated surgeon; None for a replayed file.
         pegs: pegs of a task with rings, by name.
         aligned: measures of a task with an alignment; None for another task.
@@ -130,7 +130,7 @@ class ConsoleSession(Result):
 
     @cached_property
     def forces(self) -> ForceMeasures | None:
-        """Measures of the forces on the hands; None: the session has none."""
+        """Measures of the forces on the hands; None for a session without forces."""
         return forces.measure(self.ran.kept, HANDS)
 
     @property

@@ -1,4 +1,4 @@
-"""Run a campaign of faults on the machine of a robot, in several processes, with a log that lets it go on."""
+"""Run a campaign of faults on the machine of a robot, in several processes; an interrupted campaign can continue."""
 
 from __future__ import annotations
 

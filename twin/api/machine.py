@@ -26,7 +26,7 @@ def machine_parts(
     Args:
         robot: a robot with inertia.toml and machine.toml in its folder, and with a closed inverse.
         mode: limits of the DAC; None: as in machine.toml.
-        overdrive: what happens above them; None: as in machine.toml.
+        overdrive: policy above these limits; None: as in machine.toml.
         master_timeout: time in s without a packet after which the pedal counts as up; None: as in machine.toml.
 
     Raises:
@@ -53,7 +53,7 @@ def machine_parts(
 def machine(
     parts: Parts, *, mass: float = 1.0, friction: float = 1.0, tilt: float = 0.0, faults: Sequence[Fault] = ()
 ) -> Machine:
-    """Return a machine at home, in E_STOP; the control software does not know how its plant differs.
+    """Return a machine at home, in E_STOP; the control software has no information on the changes below.
 
     `mass` and `friction` are factors of all masses and of all friction; `tilt` in rad turns the base about its x axis.
     Faults change the signals `packet`, `encoder` and `dac`.

@@ -40,9 +40,9 @@ class ProcedureSession(Result):
         scene, task: the scene, and its task.
         source: the replayed file; "" for a new simulation.
         seed: random seed of a simulated surgeon; None: a person.
-        mistake: the mistake that the simulated surgeon was asked to make; "": none, or unknown.
-        organ: the organ that is taken out.
-        lost: sentence that says where the file ends; "" if the file is complete.
+        mistake: the intended mistake of the simulated surgeon; "": no mistake, or unknown.
+        organ: the organ to remove.
+        lost: sentence on the end of a truncated file; "" if the file is complete.
         recorded: content of the session file of a simulated surgeon; None for a replayed file.
     """
 

@@ -276,7 +276,7 @@ class PublishedMotion(Result):
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """Terms that differ, and properties that do not hold."""
+        """Findings on differing terms and violated properties."""
         return tuple(self.judged.findings)
 
     def content(self) -> dict[str, Any]:

@@ -254,7 +254,7 @@ class Robot:
         """Return T_base_tool (4, 4) for q (n,), or (k, 4, 4) for q (k, n), on the branch of the seed pose (4, 4).
 
         Raises:
-            KinematicsError: there is no assembly, or none on that branch.
+            KinematicsError: there is no assembly, or no assembly on that branch.
         """
         kin, q = self.kinematics(variant), np.asarray(q, float)
         return kin.forward(q, seed) if q.ndim == 1 else kin.forward_many(q, seed)
@@ -314,7 +314,7 @@ class Robot:
         return protocol
 
     def bound(self, protocol: Protocol) -> Robot:
-        """Return the robot with its trocars at the positions of the protocol; the same robot if the protocol sets none.
+        """Return the robot with its trocars at the positions of the protocol; the same robot if the protocol has none.
 
         The equations have parameters trocar_x, trocar_y, trocar_z for a single trocar; with several trocars, they have
         parameters trocar_NAME_x, ... for each trocar.

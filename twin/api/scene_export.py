@@ -2,7 +2,7 @@
 
 Files in formats other than USD contain one robot with its motion. `scene.json` contains the pose of each robot's base.
 A player must place the bases and start all motions together. A robot that a console controls has no motion: its
-files contain the pose at which the console takes over, and `scene.json` contains its joint values there.
+files contain the start pose of the console, and `scene.json` contains the joint values at this pose.
 """
 
 from __future__ import annotations
@@ -162,7 +162,7 @@ def export_scene(
 def _robot(place: Place) -> Robot:
     """Return the robot of a place.
 
-    If the place has no protocol, the masses are computed, and the rest pose is that at which a console takes control.
+    If the place has no protocol, the masses are computed, and the rest pose is the start pose of the console.
     """
     from twin.simulation.console_scene import start
 

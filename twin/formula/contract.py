@@ -100,7 +100,7 @@ class Measure:
         symbol: symbol of the measure in the flow.
         kind: "type1" (joints move while the tool is at rest) or "type2" (the tool moves while the joints are at rest).
         alarm: absolute value below which an alarm is raised; dimensionless.
-        note: what happens at the singularity; source of the alarm value.
+        note: effect of the singularity; source of the alarm value.
     """
 
     name: str

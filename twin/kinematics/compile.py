@@ -1,4 +1,4 @@
-"""Compile a formula to `Kinematics`: compiled functions, and solvers where an equation is missing."""
+"""Compile a formula to `Kinematics`: compiled functions, and solvers in place of missing equations."""
 
 from __future__ import annotations
 

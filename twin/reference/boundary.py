@@ -87,7 +87,7 @@ class Judged:
     Attributes:
         name, symbol, equation: name of the margin, measure or aspect (the row), its symbol, and its equation.
         kind: "reach", "type1", "type2" or "aspect".
-        why: the result in one sentence ("it vanishes where ..."), or the reason why there is none.
+        why: the result in one sentence ("it vanishes where ..."), or the reason why the row was not judged.
         at: example of a state, as active joint values in mm and degrees; "" if there is none.
         size, unit: size of the disagreement, or None, and its unit.
     """

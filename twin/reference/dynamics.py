@@ -145,7 +145,7 @@ class Dynamics:
         return self._mass(self._determined(at))
 
     def gravity(self, at: State) -> Array:
-        """Return g (n,): the efforts that hold a state at rest; a joint without drive or loop counts as fixed."""
+        """Return g (n,): the efforts that keep a state at rest; a joint without drive or loop counts as fixed."""
         x = self.configuration(at)
         return self._gain(x).T @ np.array(pin.computeGeneralizedGravity(self._pin, self._data, x))
 

@@ -58,7 +58,7 @@ class Judged:
 
     Attributes:
         rows: largest difference of each term.
-        cause: the single edit that explains the differences; "" if there are none or no edit explains them.
+        cause: the single edit that explains all differences; "" without differences or without such an edit.
         balance: largest error of the power balance of A, relative to the largest power.
         least: smallest eigenvalue of M of A.
         findings: terms that differ.

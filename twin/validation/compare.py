@@ -380,7 +380,7 @@ class _Check:
 
 
 def _rates(check: _Check, states: Array) -> None:
-    """Compare the planned speed and acceleration of the tool with those from the mechanism's constraint Jacobian."""
+    """Compare the tool's planned speed and acceleration with values from the mechanism's constraint Jacobian."""
     trajectory, rows, limits = check.trajectory, check.out.coarse, check.tolerances
     twist, acceleration = check.model.rates(states, trajectory.qd[rows], trajectory.qdd[rows])
     v, a = (x[rows] for x in tool_rates(trajectory))

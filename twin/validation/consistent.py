@@ -191,7 +191,7 @@ def _missed(trajectory: Trajectory, phase: str) -> float:
 def _rcm(trajectory: Trajectory, span: PhaseSpan) -> list[Fix]:
     """Return the fix that moves the RCM to the point nearest to two shaft axes, or an empty list if they are parallel.
 
-    The axes are those at the first use of the RCM and at the end of the phase.
+    The two axes are taken at the first use of the RCM and at the end of the phase.
     """
     assert span.rcm is not None
     first = min(s.start for s in trajectory.phases if s.rcm is not None and np.array_equal(s.rcm, span.rcm))

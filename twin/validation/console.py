@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from twin.validation.accuracy import Mover
 from twin.validation.clauses import Clause, Contract, number
 
 Array = NDArray[np.float64]
@@ -29,7 +30,7 @@ _PEN = 3.3
 """Largest force in N of a haptic pen: the manufacturer's value, ASSUMED because the paper gives none."""
 
 
-class Laws(Protocol):
+class Laws(Mover, Protocol):
     """Interface of a judged console, as implemented by `twin.simulation.controllers.console`.
 
     Attributes:
@@ -54,18 +55,6 @@ class Laws(Protocol):
     def force_units(self) -> str: ...  # noqa: D102
     @property
     def turn_unit(self) -> str: ...  # noqa: D102
-
-    def tool(self, P_0: Array, W_0: Array, W_1: Array, T: Array, scale: float) -> Array:
-        """Return the next tool pose (4, 4) in {RB}.
-
-        Args:
-            P_0: (4, 4) current tool pose in {RB}.
-            W_0: (4, 4) previous handle pose in {H}.
-            W_1: (4, 4) current handle pose in {H}.
-            T: (4, 4) pose of {H} in {RB}.
-            scale: motion scale: tool displacement divided by hand displacement.
-        """
-        ...
 
     def turns(self, p_R0: Array, p_R1: Array, p_L0: Array, p_L1: Array, n: Array) -> tuple[float, float]:
         """Return the camera roll in `turn_unit` about the axis n (3,): (by the right hand, by the left hand).

@@ -139,15 +139,13 @@ def measure(mechanism: Mechanism, samples: Samples, written: Path | None = None)
         files = write_motion(bare, Path(folder), Motion(samples.name, samples.keys, links))
         times, back = read_motion(files.root)
     between = samples.links(model, samples.Ts_middle, samples.q_middle)
-    position, rotation = np.zeros(len(samples.keys)), np.zeros(len(samples.keys))
+    position = rotation = np.zeros(len(samples.keys))
     apart = np.zeros(len(samples.middle))
     if len(times) == len(samples.keys):
-        for name, Ts in links.items():
-            read = back[name]
-            position = np.maximum(position, np.linalg.norm(read[:, :3, 3] - Ts[:, :3, 3], axis=1))
-            rotation = np.maximum(rotation, np.linalg.norm(rotation_vectors(Ts, read), axis=1))
-            blend = 0.5 * (read[1:, :3, 3] + read[:-1, :3, 3])[::MIDDLE]
-            apart = np.maximum(apart, np.linalg.norm(blend - between[name][:, :3, 3], axis=1))
+        position, rotation = _errors(links, back, len(times))
+        for name, Ts in between.items():
+            blend = 0.5 * (back[name][1:, :3, 3] + back[name][:-1, :3, 3])[::MIDDLE]
+            apart = np.maximum(apart, np.linalg.norm(blend - Ts[:, :3, 3], axis=1))
     found = None
     if any(b.meshes for b in mechanism.bodies):
         found = clearance(mechanism, samples.links(model, samples.Ts_sparse, samples.q_sparse))
@@ -167,12 +165,17 @@ def written_motion(root: Path | None, keys: Array, links: Mapping[str, Array]) -
     missing = tuple(n for n in links if n not in back)
     if len(times) != len(keys) or np.abs(times - keys).max() > TIME:
         return Written(root.name, times, np.zeros(0), np.zeros(0), missing)
-    position, rotation = np.zeros(len(keys)), np.zeros(len(keys))
+    return Written(root.name, times, *_errors(links, back, len(keys)), missing)
+
+
+def _errors(links: Mapping[str, Array], back: Mapping[str, Array], count: int) -> tuple[Array, Array]:
+    """Return the largest errors (count,) in m and rad of the poses `back` of any link; missing links are skipped."""
+    position, rotation = np.zeros(count), np.zeros(count)
     for name, Ts in links.items():
         if name in back:
             position = np.maximum(position, np.linalg.norm(back[name][:, :3, 3] - Ts[:, :3, 3], axis=1))
             rotation = np.maximum(rotation, np.linalg.norm(rotation_vectors(Ts, back[name]), axis=1))
-    return Written(root.name, times, position, rotation, missing)
+    return position, rotation
 
 
 def written_rows(
@@ -214,7 +217,7 @@ def baked_rows(
     """Return rows and findings on the baked motion (D), compared with the mechanism (B)."""
     keys, middle = Clock(samples.keys, phases), Clock(samples.middle, phases)
     if len(measured.times) != len(samples.keys) or np.abs(measured.times - samples.keys).max() > 1e-9:
-        return [], [disagreement("baked.times", "", "the baked time codes differ from those requested")]
+        return [], [disagreement("baked.times", "", "the baked time codes differ from the requested time codes")]
     name = "links at their time codes"
     rows = [
         row("B-D", "baked", name, "m", measured.position, tolerances.baked_position, keys),

@@ -18,7 +18,7 @@ from twin.schema import Identifier, Table, at, load_toml
 _UNSCORED = {
     "simtlx": "the SIM-TLX (D. Harris, M. Wilson, S. Vine, Virtual Reality 24, 2020) has ratings of nine dimensions "
     "and weights from comparisons of pairs; the paper of this console does not print whether its values are weighted, "
-    "and no rule could be checked against an example: the columns are compared as they are"
+    "and no rule could be checked against an example: the columns are compared without scoring"
 }
 """Reasons for which questionnaires are not scored, by the beginning of the names of their columns."""
 

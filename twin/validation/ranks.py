@@ -1,8 +1,9 @@
 """Compare groups of users by rank tests in each measure, with a correction for the number of tests.
 
 The effect is the rank-biserial correlation, which equals Cliff's delta (N. Cliff, Psychological Bulletin 114(3), 1993):
-the fraction of pairs in which the value of the first group is larger, minus that in which it is smaller. The measure A
-of Vargha and Delaney (J. Educational and Behavioral Statistics 25(2), 2000) is (effect + 1) / 2.
+the fraction of pairs with the larger value in the first group, minus the fraction of pairs with the smaller value in
+the first group. The measure A of Vargha and Delaney (J. Educational and Behavioral Statistics 25(2), 2000) is
+(effect + 1) / 2.
 """
 
 from __future__ import annotations

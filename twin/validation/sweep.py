@@ -11,7 +11,7 @@ so no model of the same kind has smaller errors:
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -125,8 +125,6 @@ def sweep(
     home: Array,
     standins: tuple[str, ...] = (),
     samples: int = 501,
-    tolerances: Tolerances | None = None,
-    progress: Callable[[float], None] | None = None,
 ) -> Sweep:
     """Compare equations and mechanism while one active joint moves from limit to limit.
 
@@ -139,14 +137,12 @@ def sweep(
     limits = model.mechanism.joint(joint).limits
     if limits is None:
         raise TwinError(f"joint '{joint}' has no limits, so its stroke is unknown; add a [[limit]]")
-    tolerances = tolerances or Tolerances()
+    tolerances = Tolerances()
     q = np.tile(home, (samples, 1))
     q[:, i] = np.linspace(*limits, samples)
     start = model.solve(home)
     Ts = _formula(kin, q, i, home, start.T_base_tool)
     q, Ts, run = _reachable(kin, model, q, Ts, i, home)
-    if progress is not None:
-        progress(1.0)
     formula = Curve(
         Ts[:, :3, 3] - run.Ts_base_tool[:, :3, 3], np.linalg.norm(rotation_vectors(run.Ts_base_tool, Ts), axis=1)
     )

@@ -47,7 +47,7 @@ _ORIGINS = ("ASSUMED", "DERIVED", "CITED", "PUBLISHED")
 
 
 def render_html(report: Report, figures: Mapping[str, Figure] | None = None) -> str:
-    """Return the report as a self-contained HTML page, reproducible byte by byte.
+    """Return the report as a self-contained HTML page; the same report always gives the same bytes.
 
     `figures` come from `twin.ui.report.plots.figures`; None: the figures are drawn.
     """

@@ -167,7 +167,7 @@ class RobotNodes:
         self._equations.visible = True
 
     def section(self, poses: Mapping[str, Array], point: Array | None, normal: Array) -> None:
-        """Hide the part of the robot in front of a plane (point and normal in base); without a point, hide nothing."""
+        """Hide the part of the robot in front of a plane (point and normal in base); without a point, all is shown."""
         for (body, (vertices, triangles, *_)), (_, handle) in zip(self._looks, self.meshes, strict=True):
             shown, faces = vertices, triangles
             if point is not None:

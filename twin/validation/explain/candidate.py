@@ -92,14 +92,6 @@ class Found:
     complete: bool = True
     seconds: float = 0.0
 
-    @property
-    def credible(self) -> bool:
-        """Whether a single edit fixes the rows without dropping a symbol, so that the search can stop.
-
-        A pair of edits does not stop the search, because one changed number could explain the same rows more simply.
-        """
-        return bool(self.cures) and len(self.cures[0][0].edits) == 1 and not self.cures[0][0].dropped
-
 
 def aliases(judge: Judge, step: Step, change: Sequence[Edit]) -> dict[str, Any] | None:
     """Return {name: value} of the new names that the edits define; None if a value cannot be computed."""

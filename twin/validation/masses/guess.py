@@ -1,8 +1,8 @@
 """Find the probable mistake in a tensor that does not fit its shapes: sign, decimal mark, axes, point of reference.
 
 The stated tensor is compared with the tensor of the shapes filled with uniform density. Real bodies are not uniform, so
-a difference alone proves nothing. A mistake is reported only if one small change of the stated numbers makes the misfit
-small (`BAD`, `GOOD`, `GAIN`).
+a difference alone is no evidence of a mistake. A mistake is reported only if one small change of the stated numbers
+makes the misfit small (`BAD`, `GOOD`, `GAIN`).
 """
 
 from __future__ import annotations
