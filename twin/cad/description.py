@@ -15,7 +15,8 @@ from pydantic import Field, model_validator
 from twin.core.foreign.budget import read_bytes
 from twin.core.foreign.once import Read
 from twin.model.joint import JointType
-from twin.schema import Identifier, Origin, Range, Table, Vector, at, error_at, load_toml
+from twin.schema import Identifier, Range, Table, Vector, at, error_at, load_toml
+from twin.schema.sourced import Sourced
 
 
 class Feature(Table):
@@ -93,14 +94,12 @@ class FrameSpec(Table):
         return tuple(dict.fromkeys(n for v in values for n in (v if isinstance(v, list) else [v] if v else [])))
 
 
-class MassSpec(Table):
+class MassSpec(Sourced):
     """Mass, centre of mass, and inertia (xx, yy, zz, xy, xz, yz) about the centre of mass, in drawn coordinates."""
 
     mass_kg: float = Field(gt=0)
     com_mm: Vector
     inertia_kg_m2: tuple[float, float, float, float, float, float]
-    provenance: Origin
-    note: str = Field(min_length=1)
 
 
 class BodySpec(Table):
@@ -124,7 +123,7 @@ class MeshSpec(Table):
     color: tuple[float, float, float] | tuple[float, float, float, float] = (0.6, 0.6, 0.6)
 
 
-class Material(Table):
+class Material(Sourced):
     """Density and finish of a material, and shell patterns of its parts' names; the last matching material applies.
 
     `metallic` is 1 for bare metal, 0 for paint, plastic and glass; `roughness` is 0 for a mirror, 1 for chalk.
@@ -134,11 +133,9 @@ class Material(Table):
     metallic: float = Field(0.0, ge=0, le=1)
     roughness: float = Field(0.5, ge=0, le=1)
     parts: list[str]
-    provenance: Origin
-    note: str = Field(min_length=1)
 
 
-class LimitSpec(Table):
+class LimitSpec(Sourced):
     """Limits shared by the named joints, in mm, mm/s, mm/s2 (prismatic) or deg, deg/s, deg/s2 (revolute)."""
 
     joints: list[Identifier]
@@ -151,8 +148,6 @@ class LimitSpec(Table):
     max_speed_deg_s: float | None = Field(default=None, gt=0)
     max_acceleration_mm_s2: float | None = Field(default=None, gt=0)
     max_acceleration_deg_s2: float | None = Field(default=None, gt=0)
-    provenance: Origin
-    note: str = Field(min_length=1)
 
     @model_validator(mode="after")
     def _soft_within_hard(self) -> LimitSpec:
@@ -172,15 +167,13 @@ class LimitSpec(Table):
         return self
 
 
-class DriveSpec(Table):
+class DriveSpec(Sourced):
     """A position drive shared by the named joints, in SI units (N/m or N m/rad)."""
 
     joints: list[Identifier]
     stiffness: float = Field(gt=0)
     damping: float = Field(ge=0)
     max_effort: float | None = Field(default=None, gt=0)
-    provenance: Origin
-    note: str = Field(min_length=1)
 
 
 class JointSpec(Table):
@@ -222,7 +215,7 @@ class NamedPoint(Table):
         return self
 
 
-class CouplingSpec(Table):
+class CouplingSpec(Sourced):
     """A belt, gear or cable: the sum of ratio times coordinate over the joints equals `sum_deg` or `sum_mm`."""
 
     name: Identifier
@@ -230,8 +223,6 @@ class CouplingSpec(Table):
     ratios: list[float]
     sum_deg: float | None = None
     sum_mm: float | None = None
-    provenance: Origin
-    note: str = Field(min_length=1)
 
     @model_validator(mode="after")
     def _one_unit(self) -> CouplingSpec:
@@ -240,7 +231,7 @@ class CouplingSpec(Table):
         return self
 
 
-class ActuatorSpec(Table):
+class ActuatorSpec(Sourced):
     """A motor that moves joints through a [[transmission]]; all numbers are on the motor's side.
 
     Efforts, gains and inertia are in SI units: N m, N m/rad, N m s/rad, kg m2 for an angle; N, N/m, N s/m, kg for a
@@ -257,8 +248,6 @@ class ActuatorSpec(Table):
     rotor_inertia: float | None = Field(default=None, gt=0)
     stiffness: float | None = Field(default=None, gt=0)
     damping: float = Field(default=0.0, ge=0)
-    provenance: Origin
-    note: str = Field(min_length=1)
 
     @model_validator(mode="after")
     def _one_unit(self) -> ActuatorSpec:
@@ -281,15 +270,13 @@ class ActuatorSpec(Table):
         return self.max_speed_deg_s or self.max_speed_mm_s
 
 
-class MatrixSpec(Table):
+class MatrixSpec(Sourced):
     """Another matrix of a transmission, of the same shape, for `Robot.with_transmission`."""
 
     matrix: list[list[float]]
-    provenance: Origin
-    note: str = Field(min_length=1)
 
 
-class TransmissionSpec(Table):
+class TransmissionSpec(Sourced):
     """Transmission from motors to active joints: q_joints = matrix @ m_actuators in rad or m, one row per joint.
 
     `matrix` is in use; `variants` are other matrices by name.
@@ -300,8 +287,6 @@ class TransmissionSpec(Table):
     actuators: list[Identifier] = Field(min_length=1)
     matrix: list[list[float]]
     variants: dict[Identifier, MatrixSpec] = Field(default_factory=dict)
-    provenance: Origin
-    note: str = Field(min_length=1)
 
     @model_validator(mode="after")
     def _square(self) -> TransmissionSpec:
@@ -318,14 +303,12 @@ class TransmissionSpec(Table):
         return self
 
 
-class PairGap(Table):
+class PairGap(Sourced):
     """Minimum of the difference `upper` - `lower` between the coordinates of two prismatic joints on a common rail."""
 
     lower: Identifier
     upper: Identifier
     min_gap_mm: float = Field(gt=0)
-    provenance: Origin
-    note: str = Field(min_length=1)
 
 
 class LengthSpec(Table):
@@ -336,12 +319,10 @@ class LengthSpec(Table):
     parameter: str = Field(min_length=1)
 
 
-class RequirementSpec(Table):
+class RequirementSpec(Sourced):
     """Required accuracy of the tool; results of tolerance analyses are compared with it."""
 
     tool_um: float = Field(gt=0)
-    provenance: Origin
-    note: str = Field(min_length=1)
 
 
 class Tolerance(Table):

@@ -9,7 +9,7 @@ import tomllib
 from pathlib import Path
 from typing import Literal
 
-from pydantic import Field, ValidationError
+from pydantic import ValidationError
 
 from twin.core.errors import DescriptionError
 from twin.core.foreign.budget import read_bytes
@@ -17,16 +17,15 @@ from twin.core.foreign.once import Read
 from twin.core.foreign.text import read_text
 from twin.core.provenance import Parameter
 from twin.core.units import SI
-from twin.schema import Origin, Table, Vector, error_at
+from twin.schema import Vector, error_at
+from twin.schema.sourced import Sourced
 
 
-class Dimension(Table):
+class Dimension(Sourced):
     """One length or angle, a vector of three, or a table with one row for each section of a drawn body."""
 
     value: float | Vector | list[list[float]]
     unit: Literal["mm", "deg"]
-    provenance: Origin
-    note: str = Field(min_length=1)
 
 
 def read_dimensions(path: Path, read: Read = read_bytes) -> tuple[Parameter, ...]:

@@ -7,27 +7,26 @@ from collections.abc import Iterator
 from twin.cad.description import ActuatorSpec, CouplingSpec, Description, DriveSpec, LimitSpec, TransmissionSpec
 from twin.core.provenance import Parameter
 from twin.schema.sourced import Row
-from twin.schema.sourced import parameters as listed
 
 
 def parameters(d: Description) -> list[Parameter]:
     """Return every number that the description adds to the drawing, with unit and provenance."""
     out: list[Parameter] = []
     for limit in d.limit:
-        out += listed(",".join(limit.joints), limit, _limit(limit))
+        out += limit.parameters(",".join(limit.joints), _limit(limit))
     angular = {j.name for j in d.joint if j.type == "revolute"}
     for drive in d.drive:
-        out += listed(",".join(drive.joints) + " drive", drive, _drive(drive, drive.joints[0] in angular))
+        out += drive.parameters(",".join(drive.joints) + " drive", _drive(drive, drive.joints[0] in angular))
     for name, material in d.material.items():
-        out += listed("density", material, [(name, material.density_kg_m3, "kg/m3")])
+        out += material.parameters("density", [(name, material.density_kg_m3, "kg/m3")])
     for gap in d.gap:
-        out += listed("gap", gap, [(f"{gap.lower}-{gap.upper}", gap.min_gap_mm, "mm")])
+        out += gap.parameters("gap", [(f"{gap.lower}-{gap.upper}", gap.min_gap_mm, "mm")])
     for c in d.coupling:
-        out += listed("coupling", c, _coupling(c))
+        out += c.parameters("coupling", _coupling(c))
     for a in d.actuator:
-        out += listed(f"actuator {a.name}", a, _actuator(a))
+        out += a.parameters(f"actuator {a.name}", _actuator(a))
     for t in d.transmission:
-        out += listed(f"transmission {t.name}:", t, _transmission(t))
+        out += t.parameters(f"transmission {t.name}:", _transmission(t))
     return out
 
 

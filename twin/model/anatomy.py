@@ -16,8 +16,8 @@ from twin.core.units import MM
 from twin.model.mechanism import Mechanism
 from twin.model.surface import Surface
 from twin.model.tissue import Pin, Tissue
-from twin.schema import Identifier, Origin, Table, Vector, at
-from twin.schema.sourced import parameters
+from twin.schema import Identifier, Table, Vector, at
+from twin.schema.sourced import Sourced
 
 Direction = Literal["x", "-x", "y", "-y", "z", "-z"]
 """A direction of the world frame."""
@@ -37,7 +37,7 @@ class PinTable(Table):
         return self
 
 
-class TissueTable(Table):
+class TissueTable(Sourced):
     """A soft organ: a body of the anatomy with the name of the table.
 
     The organ is elastic in a grid of `cells` along its three principal axes, the longest first, and keeps its volume.
@@ -52,8 +52,6 @@ class TissueTable(Table):
     density_kg_m3: float = Field(ge=100, le=5000)
     friction: float = Field(ge=0, le=2)
     pin: list[PinTable] = Field(min_length=1)
-    provenance: Origin
-    note: str = Field(min_length=1)
 
     @model_validator(mode="after")
     def _cells(self) -> TissueTable:
@@ -62,7 +60,7 @@ class TissueTable(Table):
         return self
 
 
-class AnatomyTable(Table):
+class AnatomyTable(Sourced):
     """The organs of a scene. `file` is a description as for props, with one body for each organ.
 
     `touching` names the links of instruments that touch organs, each as "robot/body". If the organs are drawn in a
@@ -75,8 +73,6 @@ class AnatomyTable(Table):
     origin_mm: Vector = (0.0, 0.0, 0.0)
     scale: float = Field(1.0, ge=1e-3, le=1e3)
     touching: list[str] = Field(min_length=1)
-    provenance: Origin
-    note: str = Field(min_length=1)
 
     @model_validator(mode="after")
     def _links(self) -> AnatomyTable:
@@ -154,7 +150,7 @@ def listed(tables: Mapping[str, TissueTable]) -> Iterator[Parameter]:
             ("friction", t.friction, "1"),
             *((f"cells {k}", n, "1") for k, n in enumerate(t.cells, 1)),
         )
-        yield from parameters(f"tissue {name}", t, rows)
+        yield from t.parameters(f"tissue {name}", rows)
         for pin in t.pin:
             corners = (("low", pin.low_mm, "mm"), ("high", pin.high_mm, "mm"))
-            yield from parameters(f"tissue {name} pin {pin.name}", t, corners)
+            yield from t.parameters(f"tissue {name} pin {pin.name}", corners)

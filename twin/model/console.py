@@ -13,8 +13,8 @@ from twin.core.errors import unknown
 from twin.core.provenance import Parameter
 from twin.core.spatial import Array
 from twin.core.units import DEG
-from twin.schema import Identifier, Origin, Table, at, error_at
-from twin.schema.sourced import parameters
+from twin.schema import Identifier, Table, at, error_at
+from twin.schema.sourced import Sourced
 
 
 class StereoTable(Table):
@@ -24,7 +24,7 @@ class StereoTable(Table):
     converge_mm: float = Field(gt=0, le=10_000)
 
 
-class CameraTable(Table):
+class CameraTable(Sourced):
     """A camera on a robot frame: it looks along the frame's z axis, with -y up, rotated by `roll_deg` about z.
 
     With `stereo`, it has two lenses, one on each side of the frame's origin at half the baseline.
@@ -35,8 +35,6 @@ class CameraTable(Table):
     roll_deg: float = 0.0
     view_deg: float = Field(gt=1, lt=170)
     stereo: StereoTable | None = None
-    provenance: Origin
-    note: str = Field(min_length=1)
 
     @property
     def in_frame(self) -> Array:
@@ -61,7 +59,7 @@ class CameraRangeTable(Table):
         return self
 
 
-class ConsoleTable(Table):
+class ConsoleTable(Sourced):
     """A surgeon's console: robots of each hand, in the order of selection by clutch taps, and the shared camera.
 
     `tip` is the frame of these robots for targets and path lengths; default: the tool frame.
@@ -78,8 +76,6 @@ class ConsoleTable(Table):
     through: list[Identifier] = Field(default_factory=list)
     instrument_mm: dict[Identifier, Annotated[float, Field(ge=50, le=1000)]] = Field(default_factory=dict)
     camera_range: CameraRangeTable | None = None
-    provenance: Origin
-    note: str = Field(min_length=1)
 
     @model_validator(mode="after")
     def _lengths(self) -> ConsoleTable:
@@ -89,7 +85,7 @@ class ConsoleTable(Table):
         return self
 
 
-class HapticsTable(Table):
+class HapticsTable(Sourced):
     """Forces on the hands: stiffness and damping of all surfaces; forces are clipped at `largest_n`.
 
     `device_damping_ns_m` is the damping of the device and of the fingers on it, with which the sampled surface is
@@ -101,8 +97,6 @@ class HapticsTable(Table):
     largest_n: float = Field(gt=0, le=50)
     device_damping_ns_m: float = Field(gt=0, le=1000)
     on: bool = True
-    provenance: Origin
-    note: str = Field(min_length=1)
 
 
 def check(path: Path, console: ConsoleTable, cameras: Mapping[str, CameraTable], robots: Sequence[str]) -> None:
@@ -136,7 +130,7 @@ def listed(console: ConsoleTable | None, haptics: HapticsTable | None) -> Iterat
     """Yield the numbers of a console and of its forces, with their provenance."""
     if console is not None:
         lengths = [(f"instrument {name}", v, "mm") for name, v in console.instrument_mm.items()]
-        yield from parameters("console", console, [("scale", console.scale, "1"), *lengths])
+        yield from console.parameters("console", [("scale", console.scale, "1"), *lengths])
     if haptics is not None:
         rows = (
             ("stiffness", haptics.stiffness_n_m, "N/m"),
@@ -144,4 +138,4 @@ def listed(console: ConsoleTable | None, haptics: HapticsTable | None) -> Iterat
             ("largest force", haptics.largest_n, "N"),
             ("device damping", haptics.device_damping_ns_m, "N s/m"),
         )
-        yield from parameters("haptics", haptics, rows)
+        yield from haptics.parameters("haptics", rows)

@@ -11,11 +11,11 @@ from twin.core import spatial
 from twin.core.provenance import Parameter
 from twin.core.units import MM, linear_rgba
 from twin.model.movable import Movable, ShapeName
-from twin.schema import Identifier, Origin, Table, Vector, at
-from twin.schema.sourced import parameters
+from twin.schema import Identifier, Vector, at
+from twin.schema.sourced import Sourced
 
 
-class ObjectTable(Table):
+class ObjectTable(Sourced):
     """A movable object. Instruments grasp and push it in tasks that name it.
 
     `size_mm` of a ring: the radius of its wire's centre line, and the radius of the wire; of a box: its three edges; of
@@ -32,8 +32,6 @@ class ObjectTable(Table):
     position_mm: Vector
     axis: Vector = (0.0, 0.0, 1.0)
     color: str = Field("#999999", pattern="^#[0-9a-f]{6}$", description="sRGB")
-    provenance: Origin
-    note: str = Field(min_length=1)
 
     @model_validator(mode="after")
     def _whole(self) -> ObjectTable:
@@ -49,7 +47,7 @@ class ObjectTable(Table):
         return self
 
 
-class ContactTable(Table):
+class ContactTable(Sourced):
     """Contact of movable objects with bodies of the props and with the instruments of the console.
 
     `solid` names the bodies of the props. `jaw_effort_n_mm` is the maximum torque of one jaw. `friction` is the
@@ -59,8 +57,6 @@ class ContactTable(Table):
     solid: list[Identifier] = Field(min_length=1)
     friction: float = Field(ge=0, le=2)
     jaw_effort_n_mm: float = Field(gt=0, le=1000)
-    provenance: Origin
-    note: str = Field(min_length=1)
 
 
 def movable(name: str, o: ObjectTable) -> Movable:
@@ -84,7 +80,7 @@ def listed(objects: Mapping[str, ObjectTable], contact: ContactTable | None) -> 
     for name, o in objects.items():
         sizes = [(f"size {k}", v, "mm") for k, v in enumerate(o.size_mm, 1)]
         rows = (*sizes, ("mass", o.mass_g, "g"), ("friction", o.friction, "1"), ("", o.position_mm, "mm"))
-        yield from parameters(f"object {name}", o, rows)
+        yield from o.parameters(f"object {name}", rows)
     if contact is not None:
         rows = (("friction", contact.friction, "1"), ("jaw effort", contact.jaw_effort_n_mm, "N mm"))
-        yield from parameters("contact", contact, rows)
+        yield from contact.parameters("contact", rows)

@@ -22,19 +22,17 @@ from twin.model.movable import Movable
 from twin.model.task import Task, TaskTable
 from twin.model.tool import ToolTable
 from twin.model.vessel import Vessel, VesselTable
-from twin.schema import Identifier, Origin, Table, Vector, at, error_at, load_toml
-from twin.schema.sourced import parameters
+from twin.schema import Identifier, Table, Vector, at, error_at, load_toml
+from twin.schema.sourced import Sourced
 
 
-class PortTable(Table):
+class PortTable(Sourced):
     """A port: the position in mm of a trocar in the patient, in the world frame."""
 
     position_mm: Vector
-    provenance: Origin
-    note: str = Field(min_length=1)
 
 
-class RobotTable(Table):
+class RobotTable(Sourced):
     """A robot in the scene: base position in the world frame, yaw about the vertical z axis, and ports of its trocars.
 
     `protocol` is optional if the scene has a console. `robot` is the name of the built-in robot if `name` differs: a
@@ -50,8 +48,6 @@ class RobotTable(Table):
     ports: dict[Identifier, Identifier] = Field(default_factory=dict)
     position_mm: Vector
     yaw_deg: float
-    provenance: Origin
-    note: str = Field(min_length=1)
 
     @model_validator(mode="after")
     def _one_way(self) -> RobotTable:
@@ -268,10 +264,10 @@ def _ports(r: RobotTable) -> dict[str, str]:
 
 def _parameters(table: SceneTable) -> Iterator[Parameter]:
     for name, port in table.port.items():
-        yield from parameters(f"port {name}", port, [("", port.position_mm, "mm")])
+        yield from port.parameters(f"port {name}", [("", port.position_mm, "mm")])
     for r in table.robot:
         start = [(f"start {joint}", value, "deg or mm") for joint, value in r.start.items()]
-        yield from parameters(r.name, r, [("", r.position_mm, "mm"), *start, ("yaw", r.yaw_deg, "deg")])
+        yield from r.parameters(r.name, [("", r.position_mm, "mm"), *start, ("yaw", r.yaw_deg, "deg")])
     yield from console.listed(table.console, table.haptics)
     yield from contact.listed(table.object, table.contact)
     yield from anatomy.listed(table.tissue)

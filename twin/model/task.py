@@ -17,8 +17,8 @@ from twin.model import alignment, procedure
 from twin.model.alignment import Alignment, AlignTable
 from twin.model.contact import ObjectTable
 from twin.model.procedure import ProcedureTable
-from twin.schema import Identifier, Origin, Table, Vector, at, error_at
-from twin.schema.sourced import Row, parameters
+from twin.schema import Identifier, Table, Vector, at, error_at
+from twin.schema.sourced import Row, Sourced
 
 
 class TransferTable(Table):
@@ -42,7 +42,7 @@ class TargetTable(Table):
         return self
 
 
-class TaskTable(Table):
+class TaskTable(Sourced):
     """A task: targets to touch in this order, rings to bring to pegs, a camera to align, or a surgical procedure.
 
     A target is touched when all its tips have been within the tolerance for `hold_s`, without interruption. A ring is
@@ -57,8 +57,6 @@ class TaskTable(Table):
     transfer: list[TransferTable] = Field(default_factory=list)
     align: AlignTable | None = None
     procedure: ProcedureTable | None = None
-    provenance: Origin
-    note: str = Field(min_length=1)
 
     @model_validator(mode="after")
     def _one_kind(self) -> TaskTable:
@@ -157,4 +155,4 @@ def listed(name: str, task: TaskTable) -> Iterator[Parameter]:
         rows += procedure.rows(task.procedure)
     for target in task.target:
         rows += [(f"{target.name} right", target.right_mm, "mm"), (f"{target.name} left", target.left_mm, "mm")]
-    return parameters(f"task {name}", task, rows)
+    return task.parameters(f"task {name}", rows)

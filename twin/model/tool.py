@@ -8,8 +8,8 @@ from typing import Literal
 from pydantic import Field, model_validator
 
 from twin.core.provenance import Parameter
-from twin.schema import Identifier, Origin, Table, at
-from twin.schema.sourced import parameters
+from twin.schema import Identifier, at
+from twin.schema.sourced import Sourced
 
 Kind = Literal["grasper", "clip_applier", "scissors", "scalpel", "cautery"]
 
@@ -32,7 +32,7 @@ DOES: dict[Kind, str] = {
 """Function of the tools of each kind."""
 
 
-class ToolTable(Table):
+class ToolTable(Sourced):
     """A tool, and the robots of the scene that can carry it.
 
     The signal `<robot>.tool` of a console is its number in the order of the scene file.
@@ -51,8 +51,6 @@ class ToolTable(Table):
     friction: float | None = Field(None, gt=0, le=2)
     clips: int | None = Field(None, ge=1, le=12)
     power_w: float | None = Field(None, gt=0, le=200)
-    provenance: Origin
-    note: str = Field(min_length=1)
 
     @model_validator(mode="after")
     def _whole(self) -> ToolTable:
@@ -80,4 +78,4 @@ def listed(name: str, t: ToolTable) -> Iterator[Parameter]:
         ("clips", t.clips, "1"),
         ("power", t.power_w, "W"),
     )
-    return parameters(f"tool {name}", t, rows)
+    return t.parameters(f"tool {name}", rows)

@@ -15,8 +15,8 @@ from twin.core.spatial import Array, Index
 from twin.core.units import MM
 from twin.model.body import Mesh
 from twin.model.deformable import Deformable
-from twin.schema import Identifier, Origin, Table, Vector
-from twin.schema.sourced import parameters
+from twin.schema import Identifier, Vector
+from twin.schema.sourced import Sourced
 
 SEGMENTS = 60
 """Maximum number of segments of a vessel; the computing time of a step increases with it."""
@@ -25,7 +25,7 @@ _SIDES = 8
 """Number of sides of a drawn segment."""
 
 
-class VesselTable(Table):
+class VesselTable(Sourced):
     """A vessel along a line in the world frame, in segments of about `segment_mm`.
 
     The first point is on the surface of `organ` and moves with the organ; without `organ` it is fixed. The last point
@@ -38,8 +38,6 @@ class VesselTable(Table):
     segment_mm: float = Field(ge=0.5, le=20)
     young_kpa: float = Field(ge=0.1, le=1000)
     color: str = Field("#b0a060", pattern="^#[0-9a-f]{6}$", description="sRGB")
-    provenance: Origin
-    note: str = Field(min_length=1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,4 +155,4 @@ def listed(name: str, t: VesselTable) -> Iterator[Parameter]:
     """Yield the numbers of a vessel with their provenance."""
     rows = (("radius", t.radius_mm, "mm"), ("segment", t.segment_mm, "mm"), ("Young's modulus", t.young_kpa, "kPa"))
     points = ((str(k), point, "mm") for k, point in enumerate(t.line_mm, 1))
-    return parameters(f"vessel {name}", t, (*rows, *points))
+    return t.parameters(f"vessel {name}", (*rows, *points))

@@ -25,6 +25,9 @@ from twin.simulation.plants.tissue.organs import PERIOD
 _TIP = "instrument_tip"
 """Name of the frame at the tip of an instrument, z out of it."""
 
+_LAST = {"provenance", "note"}
+"""Fields of a tool that are last in the inputs of the hash."""
+
 
 @dataclass(frozen=True)
 class Field:
@@ -129,7 +132,8 @@ def about(scene: Scene, task: Task, organs: Sequence[Tissue]) -> list[Any]:
     procedure = procedure_of(scene, task)
     camera = scene.cameras[procedure.camera]
     out: list[Any] = [procedure.model_dump(), [camera.robot, camera.frame, plain(camera.in_frame), camera.view_deg]]
-    out.append([{n: t.model_dump() for n, t in scene.tools.items()}, tissue_scene.touching(scene)])
+    tools = {n: t.model_dump(exclude=_LAST) | t.model_dump(include=_LAST) for n, t in scene.tools.items()}
+    out.append([tools, tissue_scene.touching(scene)])
     out += [
         [t.name, plain(t.nodes), len(t.surface.vertices), t.young, t.poisson, t.damping, t.friction] for t in organs
     ]

@@ -8,9 +8,7 @@ from pxr import Usd, UsdGeom, UsdPhysics
 from twin.exchange.audit import poses
 from twin.exchange.audit.physics import Drive, Frame, Joint, Mass, Motor, Physics, along
 from twin.exchange.audit.poses import Array
-
-_AXES = {"X": 0, "Y": 1, "Z": 2}
-_SIX = ("transX", "transY", "transZ", "rotX", "rotY", "rotZ")
+from twin.exchange.audit.usd_joints import AXES, SIX, is_locked, joint_ends
 
 
 def stage_physics(stage: Usd.Stage, bodies: list[Usd.Prim], meters: float, up: str) -> Physics:
@@ -83,18 +81,8 @@ def _gravity(scene: UsdPhysics.Scene, meters: float, up: str) -> Array:
 
 
 def _joint(prim: Usd.Prim, names: dict[str, str], meters: float, kilograms: float) -> Joint | None:
-    joint = UsdPhysics.Joint(prim)
-    ends = []
-    for rel, pos, rot in (
-        (joint.GetBody0Rel(), joint.GetLocalPos0Attr(), joint.GetLocalRot0Attr()),
-        (joint.GetBody1Rel(), joint.GetLocalPos1Attr(), joint.GetLocalRot1Attr()),
-    ):
-        targets = [str(t) for t in rel.GetForwardedTargets()]
-        p, q = pos.Get(), rot.Get()
-        R = np.eye(3) if q is None else poses.rotation([*q.GetImaginary(), q.GetReal()])
-        T = poses.pose(R, np.array(p if p is not None else (0, 0, 0), float) * meters)
-        ends.append((names.get(targets[0], targets[0]) if targets else "", T))
-    (parent, T_parent), (child, T_child) = ends
+    ends = joint_ends(prim, meters)
+    (parent, T_parent), (child, T_child) = ((names.get(t[0], t[0]) if t else "", T) for t, T in ends)
     if parent == child:
         return None
     kind, axis = kind_and_axis(prim)
@@ -119,21 +107,14 @@ def kind_and_axis(prim: Usd.Prim) -> tuple[str, int]:
     ):
         if prim.IsA(schema):
             axis = prim.GetAttribute("physics:axis").Get() if kind != "fixed" else "Z"
-            return kind, _AXES.get(str(axis), 0)
-    free = [i for i, name in enumerate(_SIX) if not _locked(prim, name)]
+            return kind, AXES.get(str(axis), 0)
+    free = [i for i, name in enumerate(SIX) if not is_locked(prim, name)]
     if len(free) == 2 and free[1] == free[0] + 3:
         return "cylindrical", free[0]
     known = {(): "fixed", (0, 1, 2, 3, 4, 5): "free", (3, 4, 5): "spherical"}
     if len(free) == 1:
         return ("prismatic" if free[0] < 3 else "revolute"), free[0] % 3
-    return known.get(tuple(free), f"free along {', '.join(_SIX[i] for i in free)}"), 2
-
-
-def _locked(prim: Usd.Prim, name: str) -> bool:
-    if not prim.HasAPI(UsdPhysics.LimitAPI, name):
-        return False
-    limit = UsdPhysics.LimitAPI(prim, name)
-    return limit.GetLowAttr().Get() > limit.GetHighAttr().Get()
+    return known.get(tuple(free), f"free along {', '.join(SIX[i] for i in free)}"), 2
 
 
 def _drive(prim: Usd.Prim, kind: str, meters: float, kilograms: float) -> Drive:

@@ -11,7 +11,11 @@ from pxr import Usd, UsdGeom, UsdPhysics
 from twin.exchange.audit import poses
 from twin.exchange.audit.poses import Array
 
-_AXES = {"X": 0, "Y": 1, "Z": 2}
+AXES = {"X": 0, "Y": 1, "Z": 2}
+"""Number of an axis, by its token."""
+
+SIX = ("transX", "transY", "transZ", "rotX", "rotY", "rotZ")
+"""Directions of a generic joint, as instance names of its limits."""
 
 
 class _World(Protocol):
@@ -31,33 +35,37 @@ def joint_gaps(stage: Usd.Stage, placed: Mapping[str, Array], world: _World) -> 
     for prim in stage.Traverse():
         if not prim.IsA(UsdPhysics.Joint) or UsdPhysics.Joint(prim).GetJointEnabledAttr().Get() is False:
             continue
-        joint = UsdPhysics.Joint(prim)
-        ends = [
-            _frame(stage, rel, p, q, placed, world, count)
-            for rel, p, q in (
-                (joint.GetBody0Rel(), joint.GetLocalPos0Attr(), joint.GetLocalRot0Attr()),
-                (joint.GetBody1Rel(), joint.GetLocalPos1Attr(), joint.GetLocalRot1Attr()),
-            )
-        ]
+        ends = [_frame(stage, *end, placed, world, count) for end in joint_ends(prim, world.meters)]
         if ends[0] is None or ends[1] is None:
             continue  # the stage checker reports a missing target
         apart = (poses.inverse(ends[0]) @ ends[1])[:, :3, 3]
         yield str(prim.GetPath()), np.linalg.norm(apart[:, _locked(prim)], axis=1)
 
 
-def _frame(stage, rel, pos, rot, placed: Mapping[str, Array], world: _World, count: int) -> Array | None:
+def joint_ends(prim: Usd.Prim, meters: float) -> list[tuple[list[str], Array]]:
+    """Return (paths of the target prims, pose (4, 4) of the joint in the target in m) of both sides of a joint."""
+    joint, out = UsdPhysics.Joint(prim), []
+    for rel, pos, rot in (
+        (joint.GetBody0Rel(), joint.GetLocalPos0Attr(), joint.GetLocalRot0Attr()),
+        (joint.GetBody1Rel(), joint.GetLocalPos1Attr(), joint.GetLocalRot1Attr()),
+    ):
+        p, q = pos.Get(), rot.Get()
+        R = np.eye(3) if q is None else poses.rotation([*q.GetImaginary(), q.GetReal()])
+        T = poses.pose(R, np.array(p if p is not None else (0, 0, 0), float) * meters)
+        out.append(([str(t) for t in rel.GetForwardedTargets()] if rel else [], T))
+    return out
+
+
+def _frame(
+    stage: Usd.Stage, targets: list[str], local: Array, placed: Mapping[str, Array], world: _World, count: int
+) -> Array | None:
     """Return T_world_joint (k, 4, 4) of one side of a joint; None if its target body is missing."""
-    p, q = pos.Get(), rot.Get()
-    R = np.eye(3) if q is None else poses.rotation([*q.GetImaginary(), q.GetReal()])
-    local = poses.pose(R, np.array(p if p is not None else (0, 0, 0), float) * world.meters)
-    targets = rel.GetForwardedTargets() if rel else []
     if not targets:  # no target: the joint is attached to the world of the stage
         return np.broadcast_to(world.placed(np.eye(4)[None]) @ local, (count, 4, 4))
     if len(targets) > 1:
         return None
-    path = str(targets[0])
-    if path in placed:
-        return placed[path] @ local
+    if targets[0] in placed:
+        return placed[targets[0]] @ local
     prim = stage.GetPrimAtPath(targets[0])
     if not prim or not prim.IsA(UsdGeom.Xformable):
         return None
@@ -74,19 +82,21 @@ def _frame(stage, rel, pos, rot, placed: Mapping[str, Array], world: _World, cou
 def _locked(prim: Usd.Prim) -> list[int]:
     """Return the axes of the joint's frame (0, 1, 2 for x, y, z) along which translation is locked."""
     if prim.IsA(UsdPhysics.PrismaticJoint):
-        free = _AXES.get(str(UsdPhysics.PrismaticJoint(prim).GetAxisAttr().Get()), 2)
+        free = AXES.get(str(UsdPhysics.PrismaticJoint(prim).GetAxisAttr().Get()), 2)
         return [i for i in range(3) if i != free]
     if prim.GetTypeName() == "PhysicsJoint":
-        out = []
-        for name, i in (("transX", 0), ("transY", 1), ("transZ", 2)):
-            if prim.HasAPI(UsdPhysics.LimitAPI, name):
-                limit = UsdPhysics.LimitAPI(prim, name)
-                if limit.GetLowAttr().Get() > limit.GetHighAttr().Get():
-                    out.append(i)
-        return out
+        return [i for i in range(3) if is_locked(prim, SIX[i])]
     if prim.IsA(UsdPhysics.DistanceJoint):
         return []
     return [0, 1, 2]
+
+
+def is_locked(prim: Usd.Prim, name: str) -> bool:
+    """Return whether a generic joint cannot move in a direction of `SIX`: its lower limit is above the upper limit."""
+    if not prim.HasAPI(UsdPhysics.LimitAPI, name):
+        return False
+    limit = UsdPhysics.LimitAPI(prim, name)
+    return limit.GetLowAttr().Get() > limit.GetHighAttr().Get()
 
 
 def joint_values(stage: Usd.Stage, codes: Array, meters: float) -> dict[str, Array]:
