@@ -44,7 +44,7 @@ def changed(folder: Path, *pairs):
     [
         ("anatomy.toml", "anatomi.toml", r"scene.toml:\d+: anatomy.file: there is no file .*anatomi.toml"),
         ('"lapbot/jaw"', '"lapbt/jaw"', "there is no robot 'lapbt'. Did you mean 'lapbot'"),
-        ('"lapbot/jaw"', '"instrument"', """'instrument' is no link; write "robot/body\""""),
+        ('"lapbot/jaw"', '"instrument"', """'instrument' is not a link; write "robot/body\""""),
         ("touching = [" + LINK, 'axes = ["y", "x", "z"]\ntouching = [' + LINK, "not the axes of a right-handed frame"),
         (
             "cells = [3, 2, 2]",

@@ -82,7 +82,7 @@ class FrameSpec(Table):
             if self.origin or self.at or self.z or self.offset_mm or any(turned):
                 raise at("position_mm", "a frame is either measured (`origin`, `z`, ...) or given, not both")
         elif self.origin is None or (self.z is None and self.angles_deg is None):
-            raise at((), "a measured frame needs `origin` and `z` (or `angles_deg`); a given one needs `position_mm`")
+            raise at((), "a measured frame needs `origin` and `z` (or `angles_deg`); a given frame needs `position_mm`")
         elif sum(t is not None for t in (*turned, self.angles_deg)) != 1:
             ways = "`x_towards`, `y_towards`, `x_along`, `angles_deg`"
             raise at((), f"a measured frame needs exactly one of {ways}")

@@ -60,6 +60,6 @@ def machine(args: argparse.Namespace) -> int:
     said(f"packets: {receiver.accepted} accepted, {receiver.refused} refused{why}")
     said(
         f"{pace['ticks']} ticks, {pace['late']} more than 1 ms late; delay p50 {pace['p50_ms']:.2f} ms, "
-        f"p99 {pace['p99_ms']:.2f} ms, largest {pace['max_ms']:.2f} ms"
+        f"p99 {pace['p99_ms']:.2f} ms, maximum {pace['max_ms']:.2f} ms"
     )
     return 0

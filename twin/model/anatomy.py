@@ -78,7 +78,7 @@ class AnatomyTable(Sourced):
     def _links(self) -> AnatomyTable:
         for name in self.touching:
             if name.count("/") != 1:
-                raise at("touching", f"'{name}' is no link; write \"robot/body\"")
+                raise at("touching", f"'{name}' is not a link; write \"robot/body\"")
         if not np.isclose(np.linalg.det(self._R_world_drawing), 1.0):
             raise at("axes", f"{list(self.axes)} are not the axes of a right-handed frame; surfaces would be inverted")
         return self
