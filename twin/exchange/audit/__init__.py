@@ -3,7 +3,7 @@
 poses       quaternions and matrices, implemented independently of the writers
 motion      the common result of the readers: clips of link poses in the world frame
 gltf, usd, tracks, mjcf, urdf      readers
-physics     mechanism data of a file, in a common form for all formats; physics_<format> convert to this form
+physics     mechanism data of a file, in a common form for all formats; physics_usd, physics_mjcf convert to this form
 sense       find physically impossible data in one file
 compare     compare the pose of every link at every key between files
 compare_physics    compare joints, drives, masses, frames, surfaces, colours between files and with the mechanism

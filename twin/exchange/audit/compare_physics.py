@@ -17,8 +17,7 @@ from scipy.spatial import cKDTree
 from twin.exchange.audit import poses
 from twin.exchange.audit.colors import Rgba, apart
 from twin.exchange.audit.motion import Content, Shape
-from twin.exchange.audit.physics import Joint, Physics
-from twin.exchange.audit.physics_tracks import TOOL
+from twin.exchange.audit.physics import TOOL, Joint, Physics
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import Ledger, Measured, quantity
 

@@ -19,6 +19,9 @@ from twin.exchange.audit.poses import Array
 _SAME = 1e-5
 """Tolerance, in m and in components of unit vectors, for coinciding lines and for lines that meet in a point."""
 
+TOOL = "(tool)"
+"""Name of the frame that the protocol moves, if the track does not state its name."""
+
 
 @dataclass(frozen=True)
 class Mass:

@@ -1,4 +1,7 @@
-"""Read tracks and report their faults: JSON of flat arrays (schema "twin-track"), and CSV."""
+"""Read tracks and report their faults: JSON of flat arrays (schema "twin-track"), and CSV.
+
+The mechanism data of a track are joints with one coordinate, limits, driven joints and named frames.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +15,7 @@ import numpy as np
 
 from twin.exchange.audit import poses
 from twin.exchange.audit.motion import Clip, Content, check_poses, check_quaternions, check_rate, check_times
-from twin.exchange.audit.physics_tracks import track_physics
+from twin.exchange.audit.physics import TOOL, Drive, Frame, Joint, Physics
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.rcm import check_rcm
 from twin.exchange.audit.report import Ledger, Measured, ReadError
@@ -29,6 +32,9 @@ WORDS = {
 
 LIMIT_TOL = 1e-6
 """Violation of a joint limit in m or rad that counts as rounding."""
+
+NO_LIMIT = 1e29
+"""Value in m or rad from which a limit means "no limit", because JSON has no infinity."""
 
 
 def is_track(data: Any) -> bool:
@@ -107,7 +113,7 @@ def _content(data: dict[str, Any], kind: str, ledger: Ledger) -> Content:
     name = str(data.get("protocol", ""))
     out = Content(ledger, kind, model_hash=str(data.get("model_hash", "")), declared=tuple(links))
     out.facts = {"units": data.get("length_unit", "?"), "up_axis": "Z", "handedness": "right", "protocol": name}
-    out.physics = track_physics(data, links, joints)
+    out.physics = _physics(data, links, joints)
     out.extra["data"] = {k: v for k, v in data.items() if k not in ("poses", "positions", "times")}
     _check_words(data, ledger)
     moved, known = data.get("moved_frame"), data.get("frame_names")
@@ -252,3 +258,26 @@ def _check_limits(data: dict[str, Any], joints: list[str], clip: Clip, ledger: L
                 suggestion="write angles in radians and lengths in metres",
             )
     ledger.row("joints beyond their limits", worst, "rad or m", LIMIT_TOL, where=where, when=when)
+
+
+def _physics(data: dict[str, Any], links: list[str], joints: list[str]) -> Physics:
+    """Return the mechanism data of a track; missing entries are skipped, because the reader has reported them."""
+    out = Physics(tuple(links))
+    kinds, active = data.get("joint_types", []), data.get("joint_active", [])
+    low, high = data.get("joint_lower", []), data.get("joint_upper", [])
+    for i, name in enumerate(joints):
+        limits = None
+        if i < min(len(low), len(high)):
+            limits = (-np.inf if low[i] < -NO_LIMIT else low[i], np.inf if high[i] > NO_LIMIT else high[i])
+        drive = Drive(limits, bool(active[i]) if i < len(active) else None)
+        kind = str(kinds[i]) if i < len(kinds) else ""
+        out.joints.append(Joint((name,), "", "", drive=drive, kind_said=kind))
+    local = np.array(data.get("frames_local", []), float)
+    names, on = data.get("frame_names", []), data.get("frame_links", [])
+    if len(names) == len(on) and local.size == 7 * len(names):
+        for name, link, row in zip(names, on, local.reshape(-1, 7), strict=True):
+            out.frames[str(name)] = Frame(str(link), poses.from_seven(row))
+    tool = np.array(data.get("tool_frame", []), float)
+    if tool.shape == (7,):
+        out.frames[TOOL] = Frame(str(data.get("tool_link", "")), poses.from_seven(tool))
+    return out

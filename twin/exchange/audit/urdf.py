@@ -1,8 +1,11 @@
-"""Read a URDF: compute link poses from the joint values of a track, and check limits and mesh files."""
+"""Read a URDF: compute link poses from the joint values of a track, and check limits and mesh files.
+
+Its mechanism data are tree, inertias and limits; URDF cannot hold loops, frames and gravity.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from xml.etree import ElementTree as ET
@@ -17,11 +20,17 @@ from twin.exchange.audit.colors import Palette, Rgba, linear
 from twin.exchange.audit.meshes import check_mesh, joined
 from twin.exchange.audit.motion import Clip, Content, Shape
 from twin.exchange.audit.obj import read_obj
-from twin.exchange.audit.physics_urdf import inertial, motors, tree_physics
+from twin.exchange.audit.physics import Drive, Joint, Line, Mass, Motor, Physics
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import Ledger, Measured, ReadError
 
 KINDS = {"revolute": "turn", "continuous": "turn", "prismatic": "slide", "fixed": "fixed"}
+
+NO_LIMIT = 100.0
+"""Limit in m from which a slide counts as unlimited, because URDF requires a limit."""
+
+NO_BOUND = 1e6
+"""Effort (N, N m) or speed (m/s, rad/s) from which a value counts as unknown, because URDF requires a number."""
 
 
 @dataclass(frozen=True)
@@ -86,10 +95,10 @@ class Urdf:
         self.content.facts = {"units": "m (URDF)", "up_axis": "Z (URDF)", "handedness": "right (URDF)"}
         self.content.rest = dict.fromkeys(links, np.eye(4))
         self.content.shapes, self.content.colors = _shapes(root, path, ledger)
-        masses = {e.get("name", ""): inertial(e, _origin, numbers) for e in root.findall("link")}
+        masses = {e.get("name", ""): _inertial(e) for e in root.findall("link")}
         known = {n: mass for n, mass in masses.items() if mass is not None}
-        self.content.physics = tree_physics(links, known, self.above.values())
-        self.content.physics.motors = motors(root, numbers)
+        self.content.physics = _tree_physics(links, known, self.above.values())
+        self.content.physics.motors = _motors(root)
 
     def _way(self, link: str, stop: str) -> list[UrdfJoint]:
         """Return the joints on the path from an ancestor link `stop` to a link, the joint at the ancestor first."""
@@ -270,3 +279,55 @@ def named_mesh(
     check_mesh(ledger, name, vertices, triangles, None, code)
     checked[key] = (vertices, triangles)
     return checked[key]
+
+
+def _inertial(element: ET.Element) -> Mass | None:
+    """Return the mass properties of a <link>; None if it has no <inertial>."""
+    here = element.find("inertial")
+    if here is None:
+        return None
+    mass, tensor, T = here.find("mass"), here.find("inertia"), _origin(here.find("origin"))
+    value = {k: float(numbers(None if tensor is None else tensor.get(k), 1, (0.0,))[0]) for k in _PARTS}
+    xx, xy, xz, yy, yz, zz = (value[k] for k in _PARTS)
+    own = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    R = T[:3, :3]
+    return Mass(float(numbers(None if mass is None else mass.get("value"), 1, (0.0,))[0]), T[:3, 3], R @ own @ R.T)
+
+
+_PARTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+
+
+def _tree_physics(links: Iterable[str], masses: dict[str, Mass], joints: Iterable[UrdfJoint]) -> Physics:
+    """Return the mechanism data of a tree of joints."""
+    out = Physics(tuple(links), masses)
+    for j in joints:
+        T, axis = j.link.fixed, j.link.axis
+        motions: tuple[Line, ...] = ()
+        if j.link.kind != "fixed" and axis is not None:
+            motions = (Line(j.link.kind, T[:3, 3], _unit(T[:3, :3] @ axis)),)
+        low, high = j.limits or (-np.inf, np.inf)
+        if j.link.kind == "slide" and max(abs(low), abs(high)) >= NO_LIMIT:
+            low, high = -np.inf, np.inf
+        effort, speed = (None if b is None or b >= NO_BOUND else b for b in (j.effort, j.speed))
+        drive = Drive((low, high), None, None, None, effort, speed) if motions else Drive()
+        out.joints.append(Joint((j.name,), j.parent, j.child, T, motions, drive))
+    return out
+
+
+def _motors(root: ET.Element) -> dict[str, Motor]:
+    """Return the motors of <transmission> elements with one joint.
+
+    A motor with the same name as its joint is omitted, because it is the drive of the joint.
+    """
+    out = {}
+    for t in root.findall("transmission"):
+        joints, names = ([str(e.get("name")) for e in t.findall(k)] for k in ("joint", "actuator"))
+        reductions = [float(numbers(r.text, 1, ())[0]) for r in t.iter("mechanicalReduction")]
+        if len(joints) == len(names) == len(reductions) == 1 and names != joints:
+            out[names[0]] = Motor({joints[0]: reductions[0]})
+    return out
+
+
+def _unit(v: Array) -> Array:
+    size = float(np.linalg.norm(v))
+    return v / size if size > 0 else v
