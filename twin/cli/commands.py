@@ -89,9 +89,9 @@ def validate(args: argparse.Namespace) -> int:
     tolerances = None if width is None else Tolerances().widened(width)
     robot = api.load(args.robot)
     if args.sweep or args.compare:
-        from twin.cli.stroke import run as run_stroke
+        from twin.cli.checks import strokes
 
-        return run_stroke(robot, args)
+        return strokes(robot, args)
     jobs = [(p, v) for p in _protocols(robot, args) for v in _variants(robot, args.variant)]
     root = Path(args.out) if args.out else Path("twin-out") / robot.name
     for protocol, variants in jobs:
@@ -213,13 +213,18 @@ def _finish(reports, args: argparse.Namespace) -> int:
     return code
 
 
-def _own_file(name: str) -> Callable[[argparse.Namespace], int]:
-    """Return a command that imports `twin.cli.<name>` only when it runs."""
-    return lambda args: getattr(import_module(f"twin.cli.{name}"), name)(args)
+def _later(file: str, name: str) -> Callable[[argparse.Namespace], int]:
+    """Return the command `twin.cli.<file>.<name>`, whose file is imported only when the command runs."""
+    return lambda args: getattr(import_module(f"twin.cli.{file}"), name)(args)
 
 
-_OWN = ("explain", "view", "serve", "operate", "track", "study", "console", "new", "export", "audit", "selftest")
-_OWN += ("session", "workspace", "tolerance", "sweep", "machine", "hazards", "doctor")
+_FILES = {
+    "checks": ("explain", "console", "selftest", "audit"),
+    "analyses": ("workspace", "tolerance", "sweep"),
+    "trials": ("track", "machine", "hazards"),
+    **{name: (name,) for name in ("view", "serve", "operate", "study", "new", "export", "session", "doctor")},
+}
+"""Commands in other files, by file."""
 
 COMMANDS = {
     "list": list_robots,
@@ -228,5 +233,5 @@ COMMANDS = {
     "plan": plan,
     "validate": validate,
     "run": run,
-    **{name: _own_file(name) for name in _OWN},
+    **{name: _later(file, name) for file, names in _FILES.items() for name in names},
 }

@@ -1,12 +1,34 @@
-"""`twin machine`: run a robot as a separate machine, with packets by UDP and states by TCP."""
+"""Commands that simulate a controller or a machine."""
 
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
 
 from twin import api
 from twin.cli import show
 from twin.core.units import DEG
+
+
+def track(args: argparse.Namespace) -> int:
+    """Simulate the control, print errors and efforts, and write files.
+
+    The exit code is 1 if the tip error exceeds 1 mm.
+    """
+    robot = api.load(args.robot)
+    protocol = robot.protocol(args.protocol)
+    folder = show.folder(args, robot.name, f"{protocol.name}-track")
+    with show.progress(args.quiet or args.json) as progress:
+        result = api.track(
+            robot,
+            protocol,
+            mismatch=args.mismatch / 100,
+            plant=args.plant,
+            inertia=args.inertia,
+            curve=args.curve,
+            progress=progress,
+        )
+    return show.store(result, args, folder)
 
 
 def machine(args: argparse.Namespace) -> int:
@@ -63,3 +85,26 @@ def machine(args: argparse.Namespace) -> int:
         f"p99 {pace['p99_ms']:.2f} ms, maximum {pace['max_ms']:.2f} ms"
     )
     return 0
+
+
+def hazards(args: argparse.Namespace) -> int:
+    """Run the remaining sessions and print the number of outcomes by class; the log contains each session.
+
+    The exit code is 1 after a false cue.
+    """
+    from twin.api.hazards import FILE
+    from twin.api.hazards import hazards as run
+
+    robot = api.load(args.robot)
+    folder = show.folder(args, robot.name, f"{Path(args.campaign).stem}-hazards")
+    with show.progress(args.quiet or args.json) as progress:
+        found = run(
+            robot,
+            args.campaign,
+            folder,
+            source=args.robot,
+            sessions=args.sessions,
+            processes=args.processes,
+            progress=progress,
+        )
+    return show.finish(found, args, folder, (FILE,))
