@@ -15,7 +15,7 @@ from twin.core.units import MM, UM
 from twin.exchange.audit.bends import audit_bends
 from twin.exchange.write.clip import between_keys
 from twin.exchange.write.glb import bends_glb
-from twin.model.bend import Bend
+from twin.model.deformable import Bend
 from twin.usd.write.bends import write_bends
 
 LIMIT = 10 * UM

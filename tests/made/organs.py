@@ -11,8 +11,8 @@ import trimesh
 from twin.cad.build import read_props
 from twin.core import spatial
 from twin.core.units import MM
-from twin.model.bend import Bend
 from twin.model.body import Body, Mesh
+from twin.model.deformable import Bend
 from twin.model.scene import load_scene
 from twin.model.surface import Surface
 from twin.model.tissue import Pin, Tissue

@@ -26,7 +26,7 @@ from twin.core.units import UM
 from twin.exchange.write.bundle import Bundle, chosen_formats
 from twin.exchange.write.clip import Budget, between_keys, home_poses
 from twin.exchange.write.glb import bends_glb
-from twin.model.bend import Bend
+from twin.model.deformable import Bend
 from twin.model.movable import together
 from twin.model.scene import Place, Scene, load_scene
 

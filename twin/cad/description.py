@@ -15,8 +15,7 @@ from pydantic import Field, model_validator
 from twin.core.foreign.budget import read_bytes
 from twin.core.foreign.once import Read
 from twin.model.joint import JointType
-from twin.schema import Identifier, Range, Table, Vector, at, error_at, load_toml
-from twin.schema.sourced import Sourced
+from twin.schema import Identifier, Range, Sourced, Table, Vector, at, error_at, load_toml
 
 
 class Feature(Table):

@@ -17,8 +17,7 @@ from twin.core.foreign.once import Read
 from twin.core.foreign.text import read_text
 from twin.core.provenance import Parameter
 from twin.core.units import SI
-from twin.schema import Vector, error_at
-from twin.schema.sourced import Sourced
+from twin.schema import Sourced, Vector, error_at
 
 
 class Dimension(Sourced):

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 from twin.cad.description import ActuatorSpec, CouplingSpec, Description, DriveSpec, LimitSpec, TransmissionSpec
 from twin.core.provenance import Parameter
-from twin.schema.sourced import Row
+from twin.schema import Row
 
 
 def parameters(d: Description) -> list[Parameter]:

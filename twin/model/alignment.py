@@ -14,8 +14,7 @@ from twin.core.units import DEG, MM, linear_rgba
 from twin.model.body import Body, Finish, Mesh
 from twin.model.joint import Joint
 from twin.model.mechanism import Mechanism
-from twin.schema import Table, Vector, at
-from twin.schema.sourced import Row
+from twin.schema import Row, Table, Vector, at
 
 BODY = "target"
 """Name of the drawn body: a plate with the rectangle."""

@@ -16,8 +16,7 @@ from twin.core.units import MM
 from twin.model.mechanism import Mechanism
 from twin.model.surface import Surface
 from twin.model.tissue import Pin, Tissue
-from twin.schema import Identifier, Table, Vector, at
-from twin.schema.sourced import Sourced
+from twin.schema import Identifier, Sourced, Table, Vector, at
 
 Direction = Literal["x", "-x", "y", "-y", "z", "-z"]
 """A direction of the world frame."""

@@ -13,8 +13,7 @@ from twin.core.errors import unknown
 from twin.core.provenance import Parameter
 from twin.core.spatial import Array
 from twin.core.units import DEG
-from twin.schema import Identifier, Table, at, error_at
-from twin.schema.sourced import Sourced
+from twin.schema import Identifier, Sourced, Table, at, error_at
 
 
 class StereoTable(Table):

@@ -11,8 +11,7 @@ from twin.core import spatial
 from twin.core.provenance import Parameter
 from twin.core.units import MM, linear_rgba
 from twin.model.movable import Movable, ShapeName
-from twin.schema import Identifier, Vector, at
-from twin.schema.sourced import Sourced
+from twin.schema import Identifier, Sourced, Vector, at
 
 
 class ObjectTable(Sourced):

@@ -1,11 +1,17 @@
-"""A deformable: a mesh with moving vertices, pinned to a body or to the world."""
+"""A deformable: a mesh with moving vertices, pinned to a body or to the world; and its motion."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-from twin.core.spatial import Array
+import numpy as np
+
+from twin.core.spatial import Array, Index
+from twin.core.units import UM
 from twin.model.body import Mesh
+
+_EXACT = 0.1 * UM
+"""Maximum error in m of a node without the shapes that are left out."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,3 +46,50 @@ class Deformable:
         """Return the vertices (n, 3) in m for a value of the signal."""
         points = values.reshape(-1, 3)
         return points if self.weights is None else self.weights @ points
+
+
+@dataclass(frozen=True, eq=False)
+class Bend:
+    """The motion of a deformable, in the World; at the first time it is at rest.
+
+    At times (k,) in s, evenly spaced from 0, nodes (k, m, 3) are in m; vertices (n, 3) = weights (n, m) @ nodes; `mesh`
+    is at rest.
+    """
+
+    mesh: Mesh
+    weights: Array
+    times: Array
+    nodes: Array
+
+    @property
+    def name(self) -> str:
+        """Name of the deformable."""
+        return self.mesh.name
+
+    def vertices(self, k: int) -> Array:
+        """Return the vertices (n, 3) in m at the time with index k."""
+        return self.weights @ self.nodes[k]
+
+    def changes(self) -> Index:
+        """Return the indices of the times at which nodes differ from a neighbouring time, and first and last."""
+        moved = np.abs(np.diff(self.nodes, axis=0)).max(axis=(1, 2)) > 0
+        keep = np.ones(len(self.times), bool)
+        keep[1:-1] = moved[:-1] | moved[1:]
+        return np.flatnonzero(keep)
+
+    def shapes(self) -> tuple[Array, Array]:
+        """Return shapes (s, n, 3) in m and factors (k, s): vertices = vertices at rest + sum of factors times shapes.
+
+        The shapes are the principal ones of the motion and their opposites, so that all factors are 0 to 1, because
+        some players clip other factors. Shapes that move no node by more than 0.1 µm are left out.
+        """
+        off = self.nodes - self.nodes[0]
+        U, S, Vt = np.linalg.svd(off.reshape(len(off), -1), full_matrices=False)
+        needed = next(s for s in range(len(S) + 1) if np.abs((U[:, s:] * S[s:]) @ Vt[s:]).max(initial=0.0) <= _EXACT)
+        by_node = Vt[:needed].reshape(needed, off.shape[1], 3)
+        factors = U[:, :needed] * S[:needed]
+        both = np.concatenate([by_node, -by_node]), np.concatenate([factors, -factors], axis=1).clip(0.0)
+        largest = both[1].max(axis=0, initial=0.0)
+        used = largest > 0
+        shapes = np.einsum("nm,smd->snd", self.weights, both[0][used] * largest[used][:, None, None])
+        return shapes, both[1][:, used] / largest[used]

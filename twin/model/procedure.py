@@ -6,8 +6,7 @@ from collections.abc import Iterator
 
 from pydantic import Field
 
-from twin.schema import Identifier, Table
-from twin.schema.sourced import Row
+from twin.schema import Identifier, Row, Table
 
 
 class ProcedureTable(Table):

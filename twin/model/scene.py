@@ -22,8 +22,7 @@ from twin.model.movable import Movable
 from twin.model.task import Task, TaskTable
 from twin.model.tool import ToolTable
 from twin.model.vessel import Vessel, VesselTable
-from twin.schema import Identifier, Table, Vector, at, error_at, load_toml
-from twin.schema.sourced import Sourced
+from twin.schema import Identifier, Sourced, Table, Vector, at, error_at, load_toml
 
 
 class PortTable(Sourced):

@@ -17,8 +17,7 @@ from twin.model import alignment, procedure
 from twin.model.alignment import Alignment, AlignTable
 from twin.model.contact import ObjectTable
 from twin.model.procedure import ProcedureTable
-from twin.schema import Identifier, Table, Vector, at, error_at
-from twin.schema.sourced import Row, Sourced
+from twin.schema import Identifier, Row, Sourced, Table, Vector, at, error_at
 
 
 class TransferTable(Table):

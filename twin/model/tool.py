@@ -8,8 +8,7 @@ from typing import Literal
 from pydantic import Field, model_validator
 
 from twin.core.provenance import Parameter
-from twin.schema import Identifier, at
-from twin.schema.sourced import Sourced
+from twin.schema import Identifier, Sourced, at
 
 Kind = Literal["grasper", "clip_applier", "scissors", "scalpel", "cautery"]
 

@@ -15,8 +15,7 @@ from twin.core.spatial import Array, Index
 from twin.core.units import MM
 from twin.model.body import Mesh
 from twin.model.deformable import Deformable
-from twin.schema import Identifier, Vector
-from twin.schema.sourced import Sourced
+from twin.schema import Identifier, Sourced, Vector
 
 SEGMENTS = 60
 """Maximum number of segments of a vessel; the computing time of a step increases with it."""

@@ -6,6 +6,8 @@ from twin.schema.lines import key_lines as key_lines
 from twin.schema.tables import Identifier as Identifier
 from twin.schema.tables import Origin as Origin
 from twin.schema.tables import Range as Range
+from twin.schema.tables import Row as Row
+from twin.schema.tables import Sourced as Sourced
 from twin.schema.tables import Table as Table
 from twin.schema.tables import Vector as Vector
 from twin.schema.tables import at as at

@@ -9,7 +9,7 @@ from __future__ import annotations
 import datetime
 import json
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
@@ -18,6 +18,7 @@ from pydantic import (
     BaseModel,
     BeforeValidator,
     ConfigDict,
+    Field,
     StringConstraints,
     ValidationError,
     model_validator,
@@ -28,7 +29,8 @@ from twin.core.errors import DescriptionError
 from twin.core.foreign.budget import read_bytes
 from twin.core.foreign.once import Read
 from twin.core.foreign.text import check_depth, read_text
-from twin.core.provenance import EARLIER, Provenance
+from twin.core.provenance import EARLIER, Parameter, Provenance
+from twin.core.units import SI
 from twin.schema.explain import explain, explain_syntax
 from twin.schema.lines import Key, Keys, key_lines, nearest_line, spell
 
@@ -55,6 +57,27 @@ class Table(BaseModel):
                 if isinstance(a, int | float) and isinstance(b, int | float) and a > b:
                     raise at(name, f"limits are swapped: {name} {a:g} is above {other} {b:g}")
         return self
+
+
+Row = tuple[str, float | Sequence[float] | None, str]
+"""Name, value and unit of a number or of a point, whose three numbers are named x, y and z; None: no value."""
+
+
+class Sourced(Table):
+    """A table whose numbers have one provenance, and one note with their source or reason."""
+
+    provenance: Origin
+    note: str = Field(min_length=1)
+
+    def parameters(self, label: str, rows: Iterable[Row]) -> Iterator[Parameter]:
+        """Yield the numbers of the table; their names are the label, the name of the row and the axis."""
+        for name, value, unit in rows:
+            if value is None:
+                continue
+            numbers = {"": value} if isinstance(value, int | float) else dict(zip("xyz", value, strict=True))
+            for axis, shown in numbers.items():
+                full = " ".join(part for part in (label, name, axis) if part)
+                yield Parameter(full, shown * SI.get(unit, 1.0), unit, float(shown), self.provenance, self.note)
 
 
 def _in_order(limits: tuple[float, float]) -> tuple[float, float]:

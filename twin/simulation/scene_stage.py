@@ -16,8 +16,8 @@ from pxr import Gf, Kind, Sdf, Usd, UsdGeom, UsdPhysics, UsdShade
 from twin.core import spatial
 from twin.core.spatial import Array
 from twin.core.units import DEG
-from twin.model.bend import Bend
 from twin.model.console import CameraTable
+from twin.model.deformable import Bend
 from twin.model.mechanism import Mechanism
 from twin.model.movable import together
 from twin.model.scene import Scene

@@ -9,7 +9,7 @@ import numpy as np
 from twin.core.errors import TwinError
 from twin.core.spatial import Array
 from twin.model import anatomy
-from twin.model.bend import Bend
+from twin.model.deformable import Bend
 from twin.model.mechanism import Mechanism
 from twin.model.scene import Scene
 from twin.model.tissue import Tissue

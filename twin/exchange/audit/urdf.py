@@ -17,9 +17,8 @@ from twin.core.foreign.text import parse_xml as read_xml
 from twin.exchange.audit import poses
 from twin.exchange.audit.chain import Link, along, fit
 from twin.exchange.audit.colors import Palette, Rgba, linear
-from twin.exchange.audit.meshes import check_mesh, joined
+from twin.exchange.audit.meshes import check_mesh, joined, read_obj
 from twin.exchange.audit.motion import Clip, Content, Shape
-from twin.exchange.audit.obj import read_obj
 from twin.exchange.audit.physics import Drive, Joint, Line, Mass, Motor, Physics
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import Ledger, Measured, ReadError

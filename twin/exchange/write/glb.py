@@ -17,8 +17,8 @@ import numpy as np
 from twin.core.spatial import Array
 from twin.core.version import __version__
 from twin.exchange.write.clip import Clip, home_poses, model_hash, quaternions_xyzw
-from twin.model.bend import Bend
 from twin.model.body import Body, Material
+from twin.model.deformable import Bend
 from twin.model.mechanism import Mechanism
 from twin.usd.write.geometry import corner_normals
 

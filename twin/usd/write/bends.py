@@ -7,7 +7,7 @@ from pathlib import Path
 
 from pxr import Usd, UsdGeom
 
-from twin.model.bend import Bend
+from twin.model.deformable import Bend
 from twin.usd import gf
 from twin.usd.write.layers import TIME_CODES_PER_SECOND, describe, new_layer, save
 
