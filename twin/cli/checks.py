@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from twin import api
 from twin.cli import show
-from twin.cli.variants import asked
+from twin.cli.commands import asked
 from twin.core import assets
 from twin.core.errors import TwinError, unknown
 

@@ -11,7 +11,6 @@ from twin import api
 from twin.api import published
 from twin.cli import show
 from twin.cli.cure import Cures
-from twin.cli.variants import asked
 from twin.core import assets
 from twin.core.errors import TwinError, unknown
 
@@ -160,6 +159,23 @@ def _protocols(robot: api.Robot, args: argparse.Namespace) -> tuple[str, ...]:
     for name in chosen:
         robot.protocol(name)  # report invalid values before computing and writing
     return chosen
+
+
+def asked(texts: Sequence[str]) -> str | dict[str, str] | None:
+    """Return the variants of `--variant`: one name for all equations, or a name by equation; None without the option.
+
+    Raises:
+        TwinError: names are mixed with EQ=NAME pairs, several names are given, or an equation is given twice.
+    """
+    bare = [t for t in texts if "=" not in t]
+    if bare and len(texts) > 1:
+        raise TwinError("--variant: give either one variant name or EQ=NAME pairs, not both")
+    if bare:
+        return bare[0]
+    pairs = dict(t.split("=", 1) for t in texts)
+    if len(pairs) < len(texts):
+        raise TwinError("--variant: an equation is given twice; give each equation once")
+    return pairs or None
 
 
 def _variants(robot: api.Robot, texts: Sequence[str]) -> list[dict[str, str] | None]:

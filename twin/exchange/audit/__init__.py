@@ -193,8 +193,7 @@ def _usd(path: Path, ledger: Ledger, admitted: Collection[Path]) -> Content | No
 
     from twin.exchange.audit.usd import read_usd
     from twin.exchange.audit.usd_checks import check_usd, version
-    from twin.exchange.audit.usdc import trouble
-    from twin.exchange.audit.usdz import check_usdz
+    from twin.exchange.audit.usd_file import check_usdz, trouble
 
     ledger.tool, ledger.version = "twin.exchange.audit on usd-core", version()
     check_size(path, "USD")

@@ -15,7 +15,7 @@ from twin.exchange.audit.gltf_file import Gltf, open_gltf
 from twin.exchange.audit.gltf_nodes import parents_first, read_nodes
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import Ledger, Measured, ReadError, quantity
-from twin.exchange.audit.usdc import trouble
+from twin.exchange.audit.usd_file import trouble
 
 GLB, USD = "organs.glb", "usd/organs.usdc"
 """Files of the deformables, in the folder of the scene."""

@@ -3,7 +3,6 @@
     names       conversion of names to identifiers
     bodies      meshes, colours, masses, named frames and points
     joints      joints, limits, drives, the base
-    motion      baked poses, at their own time codes
     motors      actuators and transmissions of a stage that twin wrote
     tool        choice of the tool, if the stage does not name one
 
@@ -29,7 +28,6 @@ from twin.model.body import Body, Frame, Point
 from twin.model.mechanism import Coupling, Mechanism
 from twin.usd.read.bodies import bake_scale, below, original_name, read_inertia, read_marks, read_meshes
 from twin.usd.read.joints import WORLD, Selection, convert, select
-from twin.usd.read.motion import read_motion
 from twin.usd.read.motors import read_motors
 from twin.usd.read.names import identifier, unique
 from twin.usd.read.tool import with_tool
@@ -75,6 +73,29 @@ def inspect_stage(path: str | Path, root: str | None = None) -> tuple[Mechanism,
         return _inspect(scene, root)
     except Tf.ErrorException as error:  # for example a path outside the allowed folders
         raise StageError(f"{scene.path}: {said(error)}") from error
+
+
+def read_motion(path: str | Path) -> tuple[Array, dict[str, Array]]:
+    """Return the sample times and the poses of all rigid bodies of a stage.
+
+    If bodies have samples at different time codes, all bodies are evaluated at every time code of any body; USD then
+    interpolates poses. Bodies or their ancestors have time samples.
+
+    Returns:
+        (times, poses): times (k,) in s from time code 0; T_world_body (k, 4, 4) in metres, world z up, by the body
+        names of `read_stage`.
+
+    Raises:
+        StageError: the file cannot be read or no body moves.
+    """
+    scene = Scene(path)
+    codes = scene.sample_codes
+    if not len(codes):
+        raise StageError(f"{scene.path}: no transform of a rigid body has time samples")
+    names = unique((p, original_name(b)) for p, b in scene.bodies.items())
+    poses = scene.poses(list(scene.bodies.values()), codes)
+    times = codes / scene.stage.GetTimeCodesPerSecond()
+    return times, {names[p]: T for p, T in zip(scene.bodies, poses, strict=True)}
 
 
 def _inspect(scene: Scene, root: str | None) -> tuple[Mechanism, list[Finding]]:

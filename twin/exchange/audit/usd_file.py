@@ -1,4 +1,8 @@
-"""Check the zip archive of a USDZ: files must be uncompressed and aligned, because readers map them into memory."""
+"""Check the container of a USD file before OpenUSD reads it: the header of a binary layer, the zip archive of a USDZ.
+
+OpenUSD allocates memory for the counts in a header without checks; a file with a corrupt count therefore takes minutes
+to fail. Files in a USDZ must be uncompressed and aligned, because readers map them into memory.
+"""
 
 from __future__ import annotations
 
@@ -8,9 +12,38 @@ from pathlib import Path
 
 from twin.exchange.audit.report import Ledger, Measured
 
+_COUNTED = (b"TOKENS", b"FIELDS", b"FIELDSETS", b"PATHS", b"SPECS")
+_MOST_PER_BYTE = 256
+"""Maximum number of elements per byte of a compressed section."""
+
 ALIGNMENT = 64
 _LOCAL = struct.Struct("<4s5H3I2H")
 LAYERS = (".usd", ".usda", ".usdc")
+
+
+def trouble(data: bytes) -> str:
+    """Return the fault in the header of a binary USD file as text; "" for a valid header or another format."""
+    if not data.startswith(b"PXR-USDC"):
+        return ""
+    if len(data) < 88:
+        return f"the file has {len(data)} bytes, fewer than the header: it is truncated"
+    (table,) = struct.unpack_from("<q", data, 16)
+    if not 24 <= table <= len(data) - 8:
+        return f"its header places the table of contents at byte {table}, but the file has {len(data)} bytes: truncated"
+    (count,) = struct.unpack_from("<Q", data, table)
+    if table + 8 + 32 * count > len(data):
+        return f"its table of contents states {count} sections, more than fit into the file"
+    for i in range(count):
+        name, start, size = struct.unpack_from("<16sqq", data, table + 8 + 32 * i)
+        name = name.split(b"\0", 1)[0]
+        label = name.decode("latin-1")
+        if start < 0 or size < 0 or start + size > len(data):
+            return f"section {label} extends beyond the end of the file"
+        if name in _COUNTED and size >= 8:
+            (number,) = struct.unpack_from("<Q", data, start)
+            if number > _MOST_PER_BYTE * size:
+                return f"section {label} of {size} bytes states {number} elements, more than fit into the section"
+    return ""
 
 
 def check_usdz(path: Path, ledger: Ledger) -> bool:
