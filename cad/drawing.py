@@ -1,6 +1,11 @@
 """Functions for the drawings of all robots: dimension files, placements, and reproducible STEP files.
 
-The model.py of a robot places its bodies and draws their parts; `command` is its command line.
+The model.py of a robot places its bodies and draws their parts; `command` is its command line:
+
+    python cad/<robot>/model.py [--dimensions FILE] [--out <robot>.step]
+
+Each rigid body is one sub-assembly; its parts are named <body>_<part>. All shapes are written in world coordinates: no
+instance has a placement.
 """
 
 import argparse

@@ -1,9 +1,6 @@
 """Draw the props of the scene davinci: table, patient with a peg board inside, and the surgeon's cart.
 
-    python cad/davinci/model.py [--dimensions FILE] [--out davinci.step]
-
-Table and patient are those of the scene vsrs, with other ports. Each body is one sub-assembly; its parts are named
-<body>_<part>.  All shapes are written in world coordinates; the cart is drawn in its own frame and then placed.
+Table and patient are drawn as in the scene vsrs, with other ports. The cart is drawn in its own frame and then placed.
 """
 
 import sys

@@ -1,10 +1,6 @@
-"""Draw the endoscope arm of the da Vinci Classic and write it as a STEP assembly.
+"""Draw the endoscope arm of the da Vinci Classic.
 
-    python cad/davinci_ecm/model.py [--dimensions FILE] [--out davinci_ecm.step]
-
-Yaw, pitch and roll are drawn at zero, the endoscope inserted by `insertion`.  Each rigid body
-is one sub-assembly; its parts are named <body>_<part>.  All shapes are written in world coordinates with the origin
-at the RCM: no instance has a placement.
+Yaw, pitch and roll are drawn at zero, the endoscope inserted by `insertion`. The origin of the world is the RCM.
 """
 
 import sys

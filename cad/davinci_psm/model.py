@@ -1,10 +1,7 @@
-"""Draw the instrument arm of the da Vinci Classic and write it as a STEP assembly.
+"""Draw the instrument arm of the da Vinci Classic.
 
-    python cad/davinci_psm/model.py [--dimensions FILE] [--out davinci_psm.step]
-
-Yaw, pitch, roll and wrist are drawn at zero, the instrument inserted by `insertion`, the jaws closed.  Each rigid body
-is one sub-assembly; its parts are named <body>_<part>.  All shapes are written in world coordinates with the origin
-at the RCM: no instance has a placement.
+Yaw, pitch, roll and wrist are drawn at zero, the instrument inserted by `insertion`, the jaws closed. The origin of the
+world is the RCM.
 """
 
 import sys

@@ -1,10 +1,7 @@
-"""Draw the instrument arm of the da Vinci Si and write it as a STEP assembly.
+"""Draw the instrument arm of the da Vinci Si.
 
-    python cad/davinci_psm_si/model.py [--dimensions FILE] [--out davinci_psm_si.step]
-
-Yaw, pitch, roll and wrist are drawn at zero, the instrument inserted by `insertion`, the jaws closed.  Each rigid body
-is one sub-assembly; its parts are named <body>_<part>.  All shapes are written in world coordinates with the origin
-at the RCM: no instance has a placement.
+Yaw, pitch, roll and wrist are drawn at zero, the instrument inserted by `insertion`, the jaws closed. The origin of the
+world is the RCM.
 """
 
 import sys

@@ -1,7 +1,5 @@
 """Draw the props of the scene dome: a dome with half of its lid cut away, on a floor with a cube ring and two loops.
 
-    python cad/dome/model.py [--dimensions FILE] [--out dome.step]
-
 Shapes are drawn in the dome's own frame (origin in the middle of the floor, z along the axis of the dome, x towards the
 open half of the lid) and then placed in the world frame.
 """

@@ -1,10 +1,4 @@
-"""Draw Hibou and write it as a STEP assembly.
-
-    python cad/hibou/model.py [--dimensions FILE] [--out hibou.step]
-
-The robot is drawn with its endoscope pointing straight down through the trocar.  Each rigid body is one sub-assembly;
-its parts are named <body>_<part>.  All shapes are written in world coordinates: no instance has a placement.
-"""
+"""Draw Hibou with its endoscope pointing straight down through the trocar."""
 
 import sys
 from pathlib import Path

@@ -1,10 +1,4 @@
-"""Draw Lapbot and write it as a STEP assembly.
-
-    python cad/lapbot/model.py [--dimensions FILE] [--out lapbot.step]
-
-The robot is drawn with its instrument pointing straight down through the trocar.  Each rigid body is one sub-assembly;
-its parts are named <body>_<part>.  All shapes are written in world coordinates: no instance has a placement.
-"""
+"""Draw Lapbot with its instrument pointing straight down through the trocar."""
 
 import sys
 from pathlib import Path

@@ -1,9 +1,4 @@
-"""Draw the organs of the scene vsrs and write them as a STEP assembly.
-
-    python cad/organs/model.py [--dimensions FILE] [--out organs.step]
-
-Each body is one sub-assembly with one part, <body>_tissue.  All shapes are written in world coordinates.
-"""
+"""Draw the organs of the scene vsrs, each with one part, <body>_tissue."""
 
 import sys
 from pathlib import Path

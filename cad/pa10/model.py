@@ -1,10 +1,4 @@
-"""Draw the PA-10 with an instrument and write it as a STEP assembly.
-
-    python cad/pa10/model.py [--dimensions FILE] [--out pa10.step]
-
-All joints are drawn at zero: the arm points straight up; frame 0 is at its shoulder.  Each rigid body is one
-sub-assembly; its parts are named <body>_<part>.
-"""
+"""Draw the PA-10 with an instrument, all joints at zero: the arm points straight up, with frame 0 at its shoulder."""
 
 import sys
 from pathlib import Path

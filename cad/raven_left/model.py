@@ -1,10 +1,4 @@
-"""Draw the left arm of the Raven-II and write it as a STEP assembly.
-
-    python cad/raven_left/model.py [--dimensions FILE] [--out raven_left.step]
-
-The arm is drawn at home, with roll, wrist and jaws at zero.  Each rigid body is one sub-assembly; its parts are named
-<body>_<part>.  All shapes are written in world coordinates with the origin at the RCM: no instance has a placement.
-"""
+"""Draw the left arm of the Raven-II at home, with roll, wrist and jaws at zero; the origin of the world is the RCM."""
 
 import sys
 from pathlib import Path

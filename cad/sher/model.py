@@ -1,11 +1,4 @@
-"""Draw the SHER 3.0 robot and write it as a STEP assembly.
-
-    python cad/sher/model.py [--dimensions FILE] [--out sher.step]
-
-The robot is drawn in the posture given in the dimension file.  Each rigid body
-is one sub-assembly; its parts are named <body>_<part>.  All shapes are written
-in world coordinates: no instance has a placement.
-"""
+"""Draw the SHER 3.0 robot in the posture given in the dimension file."""
 
 import sys
 from pathlib import Path

@@ -1,12 +1,4 @@
-"""Draw the SILS parallel robot and write it as a STEP assembly.
-
-    python cad/sils/model.py [--dimensions FILE] [--out sils.step]
-
-The robot is drawn in the posture given in the dimension file.  Each rigid body
-is one sub-assembly (frame, limb1..3, carriage1..6, strut1..3, bar1..3,
-platform); its parts are named <body>_<part>.  All shapes are written in world
-coordinates: no instance has a placement.
-"""
+"""Draw the SILS parallel robot in the posture given in the dimension file."""
 
 import sys
 from pathlib import Path

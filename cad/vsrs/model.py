@@ -1,9 +1,4 @@
-"""Draw the props around the three robots of the virtual surgery paper and write them as a STEP assembly.
-
-    python cad/vsrs/model.py [--dimensions FILE] [--out vsrs.step]
-
-Each body is one sub-assembly; its parts are named <body>_<part>.  All shapes are written in world coordinates.
-"""
+"""Draw the props around the three robots of the virtual surgery paper."""
 
 import sys
 from pathlib import Path
