@@ -4,8 +4,9 @@ The model.py of a robot places its bodies and draws their parts; `command` is it
 
     python cad/<robot>/model.py [--dimensions FILE] [--out <robot>.step]
 
-Each rigid body is one sub-assembly; its parts are named <body>_<part>. All shapes are written in world coordinates: no
-instance has a placement.
+Each function of its parts.py that draws a body returns a list of ``(part name, solid, material)``. Each rigid body is
+one sub-assembly; its parts are named <body>_<part>. All shapes are written in world coordinates: no instance has a
+placement.
 """
 
 import argparse

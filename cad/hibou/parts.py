@@ -4,8 +4,6 @@ Body frames are those of the table in Khalil and Kleinfinger's form: `turret` ha
 `bracket` 4, `yoke` 5, `camera` 7, and `scope` has frame 6 moved back to the outer point. The joint between a body and
 its parent rotates about z of this frame; the flat of its flange has the normal x. `base` has the world frame; `cannula`
 has its ball at the origin.
-
-Every function returns a list of ``(part name, solid, material)``.
 """
 
 from build123d import Axis, Plane, Solid

@@ -1,7 +1,4 @@
-"""Organs of the abdomen, in the world frame of the scene vsrs.
-
-Every function returns a list of ``(part name, solid, material)``.
-"""
+"""Organs of the abdomen, in the world frame of the scene vsrs."""
 
 import numpy as np
 from build123d import Edge, Plane, Solid, Wire

@@ -2,8 +2,6 @@
 
 The seats of roll joints (1, 3, 5, 7) are perpendicular to the axis of the arm. At a pitch joint (2, 4, 6), a drum of
 the next link is between the two cheeks of a fork of the previous link; the cheek on the side of -y locates the drum.
-
-Every function returns a list of ``(part name, solid, material)``.
 """
 
 from build123d import Axis, Plane, Solid

@@ -8,8 +8,6 @@ Body frames (mm):
     arm              frame of the tilt linkage: origin at pin A, x along the roll axis, z perpendicular to the linkage
     tilt_slider      axes of the arm, origin at pin R
     l2, l3, l4, l5   origin at pin B, D, A, R; x to pin C, C, D, Q; z perpendicular to the linkage
-
-Every function returns a list of ``(part name, solid, material)``.
 """
 
 from math import cos, radians, sin

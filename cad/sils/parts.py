@@ -7,8 +7,6 @@ Body frames (mm):
     strutN     x from the carriage pivot to the apex, z = t
     barN       x from the carriage pivot to the ball, z = t
     platform   origin E, instruments along -z
-
-Every function returns a list of ``(part name, solid, material)``.
 """
 
 from math import cos, radians, sin, sqrt
