@@ -1,8 +1,7 @@
 """Parts that all arms of the da Vinci share (cart, locked set-up joints, pins, sledge), and the assembly of an arm.
 
 All body frames (mm) have the axes of the world: origin at the RCM, x across the linkage, z up, and the arm at negative
-y. The arm is drawn with yaw and pitch at zero, so the frame of a body is only a translation. Every function that draws
-a body returns a list of ``(part name, solid, material)``.
+y. The arm is drawn with yaw and pitch at zero, so the frame of a body is only a translation.
 """
 
 import sys
@@ -133,7 +132,7 @@ def scaled(v, length):
 
 # ---- sledge ----------------------------------------------------------------------
 def sledge(d):
-    """Draw the block on both rods with its index; the origin is that of the insertion, on the instrument's axis."""
+    """Draw the block on both rods with its index; its origin is the origin of the insertion."""
     block = box(-SLED, SLED, d.rail_front + 1.5, d.plate - 4, -46, 56)
     for s in (1, -1):
         block -= cyl((s * d.rod_x, d.rod_y, -60), Z, d.rod + 0.02, 130)

@@ -286,7 +286,7 @@ def short(number, digits):
 def parts(folder):
     """Load parts.py of a folder; call it only when drawing, because importing build123d takes seconds.
 
-    The module has a name of its own, because each robot has a parts.py.
+    The module has the name <robot>_parts, because each robot has a parts.py.
     """
     name = f"{folder.name}_parts"
     if name not in sys.modules:
@@ -327,7 +327,7 @@ def command(name, here, drawn, arguments=None):
         name: name of the robot and of its STEP file.
         here: folder of the model.
         drawn: function of the path of a dimension file that returns (tree, mass) like `build`.
-        arguments: arguments of the command line; None: those of the process.
+        arguments: arguments of the command line; None: the arguments of the process.
     """
     parser = argparse.ArgumentParser(
         description=f"Draw the robot {name} and write a STEP assembly (mm, world coordinates).",

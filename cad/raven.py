@@ -4,11 +4,10 @@ World (mm): the origin is at the RCM, z is up. Body frames have their origin at 
     base        the world
     link1       z towards the shoulder; y towards the elbow, in the plane of the arc
     link2       z along the tool, away from the patient; y towards the elbow, in the plane of the arc
-    carriage    as link2, with its origin at that of frame 3 of the table
-Shaft, clevis (the wrist), hand and jaws are those of `davinci_instrument`, in the axes of the carriage. The bodies of
+    carriage    as link2, with its origin at the origin of frame 3 of the table
+Shaft, clevis (the wrist), hand and jaws are drawn by `davinci_instrument`, in the axes of the carriage. The bodies of
 both arms have the same shapes, symmetric about x = 0 of the body except for the instrument and the flats of shoulder
-and elbow; the frames of one arm are mirrored. Roll, wrist and jaws are drawn at zero. Every function that draws a body
-returns a list of ``(part name, solid, material)``.
+and elbow; the frames of one arm are mirrored. Roll, wrist and jaws are drawn at zero.
 """
 
 from math import asin, cos, degrees, radians, sin

@@ -1,7 +1,7 @@
 """Parts of the endoscope arm that slide on the rail.
 
-Both body frames (mm) have the axes of the world. `stage` and `scope` have the same origin: that of the insertion, on
-the endoscope's axis. The endoscope points down along -z.
+Both body frames (mm) have the axes of the world. The origin of `stage` and `scope` is the origin of the
+insertion, on the endoscope's axis. The endoscope points down along -z.
 """
 
 from build123d import Axis

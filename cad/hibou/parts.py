@@ -1,6 +1,6 @@
 """Parts of Hibou, each body drawn in its own frame (mm).
 
-Body frames are those of the table in Khalil and Kleinfinger's form: `turret` has frame 1, `upper_arm` 2, `forearm` 3,
+Body frames are given by the table in Khalil and Kleinfinger's form: `turret` has frame 1, `upper_arm` 2, `forearm` 3,
 `bracket` 4, `yoke` 5, `camera` 7, and `scope` has frame 6 moved back to the outer point. The joint between a body and
 its parent rotates about z of this frame; the flat of its flange has the normal x. `base` has the world frame; `cannula`
 has its ball at the origin.

@@ -1,6 +1,6 @@
 """Parts of Lapbot, each body drawn in its own frame (mm).
 
-Body frames are those of the table in Khalil and Kleinfinger's form: `lift` has frame 1, `upper_arm` 2, `forearm` 3,
+Body frames are given by the table in Khalil and Kleinfinger's form: `lift` has frame 1, `upper_arm` 2, `forearm` 3,
 `bracket` 4, `yoke` 5, `carrier` 6, `wrist` 8, `jaw` 9, and `shaft` has frame 7 moved back to the outer point. The joint
 between a body and its parent rotates about z of this frame; the flat of its flange has the normal x. `base` has the
 world frame; `cannula` has its ball at the origin and its bore along z.

@@ -1,7 +1,4 @@
-"""Parts of the operating theatre, all in the world frame: floor at z = 0, y towards the head of the patient.
-
-Every function that draws a body returns a list of ``(part name, solid, material)``.
-"""
+"""Parts of the operating theatre, all in the world frame: floor at z = 0, y towards the head of the patient."""
 
 from math import sqrt
 
