@@ -129,19 +129,19 @@ def test_a_parser_that_crashes_or_hangs_is_an_error_that_names_the_file(tmp_path
     path.write_text("<mujoco/>")
     monkeypatch.setitem(guard._PROGRAMS, "MJCF", "import os, signal; os.kill(os.getpid(), signal.SIGSEGV)")
     with pytest.raises(SourceError, match=r"bad\.xml: the MJCF parser crashed \(SIGSEGV"):
-        guard.try_first(path, "MJCF")
+        guard.run(path, "MJCF")
     monkeypatch.setitem(guard._PROGRAMS, "MJCF", "while True: pass")
     monkeypatch.setitem(guard.BUDGETS, "MJCF", Budget(10**6, seconds=0.5, memory=10**9))
     with pytest.raises(BudgetError, match=r"bad\.xml: the MJCF parser exceeded its limit of 0 s of processor time"):
-        guard.try_first(path, "MJCF")
+        guard.run(path, "MJCF")
     monkeypatch.setitem(guard.BUDGETS, "MJCF", Budget(10**6, seconds=20, memory=10**9))
     monkeypatch.setitem(guard._PROGRAMS, "MJCF", "a = [bytes(10**8) + b'x' for i in range(100)]")
     with pytest.raises(BudgetError, match="exceeded its limit of 1,000 MB of memory"):
-        guard.try_first(path, "MJCF")
+        guard.run(path, "MJCF")
     monkeypatch.setattr(guard, "_IDLE", 0.5)
     monkeypatch.setitem(guard._PROGRAMS, "MJCF", "import os; os.read(os.pipe()[0], 1)")
     with pytest.raises(BudgetError, match="refers to an endless stream"):
-        guard.try_first(path, "MJCF")
+        guard.run(path, "MJCF")
 
 
 @pytest.mark.parametrize("kind", sorted(guard._PROGRAMS))

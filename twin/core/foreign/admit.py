@@ -11,7 +11,7 @@ from twin.core.errors import BudgetError, SourceError
 from twin.core.foreign.archive import check_zip
 from twin.core.foreign.budget import BUDGETS, check_size, over, read_bytes
 from twin.core.foreign.gltf import check_gltf
-from twin.core.foreign.guard import pass_together, try_first
+from twin.core.foreign.guard import pass_together, run
 from twin.core.foreign.text import check_depth, count_json
 
 _USD = (".usd", ".usda", ".usdc", ".usdz")
@@ -33,7 +33,7 @@ def admit(path: Path) -> None:
     suffix = path.suffix.lower()
     if suffix in _USD:
         _look_at_usd(path)
-        try_first(path, "USD")
+        run(path, "USD")
     elif suffix in (".glb", ".gltf"):
         check_gltf(path)
     elif suffix == ".3mf":
@@ -42,7 +42,7 @@ def admit(path: Path) -> None:
         _check_ply(path)
     elif suffix in (".xml", ".mjcf"):
         check_size(path, "MJCF")
-        try_first(path, "MJCF")
+        run(path, "MJCF")
     elif suffix == ".json":
         count_json(path, read_bytes(path, "JSON"))
     elif suffix in _OTHER:

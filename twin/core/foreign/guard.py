@@ -74,18 +74,8 @@ _IDLE = 8.0
 _MEMORY_WORDS = re.compile(rb"MemoryError|bad_alloc|allocat|out of memory|unknown exception", re.IGNORECASE)
 
 
-def try_first(path: Path, kind: str) -> None:
-    """Run the parser of a format on a file in a separate process; ordinary errors of the parser are ignored.
-
-    Raises:
-        BudgetError: the parser exceeds its time or memory, or the file has too many parts.
-        SourceError: the parser crashed.
-    """
-    run(path, kind)
-
-
 def run(path: Path, kind: str, *arguments: str, given: Path | None = None) -> int:
-    """Run a format's parser on a file within its limits, and return its exit code.
+    """Run a format's parser on a file within its limits, in a separate process, and return its exit code.
 
     If `given` is not None, this copy of the file is parsed instead of `path`.
 
