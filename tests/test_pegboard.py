@@ -176,7 +176,7 @@ def test_four_rings_by_the_command(tmp_path, capsys):
 # -- how it is judged ----------------------------------------------------------------------------------------
 
 PEG = Peg("peg", np.array([0, 0, 0.025]), np.zeros(3), 2.8e-3)
-TASK = Task("t", "t", 0.0, 0.0, (), (Transfer("ring", "peg"),))
+TASK = Task("t", "t", 0.0, 0.0, (), (Transfer(ring="ring", peg="peg"),))
 RING = Movable("ring", "ring", (6.75 * MM, 0.7 * MM), 0.5e-3, 0.5)
 
 
@@ -263,7 +263,7 @@ def test_a_wrong_object_is_named(davinci, tmp_path, old, new, text):
 
 def test_a_wrong_peg_or_body_is_named(davinci, props):
     task = davinci.tasks["pegboard"]
-    wrong = replace(task, transfers=(Transfer("ring1", "board_peg_rihgt"),))
+    wrong = replace(task, transfers=(Transfer(ring="ring1", peg="board_peg_rihgt"),))
     with pytest.raises(TwinError, match=r"there is no peg 'board_peg_rihgt'\. Did you mean 'board_peg_right'"):
         contact_scene.pegs(davinci, props, wrong)
     scene = replace(davinci, contact=davinci.contact.model_copy(update={"solid": ["bord"]}))

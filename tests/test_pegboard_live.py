@@ -33,7 +33,7 @@ from twin.ui.session import console
 from twin.ui.session.console import HeldError, LiveConsole
 
 PEG = Peg("peg", np.array([0, 0, 0.025]), np.zeros(3), 2.8e-3)
-TASK = Task("t", "t", 0.0, 0.0, (), (Transfer("ring", "peg"),))
+TASK = Task("t", "t", 0.0, 0.0, (), (Transfer(ring="ring", peg="peg"),))
 RING = Movable("ring", "ring", (6.75 * MM, 0.7 * MM), 0.5e-3, 0.5, color_rgba=(1.0, 0.0, 0.214, 1.0))
 ROBOTS = ("a", "b")
 

@@ -31,7 +31,7 @@ def board():
     poses = ReferenceModel(props).home().link_poses
     solids = [Solid(n, props.body(n).meshes, scene.contact.friction, poses[n]) for n in scene.contact.solid]
     names = [part.name for solid in solids for part in solid.parts if "peg" in part.name]
-    task = replace(scene.tasks["pegboard"], transfers=tuple(Transfer("ring1", name) for name in names))
+    task = replace(scene.tasks["pegboard"], transfers=tuple(Transfer(ring="ring1", peg=name) for name in names))
     return scene, solids, contact_scene.pegs(scene, props, task)
 
 

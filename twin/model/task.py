@@ -20,7 +20,7 @@ from twin.model.procedure import ProcedureTable
 from twin.schema import Identifier, Row, Sourced, Table, Vector, at, error_at
 
 
-class TransferTable(Table):
+class Transfer(Table):
     """A ring to bring to a peg: names of the object and of the part of a solid body that is the peg."""
 
     ring: Identifier
@@ -53,7 +53,7 @@ class TaskTable(Sourced):
     tolerance_mm: float | None = Field(None, gt=0)
     hold_s: float | None = Field(None, ge=0, le=10)
     target: list[TargetTable] = Field(default_factory=list)
-    transfer: list[TransferTable] = Field(default_factory=list)
+    transfer: list[Transfer] = Field(default_factory=list)
     align: AlignTable | None = None
     procedure: ProcedureTable | None = None
 
@@ -83,14 +83,6 @@ class Target:
 
 
 @dataclass(frozen=True)
-class Transfer:
-    """A ring, by name, to bring to a peg, which is a part of a body in the props."""
-
-    ring: str
-    peg: str
-
-
-@dataclass(frozen=True)
 class Task:
     """A task; it has targets, transfers, an alignment or a procedure. Only a procedure needs no console.
 
@@ -114,14 +106,13 @@ def task_of(name: str, task: TaskTable) -> Task:
     for target in task.target:
         points = {"right": target.right_mm, "left": target.left_mm}
         targets.append(Target(target.name, {h: np.array(p) * MM for h, p in points.items() if p is not None}))
-    transfers = tuple(Transfer(t.ring, t.peg) for t in task.transfer)
     return Task(
         name,
         task.title,
         (task.tolerance_mm or 0.0) * MM,
         task.hold_s or 0.0,
         tuple(targets),
-        transfers,
+        tuple(task.transfer),
         None if task.align is None else alignment.alignment(task.align),
         task.procedure,
     )
