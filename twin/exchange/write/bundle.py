@@ -36,17 +36,12 @@ _BUDGET = Kind(
 
 
 class Audit(Protocol):
-    """Interface of the result of an audit function."""
+    """Interface of the result of an audit: its measurements, each with a method `as_dict`, and the faults found."""
 
     @property
-    def checks(self) -> Sequence[Any]:
-        """The measurements, each with a method `as_dict`."""
-        ...
-
+    def checks(self) -> Sequence[Any]: ...  # noqa: D102
     @property
-    def findings(self) -> Sequence[Finding]:
-        """The faults found."""
-        ...
+    def findings(self) -> Sequence[Finding]: ...  # noqa: D102
 
 
 @dataclass(frozen=True)
