@@ -10,33 +10,10 @@ from typing import TYPE_CHECKING
 from twin import api
 from twin.cli import show
 from twin.cli.commands import asked
-from twin.core import assets
 from twin.core.errors import TwinError, unknown
 
 if TYPE_CHECKING:
     from twin.analysis.mutation.fault import Family
-
-
-def strokes(robot: api.Robot, args: argparse.Namespace) -> int:
-    """Compare equations, mechanism and simplified loop models over the range of each joint (`validate --sweep`).
-
-    Print a table; write sweep.json, a CSV for each joint and sweep.png.
-
-    The exit code is 1 if the equations disagree.
-    """
-    from twin.ui.report.files import write_result
-
-    standins = tuple(filter(None, (args.compare or "").split(",")))
-    joints = () if args.sweep in (None, "all") else tuple(args.sweep.split(","))
-    variants = asked(args.variant)
-    if isinstance(variants, str):
-        raise TwinError("--sweep accepts no variant name alone; give EQ=NAME pairs")
-    folder = show.folder(args, robot.name) / "sweep"
-    with show.progress(args.quiet or args.json) as progress:
-        found = api.strokes(robot, joints, standins, variants, progress)
-        with assets.atomic_folder(folder) as work:
-            pictures = write_result(found, work, "sweep")
-    return show.finish(found, args, folder, pictures)
 
 
 def explain(args: argparse.Namespace) -> int:

@@ -88,9 +88,7 @@ def validate(args: argparse.Namespace) -> int:
     tolerances = None if width is None else Tolerances().widened(width)
     robot = api.load(args.robot)
     if args.sweep or args.compare:
-        from twin.cli.checks import strokes
-
-        return strokes(robot, args)
+        return _strokes(robot, args)
     jobs = [(p, v) for p in _protocols(robot, args) for v in _variants(robot, args.variant)]
     root = Path(args.out) if args.out else Path("twin-out") / robot.name
     for protocol, variants in jobs:
@@ -117,6 +115,28 @@ def validate(args: argparse.Namespace) -> int:
                     _write(report, work, root)
                 reports.append((report, folder))
     return _finish(reports, args)
+
+
+def _strokes(robot: api.Robot, args: argparse.Namespace) -> int:
+    """Compare equations, mechanism and simplified loop models over the range of each joint (`validate --sweep`).
+
+    Print a table; write sweep.json, a CSV for each joint and sweep.png.
+
+    The exit code is 1 if the equations disagree.
+    """
+    from twin.ui.report.files import write_result
+
+    standins = tuple(filter(None, (args.compare or "").split(",")))
+    joints = () if args.sweep in (None, "all") else tuple(args.sweep.split(","))
+    variants = asked(args.variant)
+    if isinstance(variants, str):
+        raise TwinError("--sweep accepts no variant name alone; give EQ=NAME pairs")
+    folder = show.folder(args, robot.name) / "sweep"
+    with show.progress(args.quiet or args.json) as progress:
+        found = api.strokes(robot, joints, standins, variants, progress)
+        with assets.atomic_folder(folder) as work:
+            pictures = write_result(found, work, "sweep")
+    return show.finish(found, args, folder, pictures)
 
 
 def run(args: argparse.Namespace) -> int:

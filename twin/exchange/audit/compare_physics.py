@@ -413,10 +413,13 @@ def solved(couplings: Mapping[str, tuple[Mapping[str, float], float]]) -> dict[s
 def _state_joint(view: View, name: str, joint: Joint, canonical: Joint, movable: bool) -> None:
     subject = f"joint '{name}'"
     part = joint.kind_said and joint.names != canonical.names  # one coordinate of a ball joint, in a track
-    own = name in (*joint.names, _stem(joint)) or (len(joint.names) > 1 and _parts(joint, name))
+    stated = None
+    if joint.names and not part:
+        own = name in (*joint.names, _stem(joint)) or (len(joint.names) > 1 and _parts(joint, name))
+        stated = name if own else _stem(joint)
     identity = {
         "existence": True,
-        "name": (name if own else _stem(joint)) if joint.names and not part else None,
+        "name": stated,
         "kind": joint.kind if joint.kind and not part else None,
         "links": tuple(sorted((joint.parent, joint.child))) if joint.parent else None,
     }
