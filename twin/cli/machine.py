@@ -3,10 +3,35 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 from twin import api
 from twin.cli import show
+from twin.core.errors import TwinError
 from twin.core.units import DEG
+
+if TYPE_CHECKING:
+    from twin.simulation.machine.link import Address
+
+
+def running(given: Sequence[str] | None) -> dict[str, Address]:
+    """Return the addresses of machines from options "ROBOT=HOST:PORT:STATEPORT".
+
+    Raises:
+        TwinError: an option has another form, or names a robot twice.
+    """
+    from twin.simulation.machine.link import Address
+
+    out: dict[str, Address] = {}
+    for text in given or ():
+        name, equal, where = text.partition("=")
+        if not equal or not name:
+            raise TwinError(f"--machine {text}: give ROBOT=HOST:PORT:STATEPORT, as raven_left=127.0.0.1:36000:36001")
+        if name in out:
+            raise TwinError(f"--machine {text}: {name} is given twice")
+        out[name] = Address.parse(where)
+    return out
 
 
 def machine(args: argparse.Namespace) -> int:

@@ -90,6 +90,17 @@ def _by_hand(sub: argparse.ArgumentParser) -> None:
     sub.add_argument("--protocols", action="store_true", help="play the protocols of a scene that has a console")
 
 
+def _running(sub: argparse.ArgumentParser) -> None:
+    """Add the option for machines that run already."""
+    sub.add_argument(
+        "--machine",
+        action="append",
+        metavar="ROBOT=HOST:PORT:STATEPORT",
+        help="a machine of the scene that runs already (`twin machine`), with its ports of packets and states; the "
+        "others are started by this command",
+    )
+
+
 def _machine(add: Callable[[str, str, str], argparse.ArgumentParser], robot: Callable[..., None]) -> None:
     """Add the command `machine`."""
     sub = add(
@@ -390,7 +401,8 @@ def parser() -> argparse.ArgumentParser:
         "  twin operate sils lowered_patient --scale 0.5\n"
         "  twin operate davinci --seed 3       a surgeon with two hands, clutch and camera at a scene's console\n"
         "  twin operate davinci --task pegboard      rings from pegs to pegs, held by friction\n"
-        "  twin operate vsrs --task cholecystectomy  a gallbladder taken out in five stages",
+        "  twin operate vsrs --task cholecystectomy  a gallbladder taken out in five stages\n"
+        "  twin operate raven --trials 3       a machine by teleoperation, then a motion rehearsed in its model",
     )
     sub.add_argument("robot", help="a built-in robot, the path of a robot folder, or a scene with a task")
     sub.add_argument("protocol", nargs="?", help="name or path of a protocol (default: the robot's default)")
@@ -408,7 +420,10 @@ def parser() -> argparse.ArgumentParser:
     sub.add_argument(
         "--seed", type=int, default=0, help="random seed of the simulated hand (default 0); each further trial adds 1"
     )
-    sub.add_argument("--trials", type=int, default=1, metavar="N", help="number of trials (default 1)")
+    sub.add_argument(
+        "--trials", type=int, default=1, metavar="N", help="number of trials, with a machine of motions (default 1)"
+    )
+    _running(sub)
     sub.add_argument(
         "--scale",
         type=float,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -14,13 +14,14 @@ from twin.core.errors import TwinError, unknown
 from twin.core.provenance import Parameter
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM, linear_rgba
-from twin.model import anatomy, console, contact, task, tool, vessel
+from twin.model import anatomy, console, contact, task, tool, trainer, vessel
 from twin.model.anatomy import AnatomyTable, TissueTable
 from twin.model.console import CameraTable, ConsoleTable, HapticsTable
 from twin.model.contact import ContactTable, ObjectTable
 from twin.model.movable import Movable
 from twin.model.task import Task, TaskTable
 from twin.model.tool import ToolTable
+from twin.model.trainer import MODEL, TrainerTable
 from twin.model.vessel import Vessel, VesselTable
 from twin.schema import Identifier, Origin, Table, Vector, at, error_at, load_toml
 
@@ -72,6 +73,7 @@ class SceneTable(Table):
     robot: list[RobotTable] = Field(min_length=1)
     camera: dict[Identifier, CameraTable] = Field(default_factory=dict)
     console: ConsoleTable | None = None
+    trainer: TrainerTable | None = None
     object: dict[Identifier, ObjectTable] = Field(default_factory=dict)
     contact: ContactTable | None = None
     haptics: HapticsTable | None = None
@@ -117,6 +119,7 @@ class Scene:
         touching: pairs of "owner/body" that touch by design.
         cameras: cameras by name.
         console: the surgeon's console, or None.
+        trainer: robots that are machines, led from the console, or None.
         objects: the movable objects.
         contact: contact of the objects, or None.
         haptics: numbers of the forces on the hands; None: the defaults.
@@ -138,6 +141,7 @@ class Scene:
     touching: frozenset[frozenset[str]]
     cameras: dict[str, CameraTable]
     console: ConsoleTable | None
+    trainer: TrainerTable | None
     objects: tuple[Movable, ...]
     contact: ContactTable | None
     haptics: HapticsTable | None
@@ -152,6 +156,12 @@ class Scene:
     def plays(self) -> bool:
         """Whether every robot has a protocol."""
         return all(p.protocol for p in self.places)
+
+    @property
+    def models(self) -> tuple[Place, ...]:
+        """The models beside the machines, each at the place of its machine."""
+        machines = [] if self.trainer is None else self.trainer.robots
+        return tuple(replace(p, name=p.name + MODEL) for p in self.places if p.name in machines)
 
     def require_protocols(self) -> None:
         """Raise if a robot has no protocol to play.
@@ -191,6 +201,7 @@ def load_scene(path: Path) -> Scene:
             raise error_at(path, ("camera", name, "robot"), unknown("robot", camera.robot, names))
     if table.console is not None:
         console.check(path, table.console, table.camera, names)
+    trainer.check(path, table.trainer, table.console, names)
     for name, t in table.task.items():
         if table.console is None and t.procedure is None:
             raise error_at(path, ("task", name), "a task needs a console: add the table [console]")
@@ -211,6 +222,7 @@ def load_scene(path: Path) -> Scene:
         frozenset(frozenset(p) for p in table.touching),
         dict(table.camera),
         table.console,
+        table.trainer,
         tuple(contact.movable(name, o) for name, o in table.object.items()),
         table.contact,
         table.haptics,
@@ -292,6 +304,7 @@ def _parameters(table: SceneTable) -> list[Parameter]:
             out.append(Parameter(f"{r.name} start {joint}", value, "deg or mm", value, r.provenance, r.note))
         out.append(Parameter(f"{r.name} yaw", r.yaw_deg * DEG, "deg", r.yaw_deg, r.provenance, r.note))
     out += console.parameters(table.console, table.haptics)
+    out += trainer.parameters(table.trainer)
     out += contact.parameters(table.object, table.contact)
     out += anatomy.parameters(table.tissue)
     for name, v in table.vessel.items():
