@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
+import sys
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from twin import api
@@ -12,6 +13,9 @@ from twin.core.errors import TwinError
 from twin.core.units import DEG
 
 if TYPE_CHECKING:
+    from twin.api.machine import Machines
+    from twin.api.robot import Robot
+    from twin.model.scene import Scene
     from twin.simulation.machine.link import Address
 
 
@@ -32,6 +36,25 @@ def running(given: Sequence[str] | None) -> dict[str, Address]:
             raise TwinError(f"--machine {text}: {name} is given twice")
         out[name] = Address.parse(where)
     return out
+
+
+def of_scene(scene: Scene, robots: Mapping[str, Robot], given: Sequence[str] | None) -> Machines | None:
+    """Connect to the machines of a scene, and start those that are not in the option --machine; None: it has none.
+
+    Raises:
+        TwinError: --machine is wrong, or a machine does not answer.
+    """
+    from twin.api.session import machines_of
+
+    where = running(given)
+    if scene.trainer is None:
+        if where:
+            raise TwinError(f"--machine: scene '{scene.name}' has no machines: add the table [trainer]")
+        return None
+    started = [n for n in scene.trainer.robots if n not in where]
+    if started:
+        print(f"twin: starting the machine of {', '.join(started)}", file=sys.stderr, flush=True)
+    return machines_of(scene, robots, where)
 
 
 def machine(args: argparse.Namespace) -> int:

@@ -88,6 +88,7 @@ def _by_hand(sub: argparse.ArgumentParser) -> None:
         help="whether the hands lead the tips of instruments in ports, or their outer ends (default: the tips)",
     )
     sub.add_argument("--protocols", action="store_true", help="play the protocols of a scene that has a console")
+    _running(sub)
 
 
 def _running(sub: argparse.ArgumentParser) -> None:

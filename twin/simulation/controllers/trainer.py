@@ -8,6 +8,7 @@ where the record began; the replay stops when the machine is too fast or deviate
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import IntEnum
@@ -166,19 +167,32 @@ class Smooth:
         self._v = _chased(self._v, goal[:3, 3] - self._p, b.speed, dt)
         self._p = self._p + dt * self._v
         steps = np.round((self._p - self.sent[:3, 3]) / _UM)
-        self._w = _chased(self._w, spatial.log_so3(goal[:3, :3] @ self.sent[:3, :3].T), b.turn, dt)
-        turn = spatial.exp_so3(dt * self._w)
+        self._w = _chased(self._w, _turn(goal[:3, :3] @ self.sent[:3, :3].T), b.turn, dt)
+        w = (dt * self._w).tolist()
+        half = 0.5 * math.hypot(*w)
+        share = 0.5 * math.sin(half) / half if half > 0 else 0.5
+        turn = [math.cos(half), *(share * x for x in w)]
         self.sent[:3, 3] += _UM * steps
-        self.sent[:3, :3] = turn @ self.sent[:3, :3]
-        opened = float(np.clip(np.round((jaw - self._jaw) / self._step), -_JAW, _JAW))
+        if half > 0:
+            self.sent[:3, :3] = spatial.matrix_from_quat_wxyz(turn) @ self.sent[:3, :3]
+        opened = min(max(round((jaw - self._jaw) / self._step), -_JAW), _JAW)
         self._jaw += self._step * opened
-        return np.array([*steps, *spatial.quat_from_matrix_wxyz(turn), opened, 1.0])
+        return np.array([*steps, *turn, opened, 1.0])
+
+
+def _turn(R: Array) -> Array:
+    """Return the rotation vector (3,) of a rotation; faster than `spatial.log_so3` for angles below 30 deg."""
+    v = 0.5 * np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
+    s = math.hypot(*v.tolist())
+    if s > 0.5 or R[0, 0] + R[1, 1] + R[2, 2] < 1:
+        return spatial.log_so3(R)
+    return v * (math.asin(s) / s) if s > 0 else v
 
 
 def _chased(v: Array, way: Array, most: float, dt: float) -> Array:
     """Return the rate after a tick of a critically damped filter that still has to go `way`, at most `most`."""
     v = (v + dt * _FOLLOW**2 * way) / (1 + dt * _FOLLOW) ** 2
-    size = float(np.linalg.norm(v))
+    size = math.hypot(*v.tolist())
     return v * (most / size) if size > most else v
 
 

@@ -6,7 +6,7 @@ import base64
 import hashlib
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,6 +22,7 @@ from twin.model.movable import together
 from twin.model.scene import Place, Scene
 from twin.model.task import Task
 from twin.model.tissue import Tissue
+from twin.model.trainer import MODEL
 from twin.ui.door.answers import File
 from twin.ui.headset import files
 from twin.ui.headset import protocol as wire
@@ -33,6 +34,7 @@ from twin.ui.session.feed import Feed, Surface
 from twin.ui.session.timeline import Clock
 
 if TYPE_CHECKING:
+    from twin.api.machine import Machines
     from twin.simulation.controllers.pivot import Fulcrum
     from twin.simulation.session.condition import Condition
     from twin.ui.headset.operation import Operation
@@ -126,6 +128,7 @@ def of_console(
     fulcrum: Fulcrum = "compensated",
     feed: Feed | None = None,
     organs: Sequence[Tissue] = (),
+    machines: Machines | None = None,
 ) -> Served:
     """Return the content for a scene whose robots are controlled by its console; call this function in an event loop.
 
@@ -143,6 +146,7 @@ def of_console(
         fulcrum: which end of the instruments the hands lead at the start.
         feed: deformables that are not in the World; None: none.
         organs: the organs of the scene; only needed for a procedure.
+        machines: connections to the machines of the scene; their models are shown beside them.
 
     Raises:
         TwinError: the scene has no console, the console does not match its robots, or the port of packets is in use.
@@ -151,7 +155,10 @@ def of_console(
     # It imports MuJoCo and the simulation, which a single robot does not need.
     from twin.ui.headset.operation import Operation
 
-    operation = Operation(scene, robots, session, task, props, report, condition, fulcrum, feed, organs)
+    operation = Operation(scene, robots, session, task, props, report, condition, fulcrum, feed, organs, machines)
+    if machines is not None:
+        robots = {**robots, **{p.name: robots[p.name.removesuffix(MODEL)] for p in scene.models}}
+        scene = replace(scene, places=(*scene.places, *scene.models))
     try:
         if packets is not None:
             operation.listen(*packets)
@@ -188,6 +195,8 @@ def _placed(
     described["assumed"] = [f"{p.name}: {p.note}" for p in scene.parameters if p.provenance == "ASSUMED"]
     if not isinstance(live, Live):
         described["console"] = live.about
+        if (machines := live.about_machines) is not None:
+            described["machines"] = machines
         if live.objects:
             glb = glb_bytes(together(live.objects, wire.OBJECTS))
             own |= files.glb_file(_OBJECTS, glb)
