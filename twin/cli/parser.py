@@ -28,7 +28,7 @@ exit codes: 0 agree or done, 1 disagree, 2 could not check or wrong usage
 
 NAMES = ("list", "info", "build", "plan", "validate", "explain", "run", "view", "serve")
 NAMES += ("operate", "session", "track", "study", "console", "export", "audit", "new", "selftest")
-NAMES += ("workspace", "tolerance", "sweep", "machine", "hazards", "doctor")
+NAMES += ("workspace", "tolerance", "sweep", "machine", "follow", "hazards", "doctor")
 """Names of all commands."""
 
 
@@ -604,6 +604,21 @@ def parser() -> argparse.ArgumentParser:
     add_sweeps(add, robot, out)
 
     _machine(add, robot)
+    sub = add(
+        "follow",
+        "show a twin that mirrors a machine: as measured, as desired (a ghost), and the curve of their deviation",
+        "  twin follow raven_left --states 127.0.0.1:36001      a machine that `twin machine` runs\n"
+        "  twin follow pa10 --packets 36002                     joint values by UDP (docs/raven.md, Follow)\n"
+        "  twin follow raven_left --states 36001 --view         in the page of twin view",
+    )
+    robot(sub)
+    sub.add_argument("--states", metavar="[HOST:]PORT", help="TCP port of the states of a `twin machine`")
+    sub.add_argument("--packets", type=_port, metavar="PORT", help="UDP port for joint packets (0: any free port)")
+    sub.add_argument("--view", action="store_true", help="show the page of twin view in place of that of twin serve")
+    sub.add_argument("--port", type=_port, default=8766, help="port of the page (default 8766; 0: any free port)")
+    host(sub)
+    sub.add_argument("--no-browser", action="store_true", help="do not open a browser")
+    sub.set_defaults(record=None, replay=None, session=None)
     _hazards(add, robot)
     add("doctor", "list the installed packages and programs, and their purposes", "  twin doctor")
     return root

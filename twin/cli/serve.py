@@ -44,7 +44,7 @@ def serve(args: argparse.Namespace) -> int:
     if args.machine and scenes.find(args.robot) is None:
         raise TwinError(f"--machine applies to a scene with machines, such as raven; {args.robot} is a robot")
     name, make = _what(args)
-    asyncio.run(_run(args, name, make, port, context))
+    asyncio.run(run(args, name, make, port, context))
     return 0
 
 
@@ -145,9 +145,10 @@ def _require_whole_study(args: argparse.Namespace) -> None:
         raise TwinError("--haptics and --replay cannot be combined: a recorded session cannot be controlled")
 
 
-async def _run(
+async def run(
     args: argparse.Namespace, name: str, make: Callable[[], Served], port: int, context: ssl.SSLContext | None
 ) -> None:
+    """Serve a source, which `make` starts in the event loop, until Ctrl-C."""
     from twin.ui.door.gate import Gate
     from twin.ui.headset import files
     from twin.ui.headset.recording import Recording, Replay

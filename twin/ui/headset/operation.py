@@ -16,7 +16,6 @@ import numpy as np
 
 from twin.api import Robot
 from twin.api.machine import Machines
-from twin.core import spatial
 from twin.core.errors import TwinError
 from twin.core.spatial import Array
 from twin.core.units import MM
@@ -39,6 +38,7 @@ from twin.ui.door.mqtt import ScaleTopic
 from twin.ui.headset import protocol as wire
 from twin.ui.headset.bends import Bends
 from twin.ui.headset.packet_hands import UDP, PacketHands
+from twin.ui.headset.posed import Posed
 from twin.ui.headset.protocol import RefusedError
 from twin.ui.headset.scene_frame import pack_scene
 from twin.ui.session.console import HeldError, LiveConsole, MakeReport
@@ -119,14 +119,15 @@ class Operation(LiveConsole):
         self.send: Callable[[dict[str, Any]], object] = lambda document: None
         self._bends = Bends(self.feed or feed)
         self._bends.send = lambda document: self.send(document)
-        self._bodies = {n: [b.name for b in m.mechanism.bodies] for n, m in self.shown.items()}
-        self._T_base_world = {n: spatial.inverse(self._places[n].T_world_base) for n in self.shown}
+        bodies = {n: [b.name for b in m.mechanism.bodies] for n, m in self.shown.items()}
+        bases = {n: self._places[n].T_world_base for n in self.shown}
+        objects = {wire.OBJECTS: [item.name for item in self.objects]} if self.objects else {}
+        self._posed = Posed(bodies | objects, bases | {wire.OBJECTS: np.eye(4)})
         self._tick, self._sent, self._seq = -1.0, float(-HEARTBEAT), 0
         self._shown: Array | None = None
         self._links: dict[str, dict[str, Array]] = {}
         self._told: tuple[bytes, ...] = ()
         self._forces = {hand: [0.0, 0.0, 0.0] for hand in HANDS}
-        self._sevens: dict[str, Array] = {}
         self._curve = -DEVIATIONS
 
     @property
@@ -165,8 +166,7 @@ class Operation(LiveConsole):
     @property
     def links(self) -> tuple[str, ...]:
         """Names of all links, "<robot>/<link>"."""
-        own = [f"{robot}/{name}" for robot, names in self._bodies.items() for name in names]
-        return (*own, *(f"{wire.OBJECTS}/{item.name}" for item in self.objects))
+        return self._posed.links
 
     @property
     def joints(self) -> tuple[str, ...]:
@@ -229,7 +229,7 @@ class Operation(LiveConsole):
             return None
         self._sent, self._told = tick, self._bends.packed
         self._seq += 1
-        robots = [self._pack(name, server_time) for name in (*self.shown, *([wire.OBJECTS] if self.objects else []))]
+        robots = [self._pack(name, server_time) for name in self._posed.bodies]
         return pack_scene(self._seq - 1, server_time, self.world.t, 0, robots, self._bends.packed)
 
     def _send_forces(self) -> None:
@@ -277,12 +277,7 @@ class Operation(LiveConsole):
 
     def _look(self) -> None:
         self._links = links = self.world.link_poses()
-        drawn = [self._T_base_world[n] @ np.stack([links[n][b] for b in bodies]) for n, bodies in self._bodies.items()]
-        drawn += [np.stack([links[item.name][item.name] for item in self.objects])] if self.objects else []
-        names = [*self._bodies, *([wire.OBJECTS] if self.objects else [])]
-        counts = np.cumsum([len(Ts) for Ts in drawn])[:-1]
-        for name, poses in zip(names, np.split(wire.sevens(np.concatenate(drawn)), counts), strict=True):
-            self._sevens[name] = wire.near_signs(poses, self._sevens.get(name))
+        self._posed.look({**links, wire.OBJECTS: {item.name: links[item.name][item.name] for item in self.objects}})
 
     def _publish(self) -> None:
         """Offer the newest report as a file."""
@@ -290,8 +285,8 @@ class Operation(LiveConsole):
             self.files[REPORT.format(made[0])] = File(made[1], "text/html; charset=utf-8", policy=_PAPER)
 
     def _pack(self, name: str, server_time: float) -> bytes:
-        poses, q = self._sevens[name], self.world.signals[f"{name}.q"] if name in self.shown else np.zeros(0)
-        return wire.pack(self._seq - 1, server_time, 0.0, 0, wire.pack_body(poses, q, None), len(poses), len(q))
+        q = self.world.signals[f"{name}.q"] if name in self.shown else np.zeros(0)
+        return self._posed.pack(name, self._seq - 1, server_time, q)
 
     # -- requests of clients --------------------------------------------------------------------------
 

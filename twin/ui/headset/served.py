@@ -37,8 +37,10 @@ if TYPE_CHECKING:
     from twin.api.machine import Machines
     from twin.simulation.controllers.pivot import Fulcrum
     from twin.simulation.session.condition import Condition
+    from twin.ui.headset.mirrored import Mirrored
     from twin.ui.headset.operation import Operation
     from twin.ui.session.console import MakeReport
+    from twin.ui.session.mirror import Mirror
 
 _ROBOTS = "robots/{}/"
 """Path of the files of a robot in a scene."""
@@ -62,7 +64,7 @@ class Served:
         late: files that appear while the server runs, by path.
     """
 
-    live: Live | Operation
+    live: Live | Operation | Mirrored
     name: str
     model_hash: str
     files: dict[str, File]
@@ -171,6 +173,29 @@ def of_console(
     nothing = {"protocols": [], "variants": [], "postures": [], "has_workspace": False}
     shown = alignment.beside(props, None if task is None else task.alignment)
     return _placed(scene, robots, operation, [a | nothing for a in about], shown, operation.feed or feed)
+
+
+def of_mirror(mirror: Mirror) -> Served:
+    """Return the content for a twin that mirrors a machine: the robot, and its desired joints as a ghost."""
+    from twin.exchange.write.glb import glb_bytes
+    from twin.ui.headset.mirrored import Mirrored
+
+    robot, own, placed = mirror.robot, {}, []
+    glb, live = glb_bytes(robot.mechanism), Mirrored(mirror)
+    nothing = {"protocols": [], "variants": [], "postures": [], "has_workspace": False}
+    for name in (mirror.name, mirror.ghost):
+        folder = _ROBOTS.format(name)
+        place = Place(name, robot.name, "", np.eye(4), {}, {}, {})
+        one = describe(robot, Desk(robot), {}, {}, place) | nothing
+        own |= files.robot_files(glb, one, folder)
+        placed.append({**one, "files": folder, "ports": []})
+    described = _describe(mirror.name, f"{placed[0]['title']}: its machine", placed, None)
+    described["machines"] = live.about_machines
+    text = json.dumps(described, sort_keys=True).encode()
+    described["model_hash"] = "sha256:" + hashlib.sha256(text).hexdigest()
+    own |= files.scene_file(described)
+    preload = tuple(f"{_ROBOTS.format(n)}robot.glb" for n in (mirror.name, mirror.ghost))
+    return Served(live, mirror.name, described["model_hash"], own, preload)
 
 
 def _placed(
