@@ -223,7 +223,7 @@ def _own_file(name: str) -> Callable[[argparse.Namespace], int]:
 
 
 _OWN = ("explain", "view", "serve", "operate", "track", "study", "console", "new", "export", "audit", "selftest")
-_OWN += ("session", "workspace", "tolerance", "sweep", "machine", "hazards", "doctor")
+_OWN += ("session", "workspace", "tolerance", "sweep", "machine", "follow", "hazards", "doctor")
 
 COMMANDS = {
     "list": list_robots,

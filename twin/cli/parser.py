@@ -27,7 +27,7 @@ exit codes: 0 agree or done, 1 disagree, 2 could not check or wrong usage
 
 NAMES = ("list", "info", "build", "plan", "validate", "explain", "run", "view", "serve")
 NAMES += ("operate", "session", "track", "study", "console", "export", "audit", "new", "selftest")
-NAMES += ("workspace", "tolerance", "sweep", "machine", "hazards", "doctor")
+NAMES += ("workspace", "tolerance", "sweep", "machine", "follow", "hazards", "doctor")
 """Names of all commands."""
 
 
@@ -109,10 +109,8 @@ class _Command(_Parser):
         text = "frame or body that is the tool of a USD stage (default: the tool that the stage defines, or the end of "
         self.text("--tool", "NAME", text + "its longest chain)")
 
-    def page(self, port: int, what: str) -> None:
-        """Add the arguments of a page in a browser."""
-        self.robot(_SHOWN)
-        self.protocol()
+    def server(self, port: int, what: str) -> None:
+        """Add the options of a server with a page."""
         text = f"port of the {what} (default {port}; 0: any free port)"
         self.add_argument("--port", type=_port, default=port, help=text)
         text = (
@@ -121,10 +119,25 @@ class _Command(_Parser):
         )
         self.add_argument("--host", default="127.0.0.1", help=text)
         self.flag("--no-browser", "do not open a browser")
+
+    def page(self, port: int, what: str) -> None:
+        """Add the arguments of a page in a browser."""
+        self.robot(_SHOWN)
+        self.protocol()
+        self.server(port, what)
         self.text("--task", "NAME", "task at the console of a scene: its rings can be grasped")
         text = "whether the hands lead the tips of instruments in ports, or their outer ends (default: the tips)"
         self.choice("--fulcrum", ("compensated", "direct"), text)
         self.flag("--protocols", "play the protocols of a scene that has a console")
+        self.machines()
+
+    def machines(self) -> None:
+        """Add the option for machines that run already."""
+        text = (
+            "a machine of the scene that runs already (`twin machine`), with its ports of packets and states; the "
+            "others are started by this command"
+        )
+        self.text("--machine", "ROBOT=HOST:PORT:STATEPORT", text, action="append")
 
     def accuracy(self) -> None:
         """Add the option --tolerance-um."""
@@ -371,7 +384,8 @@ def _trials(add: Add) -> None:
         "  twin operate sils lowered_patient --scale 0.5\n"
         "  twin operate davinci --seed 3       a surgeon with two hands, clutch and camera at a scene's console\n"
         "  twin operate davinci --task pegboard      rings from pegs to pegs, held by friction\n"
-        "  twin operate vsrs --task cholecystectomy  a gallbladder taken out in five stages",
+        "  twin operate vsrs --task cholecystectomy  a gallbladder taken out in five stages\n"
+        "  twin operate raven --trials 3       a machine by teleoperation, then a motion rehearsed in its model",
     )
     sub.robot("a built-in robot, the path of a robot folder, or a scene with a task")
     sub.protocol()
@@ -381,7 +395,8 @@ def _trials(add: Add) -> None:
     sub.choice("--haptics", ("on", "off"), "compute forces on the hands (the operator does not react)")
     sub.out("./twin-out/<robot>/<protocol>-operator/")
     sub.integer("--seed", "random seed of the simulated hand; each further trial adds 1", 0)
-    sub.integer("--trials", "number of trials", 1)
+    sub.integer("--trials", "number of trials, with a machine of motions", 1)
+    sub.machines()
     text = (
         "ratio of tool motion to hand motion (default 0.1, ASSUMED, because the paper states none; at a console the "
         "scene's scale); rotations are not scaled"
@@ -436,6 +451,20 @@ def _trials(add: Add) -> None:
     sub.number("--mass-error", "PERCENT", "excess of the machine's masses over the masses in its software", 0.0)
     sub.number("--friction-error", "PERCENT", "excess of the machine's friction over the friction in its software", 0.0)
     sub.number("--tilt-deg", "DEG", "tilt of the machine's base about x", 0.0)
+
+    sub = add(
+        "follow",
+        "show a twin that mirrors a machine: as measured, as desired (a ghost), and the curve of their deviation",
+        "  twin follow raven_left --states 127.0.0.1:36001      a machine that `twin machine` runs\n"
+        "  twin follow pa10 --packets 36002                     joint values by UDP (docs/raven.md, Follow)\n"
+        "  twin follow raven_left --states 36001 --view         in the page of twin view",
+    )
+    sub.robot()
+    sub.text("--states", "[HOST:]PORT", "TCP port of the states of a `twin machine`")
+    sub.text("--packets", "PORT", "UDP port for joint packets (0: any free port)", type=_port)
+    sub.flag("--view", "show the page of twin view instead of that of twin serve")
+    sub.server(8766, "page")
+    sub.set_defaults(record=None, replay=None, session=None)
 
     sub = add(
         "hazards",
