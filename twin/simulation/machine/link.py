@@ -50,8 +50,8 @@ class Address:
         Raises:
             DeviceError: the text has another form, or a port is not 1 to 65535.
         """
-        *host, port, states = text.rsplit(":", 2)
-        if not (port.isdigit() and states.isdigit() and len(host) < 2 and all(host)):
+        *host, port, states = [""] * (1 - text.count(":")) + text.rsplit(":", 2)
+        if not (port.isdigit() and states.isdigit() and all(host)):
             raise DeviceError(
                 f"'{text}' is no address of a machine: give HOST:PORT:STATEPORT, as 127.0.0.1:36000:36001"
             )
