@@ -91,8 +91,8 @@ class Modelled(Block):
             f"{name}.q": measured,
             f"{name}.encoder": m.q if alone else measured,
             f"{name}{MODEL}.q": m.q,
-            f"{name}.model": np.array([m.plc.level, np.linalg.norm(self._speeds[1]), m.held], float),
-            f"{name}.deviation": np.array([np.linalg.norm(self._dp), np.linalg.norm(self._speeds[0])]),
+            f"{name}.model": np.array([m.plc.level, float(np.linalg.norm(self._speeds[1])), m.held]),
+            f"{name}.deviation": np.array([float(np.linalg.norm(v)) for v in (self._dp, self._speeds[0])]),
             f"{name}.apart": self._apart,
             f"{name}.cue": force,
         }
