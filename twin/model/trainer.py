@@ -10,8 +10,8 @@ from pydantic import Field
 
 from twin.core.errors import unknown
 from twin.core.provenance import Parameter
-from twin.core.units import DEG, MM
 from twin.schema import Identifier, Origin, Table, error_at
+from twin.schema.sourced import parameters
 
 if TYPE_CHECKING:
     from twin.model.console import ConsoleTable
@@ -77,23 +77,23 @@ def check(path: Path, trainer: TrainerTable | None, console: ConsoleTable | None
             raise error_at(path, ("trainer", "robots", i), f"the scene has a robot '{name + MODEL}', the model's name")
 
 
-def parameters(trainer: TrainerTable | None) -> Iterator[Parameter]:
-    """Return the numbers of a trainer with their provenance."""
+def listed(trainer: TrainerTable | None) -> Iterator[Parameter]:
+    """Yield the numbers of a trainer with their provenance."""
     if trainer is None:
         return
-    origin, cue = (trainer.provenance, trainer.note), trainer.cue
-    for what, v, unit, si in (
-        ("speed", trainer.speed_mm_s, "mm/s", MM),
-        ("turn", trainer.turn_deg_s, "deg/s", DEG),
-        ("rehearsed speed", trainer.rehearsed_mm_s, "mm/s", MM),
-        ("replayed speed", trainer.replayed_mm_s, "mm/s", MM),
-        ("start", trainer.start_mm, "mm", MM),
-        ("start angle", trainer.start_deg, "deg", DEG),
-        ("deviation", trainer.deviation_mm, "mm", MM),
-        ("cue limit", cue.tol_mm, "mm", MM),
-        ("cue stiffness", cue.kp_n_mm, "N/mm", 1 / MM),
-        ("cue damping", cue.kd_ns_mm, "N s/mm", 1 / MM),
-        ("cue largest force", cue.largest_n, "N", 1.0),
-        ("cue blend", cue.blend_mm, "mm", MM),
-    ):
-        yield Parameter(f"trainer {what}", v * si, unit, v, *origin)
+    cue = trainer.cue
+    rows = [
+        ("speed", trainer.speed_mm_s, "mm/s"),
+        ("turn", trainer.turn_deg_s, "deg/s"),
+        ("rehearsed speed", trainer.rehearsed_mm_s, "mm/s"),
+        ("replayed speed", trainer.replayed_mm_s, "mm/s"),
+        ("start", trainer.start_mm, "mm"),
+        ("start angle", trainer.start_deg, "deg"),
+        ("deviation", trainer.deviation_mm, "mm"),
+        ("cue limit", cue.tol_mm, "mm"),
+        ("cue stiffness", cue.kp_n_mm, "N/mm"),
+        ("cue damping", cue.kd_ns_mm, "N s/mm"),
+        ("cue largest force", cue.largest_n, "N"),
+        ("cue blend", cue.blend_mm, "mm"),
+    ]
+    yield from parameters("trainer", trainer, rows)
