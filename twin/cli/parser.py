@@ -113,6 +113,15 @@ class _Command(_Parser):
         """Add the arguments of a page in a browser."""
         self.robot(_SHOWN)
         self.protocol()
+        self.address(port, what)
+        self.text("--task", "NAME", "task at the console of a scene: its rings can be grasped")
+        text = "whether the hands lead the tips of instruments in ports, or their outer ends (default: the tips)"
+        self.choice("--fulcrum", ("compensated", "direct"), text)
+        self.flag("--protocols", "play the protocols of a scene that has a console")
+        self.machines()
+
+    def address(self, port: int, what: str) -> None:
+        """Add the address of a page in a browser."""
         text = f"port of the {what} (default {port}; 0: any free port)"
         self.add_argument("--port", type=_port, default=port, help=text)
         text = (
@@ -121,10 +130,14 @@ class _Command(_Parser):
         )
         self.add_argument("--host", default="127.0.0.1", help=text)
         self.flag("--no-browser", "do not open a browser")
-        self.text("--task", "NAME", "task at the console of a scene: its rings can be grasped")
-        text = "whether the hands lead the tips of instruments in ports, or their outer ends (default: the tips)"
-        self.choice("--fulcrum", ("compensated", "direct"), text)
-        self.flag("--protocols", "play the protocols of a scene that has a console")
+
+    def machines(self) -> None:
+        """Add the option for machines that run already."""
+        text = (
+            "a running `twin machine` of the scene, with its ports of packets and states; this command starts the other "
+            "machines"
+        )
+        self.text("--machine", "ROBOT=HOST:PORT:STATEPORT", text, action="append")
 
     def accuracy(self) -> None:
         """Add the option --tolerance-um."""
@@ -165,72 +178,12 @@ def _broker(text: str) -> tuple[str, int]:
     return host, number
 
 
-<<<<<<< HEAD
-def _by_hand(sub: argparse.ArgumentParser) -> None:
-    """Add the options for a scene whose robots can be operated by hand."""
-    sub.add_argument(
-        "--fulcrum",
-        choices=("compensated", "direct"),
-        help="whether the hands lead the tips of instruments in ports, or their outer ends (default: the tips)",
-    )
-    sub.add_argument("--protocols", action="store_true", help="play the protocols of a scene that has a console")
-    _running(sub)
-
-
-def _running(sub: argparse.ArgumentParser) -> None:
-    """Add the option for machines that run already."""
-    sub.add_argument(
-        "--machine",
-        action="append",
-        metavar="ROBOT=HOST:PORT:STATEPORT",
-        help="a machine of the scene that runs already (`twin machine`), with its ports of packets and states; the "
-        "others are started by this command",
-    )
-
-
-def _machine(add: Callable[[str, str, str], argparse.ArgumentParser], robot: Callable[..., None]) -> None:
-    """Add the command `machine`."""
-    sub = add(
-        "machine",
-        "run a robot as a machine: control software, motors and links at 1 kHz, with packets by UDP, states by TCP",
-        "  twin machine raven_left --port 36000 --state-port 36001 --start\n"
-        "  twin machine raven_left --mass-error 5 --friction-error 20 --overdrive hard",
-    )
-    robot(sub)
-    sub.add_argument("--port", type=_port, default=0, help="UDP port of the packets (default 0: any free port)")
-    sub.add_argument("--state-port", type=_port, default=0, help="TCP port of the states (default 0: any free port)")
-    sub.add_argument("--start", action="store_true", help="press the start button at once")
-    sub.add_argument("--duration", type=float, metavar="S", help="stop after a time (default: run until Ctrl-C)")
-    sub.add_argument("--mode", choices=("advanced", "moderate", "beginner"), help="limits of the DAC")
-    sub.add_argument("--overdrive", choices=("none", "soft", "hard"), help="above them: count, clip, or stop")
-    sub.add_argument("--master-timeout-ms", type=float, metavar="MS", help="silence after which the pedal is up")
-    error = {"type": float, "default": 0.0, "metavar": "PERCENT"}
-    sub.add_argument("--mass-error", **error, help="how much heavier the machine is than its software knows")
-    sub.add_argument("--friction-error", **error, help="how much more friction it has")
-    sub.add_argument("--tilt-deg", type=float, default=0.0, metavar="DEG", help="tilt of its base about x")
-
-
-def _hazards(add: Callable[[str, str, str], argparse.ArgumentParser], robot: Callable[..., None]) -> None:
-    """Add the command `hazards`."""
-    sub = add(
-        "hazards",
-        "run a campaign of faults on the machine of a robot; the same command goes on where it was interrupted",
-        "  twin hazards raven_left --campaign table1\n  twin hazards raven_left --sessions 100 --processes 1",
-    )
-    robot(sub)
-    text = "name of a campaign of the robot, or path of a file (default table1)"
-    sub.add_argument("--campaign", default="table1", metavar="NAME", help=text)
-    sub.add_argument("--sessions", type=int, metavar="N", help="run at most N of the sessions that are left")
-    sub.add_argument("--processes", type=int, metavar="N", help="number of processes (default: of processors)")
-    sub.add_argument("--out", metavar="FOLDER", help="folder of the log (default ./twin-out/<robot>/<name>-hazards/)")
-=======
 def _count(text: str) -> int:
     """Convert a text, such as 1000 or 1e7, to a whole number."""
     value = float(text)
     if value != round(value):
         raise ValueError
     return int(value)
->>>>>>> 8b3c239bdaa64a610e3e7f59fdc0787ffbb7c066
 
 
 @cache
@@ -434,45 +387,6 @@ def _trials(add: Add) -> None:
         "  twin operate vsrs --task cholecystectomy  a gallbladder taken out in five stages\n"
         "  twin operate raven --trials 3       a machine by teleoperation, then a motion rehearsed in its model",
     )
-<<<<<<< HEAD
-    sub.add_argument("robot", help="a built-in robot, the path of a robot folder, or a scene with a task")
-    sub.add_argument("protocol", nargs="?", help="name or path of a protocol (default: the robot's default)")
-    sub.add_argument("--task", metavar="NAME", help="task of a scene (default: its first task)")
-    sub.add_argument(
-        "--mistake",
-        metavar="NAME",
-        help="mistake that the surgeon of a procedure makes: clip_missed, wrong_vessel, organ_punctured, cut_outside, "
-        "bed_left",
-    )
-    sub.add_argument(
-        "--haptics", choices=("on", "off"), help="compute forces on the hands (the operator does not react)"
-    )
-    out(sub, "./twin-out/<robot>/<protocol>-operator/")
-    sub.add_argument(
-        "--seed", type=int, default=0, help="random seed of the simulated hand (default 0); each further trial adds 1"
-    )
-    sub.add_argument(
-        "--trials", type=int, default=1, metavar="N", help="number of trials, with a machine of motions (default 1)"
-    )
-    _running(sub)
-    sub.add_argument(
-        "--scale",
-        type=float,
-        metavar="S",
-        help=(
-            "ratio of tool motion to hand motion (default 0.1, ASSUMED, because the paper states none; at a console "
-            "the scene's scale); rotations are not scaled"
-        ),
-    )
-    sub.add_argument(
-        "--clutch",
-        choices=("corrected", "printed"),
-        default="corrected",
-        help="clutch of the SHER simulation paper, eq. (7): corrected (default), or as printed",
-    )
-    sub.add_argument(
-        "--solver", choices=("damped", "slsqp"), default="damped", help="solver of the joint steps (default damped)"
-=======
     sub.robot("a built-in robot, the path of a robot folder, or a scene with a task")
     sub.protocol()
     sub.text("--task", "NAME", "task of a scene (default: its first task)")
@@ -481,11 +395,11 @@ def _trials(add: Add) -> None:
     sub.choice("--haptics", ("on", "off"), "compute forces on the hands (the operator does not react)")
     sub.out("./twin-out/<robot>/<protocol>-operator/")
     sub.integer("--seed", "random seed of the simulated hand; each further trial adds 1", 0)
-    sub.integer("--trials", "number of trials", 1)
+    sub.integer("--trials", "number of trials, or of motions of a machine", 1)
+    sub.machines()
     text = (
         "ratio of tool motion to hand motion (default 0.1, ASSUMED, because the paper states none; at a console the "
         "scene's scale); rotations are not scaled"
->>>>>>> 8b3c239bdaa64a610e3e7f59fdc0787ffbb7c066
     )
     sub.number("--scale", "S", text)
     text = "clutch of the SHER simulation paper, eq. (7): corrected (default), or as printed"
@@ -537,6 +451,20 @@ def _trials(add: Add) -> None:
     sub.number("--mass-error", "PERCENT", "excess of the machine's masses over the masses in its software", 0.0)
     sub.number("--friction-error", "PERCENT", "excess of the machine's friction over the friction in its software", 0.0)
     sub.number("--tilt-deg", "DEG", "tilt of the machine's base about x", 0.0)
+
+    sub = add(
+        "follow",
+        "show a twin that mirrors a machine: as measured, as desired (a ghost), and the curve of their deviation",
+        "  twin follow raven_left --states 127.0.0.1:36001      a machine that `twin machine` runs\n"
+        "  twin follow pa10 --packets 36002                     joint values by UDP (docs/raven.md, Follow)\n"
+        "  twin follow raven_left --states 36001 --view         in the page of twin view",
+    )
+    sub.robot()
+    sub.text("--states", "[HOST:]PORT", "TCP port of the states of a `twin machine`")
+    sub.text("--packets", "PORT", "UDP port for joint packets (0: any free port)", type=_port)
+    sub.flag("--view", "show the page of twin view instead of that of twin serve")
+    sub.address(8766, "page")
+    sub.set_defaults(record=None, replay=None, session=None)
 
     sub = add(
         "hazards",
@@ -677,33 +605,6 @@ def _analyses(add: Add) -> None:
         "tolerance\n"
         "  twin sweep sils --vary l_p=120..150mm --grid 50 --scheduler tcp://10.0.0.1:8786 --parquet",
     )
-<<<<<<< HEAD
-    sub.add_argument("--count", type=int, default=118, metavar="N", help="number of faults (default 118)")
-    sub.add_argument("--seed", type=int, default=0, help="random seed (default 0)")
-    out(sub, "./twin-out/<robot>/")
-
-    add_sweeps(add, robot, out)
-
-    _machine(add, robot)
-    sub = add(
-        "follow",
-        "show a twin that mirrors a machine: as measured, as desired (a ghost), and the curve of their deviation",
-        "  twin follow raven_left --states 127.0.0.1:36001      a machine that `twin machine` runs\n"
-        "  twin follow pa10 --packets 36002                     joint values by UDP (docs/raven.md, Follow)\n"
-        "  twin follow raven_left --states 36001 --view         in the page of twin view",
-    )
-    robot(sub)
-    sub.add_argument("--states", metavar="[HOST:]PORT", help="TCP port of the states of a `twin machine`")
-    sub.add_argument("--packets", type=_port, metavar="PORT", help="UDP port for joint packets (0: any free port)")
-    sub.add_argument("--view", action="store_true", help="show the page of twin view in place of that of twin serve")
-    sub.add_argument("--port", type=_port, default=8766, help="port of the page (default 8766; 0: any free port)")
-    host(sub)
-    sub.add_argument("--no-browser", action="store_true", help="do not open a browser")
-    sub.set_defaults(record=None, replay=None, session=None)
-    _hazards(add, robot)
-    add("doctor", "list the installed packages and programs, and their purposes", "  twin doctor")
-    return root
-=======
     sub.robot()
     text = "parameter of the equations, or distance body:joint-joint, with its range; may be given more than once"
     sub.text("--vary", "NAME=LOW..HIGH", text, action="append", default=[])
@@ -717,4 +618,3 @@ def _analyses(add: Add) -> None:
     sub.flag("--parquet", "also write sweep.parquet")
     sub.flag("--fresh", "evaluate all designs again instead of reusing results")
     sub.out("./twin-out/<robot>/sweep-<key>/, one for each sweep")
->>>>>>> 8b3c239bdaa64a610e3e7f59fdc0787ffbb7c066
