@@ -109,8 +109,19 @@ class _Command(_Parser):
         text = "frame or body that is the tool of a USD stage (default: the tool that the stage defines, or the end of "
         self.text("--tool", "NAME", text + "its longest chain)")
 
-    def server(self, port: int, what: str) -> None:
-        """Add the options of a server with a page."""
+    def page(self, port: int, what: str) -> None:
+        """Add the arguments of a page in a browser."""
+        self.robot(_SHOWN)
+        self.protocol()
+        self.address(port, what)
+        self.text("--task", "NAME", "task at the console of a scene: its rings can be grasped")
+        text = "whether the hands lead the tips of instruments in ports, or their outer ends (default: the tips)"
+        self.choice("--fulcrum", ("compensated", "direct"), text)
+        self.flag("--protocols", "play the protocols of a scene that has a console")
+        self.machines()
+
+    def address(self, port: int, what: str) -> None:
+        """Add the address of a page in a browser."""
         text = f"port of the {what} (default {port}; 0: any free port)"
         self.add_argument("--port", type=_port, default=port, help=text)
         text = (
@@ -120,22 +131,11 @@ class _Command(_Parser):
         self.add_argument("--host", default="127.0.0.1", help=text)
         self.flag("--no-browser", "do not open a browser")
 
-    def page(self, port: int, what: str) -> None:
-        """Add the arguments of a page in a browser."""
-        self.robot(_SHOWN)
-        self.protocol()
-        self.server(port, what)
-        self.text("--task", "NAME", "task at the console of a scene: its rings can be grasped")
-        text = "whether the hands lead the tips of instruments in ports, or their outer ends (default: the tips)"
-        self.choice("--fulcrum", ("compensated", "direct"), text)
-        self.flag("--protocols", "play the protocols of a scene that has a console")
-        self.machines()
-
     def machines(self) -> None:
         """Add the option for machines that run already."""
         text = (
-            "a machine of the scene that runs already (`twin machine`), with its ports of packets and states; the "
-            "others are started by this command"
+            "a running `twin machine` of the scene, with its ports of packets and states; this command starts the other "
+            "machines"
         )
         self.text("--machine", "ROBOT=HOST:PORT:STATEPORT", text, action="append")
 
@@ -395,7 +395,7 @@ def _trials(add: Add) -> None:
     sub.choice("--haptics", ("on", "off"), "compute forces on the hands (the operator does not react)")
     sub.out("./twin-out/<robot>/<protocol>-operator/")
     sub.integer("--seed", "random seed of the simulated hand; each further trial adds 1", 0)
-    sub.integer("--trials", "number of trials, with a machine of motions", 1)
+    sub.integer("--trials", "number of trials, or of motions of a machine", 1)
     sub.machines()
     text = (
         "ratio of tool motion to hand motion (default 0.1, ASSUMED, because the paper states none; at a console the "
@@ -463,7 +463,7 @@ def _trials(add: Add) -> None:
     sub.text("--states", "[HOST:]PORT", "TCP port of the states of a `twin machine`")
     sub.text("--packets", "PORT", "UDP port for joint packets (0: any free port)", type=_port)
     sub.flag("--view", "show the page of twin view instead of that of twin serve")
-    sub.server(8766, "page")
+    sub.address(8766, "page")
     sub.set_defaults(record=None, replay=None, session=None)
 
     sub = add(
