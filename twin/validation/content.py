@@ -35,7 +35,6 @@ COARSE_MOMENT = 0.4
 """Relative tolerance of an estimated principal moment; it is large, because moments vary with the fourth power of
 size."""
 
-
 _AGAIN = "rebuild the stage with `twin build`"
 _CONTENT = Kind("stage.content", "disagreement", _AGAIN, word="CAD and description")
 _MISPLACED = Kind("stage.content", "disagreement", _AGAIN, word="")

@@ -26,7 +26,6 @@ from twin.ui.viewer.nodes import BLUE, RobotNodes
 _READ = 0.1
 """Time in s between two readings; each reading redraws the panels."""
 
-
 _DRAWN, _NOBODY = 1.5, 4.0
 """Time in s in which a browser draws its first picture, and maximum waiting time in s without a browser."""
 
