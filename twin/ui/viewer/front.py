@@ -186,7 +186,7 @@ class Front(Loop):
             self._gizmo_to_tool()
 
     def bend(self, passed: float) -> None:
-        """Let deformables give way to the robots as they stand; `passed`: time in s."""
+        """Deform the organs with the present poses of the robots; `passed`: time in s since the last call."""
         if self._fields is not None:
             self._stale |= self._fields.follow(self._links_of, passed)
 
