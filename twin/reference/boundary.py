@@ -87,7 +87,7 @@ class Judged:
     Attributes:
         name, symbol, equation: name of the margin, measure or aspect (the row), its symbol, and its equation.
         kind: "reach", "type1", "type2" or "aspect".
-        why: the result in one sentence ("it vanishes where ..."), or the reason why the row was not judged.
+        why: the result in one sentence ("the row is zero where ..."), or the reason why the row was not judged.
         at: example of a state, as active joint values in mm and degrees; "" if there is none.
         size, unit: size of the disagreement, or None, and its unit.
     """
@@ -173,7 +173,7 @@ class Boundary:
         if off[k] > 1e-6 * np.abs(v).max() and s.homogeneous(self._given, _LARGER):
             what = "length" if s.kinds[i] == "reach" else "dimensionless number"
             much, usual = (f"{x / scale:.4g} {unit}".rstrip() for x in (large[k], v[k]))
-            text = f"the row is not a {what}: it changes from {usual} to {much} if all lengths are multiplied by {_LARGER:g}"
+            text = f"the row is not a {what}: {_LARGER:g} times the lengths change it from {usual} to {much}"
             return self._row(i, "disagrees", text, self._pool[k], float(off[k] / scale), unit)
         return None
 
