@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from twin.validation.accuracy import Mover
 from twin.validation.clauses import Clause, Contract, number
 
 Array = NDArray[np.float64]
@@ -30,7 +29,7 @@ _PEN = 3.3
 """Largest force in N of a haptic pen: the manufacturer's value, ASSUMED because the paper gives none."""
 
 
-class Laws(Mover, Protocol):
+class Laws(Protocol):
     """Interface of a judged console, as implemented by `twin.simulation.controllers.console`.
 
     Attributes:
@@ -55,6 +54,13 @@ class Laws(Mover, Protocol):
     def force_units(self) -> str: ...  # noqa: D102
     @property
     def turn_unit(self) -> str: ...  # noqa: D102
+
+    def tool(self, P_0: Array, W_0: Array, W_1: Array, T: Array, scale: float) -> Array:
+        """Return the tool pose (4, 4) in {RB} after the tool pose P_0 in {RB}, for the handle motion W_0 to W_1 in {H}.
+
+        T (4, 4) is the pose of {H} in {RB}; `scale` is the tool displacement divided by the hand displacement.
+        """
+        ...
 
     def turns(self, p_R0: Array, p_R1: Array, p_L0: Array, p_L1: Array, n: Array) -> tuple[float, float]:
         """Return the camera roll in `turn_unit` about the axis n (3,): (by the right hand, by the left hand).

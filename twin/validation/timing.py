@@ -148,7 +148,7 @@ class _Moving:
     first: int
     steps: Array
     stated: Array
-    limits: tuple[float, float, float]
+    limits: tuple[float, ...]
     size: float = 0.0
 
 

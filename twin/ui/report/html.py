@@ -104,7 +104,7 @@ def reason(report: Report) -> str:
     over = f", each at {span}" if most > 1 else ""
     if failing:  # a failing residual without a finding
         return f"There are no other findings, but {fmt.count(len(failing), 'residual')} exceed the tolerance."
-    return f"All {len(judged)} residuals that have a tolerance are within it{over}."
+    return f"All {len(judged)} residuals with a tolerance are within their tolerance{over}."
 
 
 def key_figures(report: Report) -> list[dict[str, str]]:
