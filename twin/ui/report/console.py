@@ -21,7 +21,7 @@ def figure(found: Contract) -> Figure:
     readings = ", ".join(f"{n}={found.variants.get(n, '?')}" for n in names)
     out = sheet(f"{found.console}: {readings}", 4.2)
     left, right = out.subplots(1, 2)
-    out.subplots_adjust(left=0.08, right=0.97, top=0.86, bottom=0.13, wspace=0.28)
+    out.subplots_adjust(left=0.08, right=0.97, top=0.84, bottom=0.13, wspace=0.28)
     for row, name in enumerate(names):
         mine = [c for c in found.clauses if c.equation == name]
         for k, c in enumerate(mine):
@@ -37,9 +37,7 @@ def figure(found: Contract) -> Figure:
     away = np.linalg.norm(found.path - found.path[0], axis=1) / MM
     right.plot(np.arange(len(away)), away, color=PALETTE[0], linewidth=0.8)
     right.plot([len(away) - 1], away[-1:], "o", color=FIT if away[-1] < 1e-9 else UNFIT)
-    right.set_title(
-        f"after a closed hand motion the tool ends {away[-1]:.2g} mm from its start", loc="left", fontsize=9
-    )
+    right.set_title(f"closed hand motion: drift of {away[-1]:.2g} mm", loc="left")
     right.set_xlabel("increments")
     right.set_ylabel("tool position relative to its start [mm]")
     right.grid(True, color=GRID)

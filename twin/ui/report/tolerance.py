@@ -52,5 +52,5 @@ def figure(found: ToleranceBudget) -> Figure:
     bottom.invert_yaxis()
     bottom.set_xlabel(f"share of the variance in state '{worst['state']}' [%]")
     bottom.grid(visible=False, axis="y")
-    bottom.legend(loc="upper right")
+    bottom.legend(loc="center right")
     return out
