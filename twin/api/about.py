@@ -23,8 +23,9 @@ SCENE_COMMANDS = ("info", "run", "view", "serve", "export")
 
 
 def scene_commands(scene: Scene) -> tuple[str, ...]:
-    """Return the commands that accept a scene; "run" and "export" require protocols, "operate" requires tasks."""
-    return (*(SCENE_COMMANDS if scene.plays else ("info", "view", "serve")), *(("operate",) if scene.tasks else ()))
+    """Return the commands that accept a scene; "run" and "export" require protocols, "operate" tasks or machines."""
+    operated = ("operate",) if scene.tasks or scene.trainer is not None else ()
+    return (*(SCENE_COMMANDS if scene.plays else ("info", "view", "serve")), *operated)
 
 
 @dataclass(frozen=True)
