@@ -23,7 +23,7 @@ class MirrorFront(Loop):
 
     Attributes:
         mirror: the twin.
-        nodes: scene nodes of the machine, and of its desired joints.
+        nodes: scene nodes of the solid robot and of the ghost.
     """
 
     def __init__(
