@@ -20,7 +20,7 @@ from twin.reference.model import ReferenceModel
 from twin.reference.travel import Reach
 
 _GJK = 1e-5
-"""Accepted error in m by which a computed hull distance may be too large."""
+"""Maximum error in m by which a computed hull distance is too large."""
 
 _FEW = 3
 """Largest number of turns between two bodies for which cells are stored."""

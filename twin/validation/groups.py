@@ -393,7 +393,10 @@ def _twice(t: Twice) -> Iterator[Finding]:
     if len({tuple(v) for v in t.values}) > 1:
         said = "; ".join(f"{w}: {' to '.join(f'{x:+g}' for x in v)}" for w, v in zip(t.where, t.values, strict=True))
         yield disagreement(
-            "study.twice", t.name, f"{t.name} is printed with several values ({said})", suggestion="correct one of them"
+            "study.twice",
+            t.name,
+            f"{t.name} is printed with several values ({said})",
+            suggestion="correct the wrong values",
         )
 
 

@@ -19,7 +19,7 @@ _SECONDS, _EVERY = 12.0, 0.1
 
 
 class MirrorFront(Loop):
-    """The page.
+    """The page of a twin that mirrors a machine.
 
     Attributes:
         mirror: the twin.
