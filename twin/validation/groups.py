@@ -411,7 +411,7 @@ def _chain(c: Chain, printed: Accuracy, measured: Mapping[str, Any], stds: Seque
             "even with an exact pen (no quantisation) the equations have an error: largest error",
             Quantity(exact, "mm"),
             1e-6,
-            "judge its equations: twin console davinci",
+            "judge the equations of the console: twin console davinci",
         )
     largest = measured["largest_error_mm"]
     if largest > c.required_mm:
