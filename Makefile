@@ -9,7 +9,7 @@ export UV_PYTHON_DOWNLOADS ?= never
 # Where it is set, every process compiles all that it imports anew, and the suites start hundreds.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test test-slow test-pages test-long witnesses check cad-check usd-check bench bench-check lock-check clean
+.PHONY: demo test test-slow test-pages test-pages-together test-pages-alone test-long witnesses check cad-check usd-check bench bench-check lock-check clean
 
 demo: .venv/.synced
 	$(UV) run --frozen --no-sync twin run sils
@@ -20,8 +20,13 @@ test: .venv/.synced-dev
 test-slow: .venv/.synced-dev  ## what the default suite leaves out
 	$(RUN) pytest -n auto --dist loadfile -m "slow or wheel" --durations 20
 
-test-pages: .venv/.synced-dev  ## the pages of twin view and twin serve in Chromium
-	$(RUN) pytest -m browser --durations 25
+test-pages: test-pages-together test-pages-alone  ## the pages of twin view and twin serve in Chromium
+
+test-pages-together: .venv/.synced-dev
+	$(RUN) pytest -n auto --dist loadfile -m "browser and not alone" --durations 25
+
+test-pages-alone: .venv/.synced-dev  ## what measures a frame rate or a time
+	$(RUN) pytest -m "browser and alone"
 
 test-long: .venv/.synced-dev  ## a whole procedure by gamepad in Chromium, in real time
 	$(RUN) pytest -m long -s
