@@ -49,10 +49,14 @@ EXIT_1 = (
 
 ELSEWHERE = {
     "twin export davinci": "tests/witness/test_scene.py",
+    "twin export davinci_ecm": "twin export sils; tests/witness/bundles.py exports every robot",
+    "twin export davinci_psm": "twin export sils; tests/witness/bundles.py exports every robot",
+    "twin export davinci_psm_si": "twin export sils; tests/witness/bundles.py exports every robot",
     "twin operate davinci --task camera": "test_the_command_writes_the_measures_of_another_seed",
     "twin operate davinci --task pegboard": "test_four_rings_by_the_command",
     "twin plan raven_left trajectories/raven_left/around/dome.toml": "tests/test_planning_bounds.py",
-    "twin run davinci_psm_si": "twin run davinci_psm; twin validate davinci_psm_si --all-protocols",
+    "twin run davinci_psm": "twin run davinci_ecm; twin validate davinci_psm --all-protocols",
+    "twin run davinci_psm_si": "twin run davinci_ecm; twin validate davinci_psm_si --all-protocols",
     "twin run sher": "twin run davinci_ecm; twin validate sher --all-protocols",
     "twin run sils": "make demo",
     "twin run vsrs": "test_three_robots_work_without_meeting",
