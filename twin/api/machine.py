@@ -1,4 +1,4 @@
-"""Make the machine of a robot: in a process of its own, or to run tick by tick; connect to the machines of a scene."""
+"""Make the machine of a robot: in a separate process, or to run tick by tick; connect to the machines of a scene."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Compile a formula to `Kinematics`: compiled functions, and solvers in place of missing equations."""
+"""Compile a formula to `Kinematics`: compiled functions, and solvers for missing equations."""
 
 from __future__ import annotations
 

@@ -130,13 +130,7 @@ def world(
             Arm(n, members[n].kin, places[n].T_world_base, pivot(table, places[n], members[n].kin, q[n]))
             for n in getattr(table, hand)
         ]
-        at = [q[a.robot] for a in arms]
-        controllers.append(HandToPose(hand, PEDALS, arms, at, np.eye(4), view=view, dt=dt))
-        for arm in arms:
-            for k in np.flatnonzero(arm.kin.auxiliary)[:1]:  # the first auxiliary joint is the jaw
-                low, high = float(limits[arm.robot].lower[k]), float(limits[arm.robot].upper[k])
-                jaw = Jaw(max(low, 0.0), high, float(q[arm.robot][k]), dt)
-                controllers.append(GripToJaw(hand, arm.robot, jaw))
+        controllers += _hand(hand, arms, q, limits, view, dt)
     machines = machine_scene.machines(scene) if parts else ()
     if scene.trainer is not None and parts:
         kins = {n: members[n].kin for n in machines}
@@ -183,6 +177,19 @@ def world(
         dt=dt,
         records=records,
     )
+
+
+def _hand(
+    hand: str, arms: list[Arm], q: Mapping[str, Array], limits: Mapping[str, Limits], view: str, dt: float
+) -> list[Block]:
+    """Return the blocks by which one hand controls the poses and the jaws of its arms, seen by the camera `view`."""
+    at = [q[a.robot] for a in arms]
+    blocks: list[Block] = [HandToPose(hand, PEDALS, arms, at, np.eye(4), view=view, dt=dt)]
+    for name, kin in ((a.robot, a.kin) for a in arms):
+        for k in np.flatnonzero(kin.auxiliary)[:1]:  # the first auxiliary joint is the jaw
+            low, high = float(limits[name].lower[k]), float(limits[name].upper[k])
+            blocks.append(GripToJaw(hand, name, Jaw(max(low, 0.0), high, float(q[name][k]), dt)))
+    return blocks
 
 
 def _operated(
