@@ -98,6 +98,7 @@ def _console(
 ) -> Callable[[], Served]:
     """Return a function that starts the console of a scene; raise `TwinError` for wrong arguments."""
     from twin.cli.session import report
+    from twin.simulation.console_scene import console_of
     from twin.simulation.session.condition import Condition, randomised
     from twin.simulation.session.run import task_of
     from twin.ui.headset import served
@@ -107,7 +108,7 @@ def _console(
     condition = None if args.haptics is None else Condition(haptics=args.haptics == "on")
     if args.participant is not None:
         condition = randomised(args.participant, args.run)
-    if args.fulcrum is not None and not scene.console.instrument_mm:
+    if args.fulcrum is not None and not console_of(scene).instrument_mm:
         key = f"instrument_mm to the table [console] of {file.name}"
         raise TwinError(f"--fulcrum: the instruments of scene '{scene.name}' have no length: add {key}")
     connections = (args.packets, args.mqtt, args.mqtt_topic)
