@@ -32,6 +32,7 @@ def serving():
 def page(browser, serving):
     with console(browser, serving.url, size=(700, 440), scripts=(STEER,)) as page:
         page.until("twin.app.loaded && twin.app.fields.vertices('cystic_duct').length > 0", "the vessels")
+        page.draws(False)
         yield page
 
 

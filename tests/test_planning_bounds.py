@@ -10,9 +10,10 @@ import pytest
 
 import twin
 from made.arm import DENSE, arm, clearances, post, space_of
+from made.lanes import designs
 from made.mechanisms import box
 from twin.api.standing import standing
-from twin.core import assets, spatial
+from twin.core import spatial
 from twin.core.units import MM
 from twin.model.body import Mesh
 from twin.planning.around import around
@@ -66,7 +67,7 @@ def test_a_bound_is_never_on_the_wrong_side_of_the_exact_distance(first, second)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", assets.names())
+@pytest.mark.parametrize("name", designs())
 def test_bounds_of_every_robot_hold_at_random_configurations(name):
     model = ReferenceModel(twin.load(name).mechanism)
     pairs, rng = Pairs(model, (), 5 * MM), np.random.default_rng(0)

@@ -10,8 +10,9 @@ import trimesh
 
 import twin
 from made import organs as made
+from made.lanes import designs
 from made.loops import two_links
-from twin.core import assets, spatial
+from twin.core import spatial
 from twin.core.errors import TwinError, WorldError
 from twin.core.units import MM
 from twin.model.surface import Surface, inside, rings, volume
@@ -267,7 +268,7 @@ def test_link_that_does_not_exist_is_refused():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", assets.names())
+@pytest.mark.parametrize("name", designs())
 def test_instrument_of_every_robot_dents_an_organ(name):
     mechanism = twin.load(name).mechanism
     frame = mechanism.frame(mechanism.tool)

@@ -126,6 +126,7 @@ class Pressed(OrganFeed):
 
 
 @pytest.mark.slow
+@pytest.mark.alone
 def test_two_pages_get_all_organs_at_60_hz_whole_and_in_time():
     scene = api.load_scene("vsrs")
     robots, props = scenes.content(scene)
