@@ -347,9 +347,9 @@ export class App {
       this.header.refresh();
       if (!this.xr.presenting) {
         this.dom.refresh();
+        if (world.cover(...this.dom.covers())) this.console?.views.place();
         this.score.refresh();
         this.console?.tools?.refresh();
-        world.cover(...this.dom.covers());
       }
       this.xrPanel.refresh();
     }

@@ -49,7 +49,7 @@ export class Tools {
   refresh(): void {
     const { views, info } = this.console;
     const state = this.app.model.console;
-    const beside = views.box(views.large === 'scope' ? 'room' : 'scope');
+    const beside = views.corner;
     const [right] = this.app.world.free();
     const left = beside.left + beside.width + 12;
     const wide = right - left - 12;

@@ -142,6 +142,11 @@ export class Views {
     return { left: 18, top: bottom - height - (this.headed ? 40 : 18), width, height };
   }
 
+  /** Return the box of the small view in pixels of the page. */
+  get corner(): Box {
+    return this.box(this.large === 'scope' ? 'room' : 'scope');
+  }
+
   /** Return the view at a point of the page. */
   at(x: number, y: number): View {
     const small: View = this.large === 'scope' ? 'room' : 'scope';
@@ -157,9 +162,12 @@ export class Views {
     this.frame.classList.toggle('work', small === 'scope');
     this.label.style.left = `${b.left + 8}px`;
     this.label.style.top = `${b.top + 4}px`;
+    this.label.style.maxWidth = `${b.width - 16}px`;
     const names = this.headed ? NAMES : { room: 'Room', scope: 'Endoscope' };
     this.label.textContent = small === 'room' ? `${names.room} · click to enlarge` : names.scope;
     this.heading.textContent = this.large === 'scope' ? `${names.scope}, through the endoscope` : names.room;
+    const [right] = this.app.world.free();
+    this.heading.style.maxWidth = `${Math.max(0, right - this.heading.offsetLeft - 12)}px`;
     this.frame.setAttribute('aria-label', this.label.textContent);
   }
 
@@ -322,7 +330,7 @@ export class Views {
     const [right, bottom] = world.free();
     const large = view === this.large;
     camera.aspect = b.width / b.height;
-    const low = this.headed ? this.box(this.large === 'scope' ? 'room' : 'scope').top : bottom; // above the small windows
+    const low = this.headed ? this.corner.top : bottom; // above the small windows
     const [x, y] = large ? [(b.width - right) / 2, (b.height - low) / 2] : [0, 0];
     if (view === 'room') camera.zoom = large || !this.headed ? 1 : CLOSER;
     camera.setViewOffset(b.width, b.height, x, y, b.width, b.height);

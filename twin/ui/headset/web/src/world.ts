@@ -120,11 +120,12 @@ export class World {
     this.dirty = true;
   }
 
-  /** Set the size in pixels that the controls cover at the right and the bottom of the canvas. */
-  cover(right: number, bottom: number): void {
-    if (right === this.covered.right && bottom === this.covered.bottom) return;
+  /** Set the size in pixels that the controls cover at the right and the bottom; return whether it has changed. */
+  cover(right: number, bottom: number): boolean {
+    if (right === this.covered.right && bottom === this.covered.bottom) return false;
     this.covered = { right, bottom };
     this.resize();
+    return true;
   }
 
   /** Return the drawn parts of the floor; they never move. */
