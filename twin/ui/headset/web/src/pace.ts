@@ -68,10 +68,9 @@ export class Pace {
   /** Text on the quality of pictures of moving objects. */
   text(): string {
     if (!this.slow) return 'Graphics: full quality';
-    const share = SHARES[this.level] as number;
-    const pixels = share < 1 ? `, ${Math.round(100 * share)} % of the pixels along each axis` : '';
-    const renderer = this.software ? 'no graphics processor' : 'slow graphics';
-    return `Graphics: ${renderer}. While something moves: quality ${this.level} of ${SHARES.length - 1} steps below full${pixels}; full quality at rest`;
+    const by = this.software ? 'no graphics processor' : 'slow';
+    const percent = Math.round(100 * (SHARES[this.level] as number));
+    return `Graphics: ${by}. Moving pictures have ${percent} % of the pixels along each axis (reduction ${this.level} of ${SHARES.length - 1}); still pictures have full quality.`;
   }
 
   private check(): void {
