@@ -13,7 +13,7 @@ PIXELS = """
 (level) => {
   const { world, console } = twin.app, { pace, renderer } = world, gl = renderer.getContext();
   pace.step(level);
-  renderer.setPixelRatio(1);
+  pace.begin(true);
   for (let k = 0; k < 3; k++) console.views.draw('scope');  // from the second on, the surroundings are a copy
   const { drawingBufferWidth: w, drawingBufferHeight: h } = gl, all = new Uint8Array(4 * w * h);
   gl.readPixels(0, 0, w, h, gl.RGBA, gl.UNSIGNED_BYTE, all);
@@ -83,7 +83,7 @@ def test_quality_goes_down_on_a_slow_renderer_and_is_full_at_rest(page):
 
 
 def test_quality_goes_up_when_pictures_are_drawn_fast(page):
-    page("twin.app.world.pace.step(4)")
+    page("twin.app.world.pace.step(4), (twin.app.world.pace.proof = 30)")
     page("for (let k = 0; k < 4 * 31; k++) twin.app.world.pace.judge(2)")
     assert page("twin.app.world.pace.level") == 0
     page("for (const took of [30, 2, 30, 2, 30]) twin.app.world.pace.judge(took)")

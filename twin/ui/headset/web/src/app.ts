@@ -69,6 +69,7 @@ export class App {
   /** Whether a frame was drawn on its arrival in this display cycle. */
   private ahead = false;
   private waiting = 0;
+  private due = 0;
 
   constructor(canvas: HTMLCanvasElement, page: HTMLElement) {
     this.world = new World(canvas);
@@ -212,11 +213,21 @@ export class App {
 
   /** Draw again after `wait` ms, unless a picture is drawn before. */
   later(wait: number): void {
-    if (this.waiting) return;
+    const due = performance.now() + wait;
+    if (this.waiting && this.due <= due) return;
+    window.clearTimeout(this.waiting);
+    this.due = due;
     this.waiting = window.setTimeout(() => {
       this.waiting = 0;
       this.world.dirty = true;
     }, wait);
+  }
+
+  /** A message came: on slow graphics, the picture of a console, which shows frames, is not drawn for each of them. */
+  private inform(): void {
+    this.stale = true;
+    if (this.console && this.loaded && this.world.pace.slow && !this.xr.presenting) this.later(STILL);
+    else this.world.dirty = true;
   }
 
   /** Request an update of the controls and the picture. */
@@ -289,7 +300,7 @@ export class App {
   }
 
   private wire(): void {
-    this.model.onChange = () => this.refresh();
+    this.model.onChange = () => this.inform();
     this.model.hint = () => this.hint();
     this.grab.onChange = () => this.refresh();
     this.place.onChange = () => this.refresh();

@@ -5,8 +5,9 @@ import type { WebGLRenderer } from 'three';
 /** Fraction of the pixels along each axis; from the second level on, still surroundings are drawn only once. */
 const SHARES = [1, 1, 0.7, 0.5, 0.35] as const;
 const SLOW = 22; // ms per picture above which, twice in sequence, the next picture has a lower quality
-const FAST = 8; // ms per picture below which, after `PROOF` pictures, the next one has a higher quality
-const PROOF = 30; // number of pictures
+const FAST = 12; // ms per picture below which, after enough of them, the next one has a higher quality
+/** Number of these pictures: at first, and at most; it doubles with each reduction, so that the quality does not alternate. */
+const PROOF = [30, 480] as const;
 const POLL = 2; // ms between two checks whether a picture is drawn
 const LOST = 2000; // ms after which a picture counts as drawn
 const FULL = Math.min(window.devicePixelRatio, 2);
@@ -21,7 +22,9 @@ export class Pace {
   private fence: WebGLSync | null = null;
   private fast = 0;
   private slowly = 0;
+  private proof: number = PROOF[0];
   private share = 1;
+  private moving = false;
   private counts = false;
 
   /** `software`: the renderer is a program, and starts at the lowest quality. */
@@ -37,6 +40,11 @@ export class Pace {
     return this.level > 0;
   }
 
+  /** Whether the present picture has a lower quality. */
+  get reduced(): boolean {
+    return this.slow && this.moving;
+  }
+
   /** Whether the last picture is still being drawn; a new picture would only be queued. */
   get busy(): boolean {
     return this.fence !== null;
@@ -45,6 +53,7 @@ export class Pace {
   /** Choose the quality before a picture; full quality if nothing moves. */
   begin(moving: boolean): void {
     this.begun = performance.now();
+    this.moving = moving;
     this.counts = moving || !this.slow; // on slow graphics, pictures of a scene at rest do not count
     const share = moving ? (SHARES[this.level] as number) : 1;
     if (share === this.share) return;
@@ -90,8 +99,10 @@ export class Pace {
   private judge(took: number): void {
     this.fast = took < FAST ? this.fast + 1 : 0;
     this.slowly = took > SLOW ? this.slowly + 1 : 0;
-    if (this.slowly > 1 && this.level < SHARES.length - 1) this.step(this.level + 1);
-    else if (this.fast > PROOF && this.level > 0) this.step(this.level - 1);
+    if (this.slowly > 1 && this.level < SHARES.length - 1) {
+      this.proof = Math.min(2 * this.proof, PROOF[1]);
+      this.step(this.level + 1);
+    } else if (this.fast > this.proof && this.level > 0) this.step(this.level - 1);
   }
 
   private step(level: number): void {

@@ -287,7 +287,7 @@ export class Views {
       this.inBox(whole, () => this.eyes.overlay(renderer));
     } else {
       const camera = this.fit(view);
-      const copies = view === 'scope' && view === this.large && this.app.world.pace.slow;
+      const copies = view === 'scope' && view === this.large && this.app.world.pace.reduced;
       this.inBox(whole, () => (copies ? this.backdrop.draw(camera, this.still()) : renderer.render(scene, camera)));
     }
     renderer.setScissorTest(false);
