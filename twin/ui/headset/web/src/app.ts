@@ -66,7 +66,7 @@ export class App {
   /** Whether the surroundings are hidden. */
   hidden = false;
   private refreshed = 0;
-  /** Whether a frame was drawn on its arrival in this display cycle. */
+  /** Whether a picture was drawn in this display cycle. */
   private ahead = false;
   private waiting = 0;
   private due = 0;
@@ -385,6 +385,7 @@ export class App {
     if (this.console && this.loaded) this.console.views.render();
     else world.renderer.render(world.scene, world.camera);
     pace.end();
+    this.ahead = true;
     return true;
   }
 
@@ -397,8 +398,7 @@ export class App {
     const buffer = this.line.take();
     if (buffer) this.takeFrame(buffer);
     if (!this.world.dirty || performance.now() - this.world.moved > PROMPT) return;
-    this.ahead = this.draw();
-    this.world.dirty = !this.ahead;
+    this.world.dirty = !this.draw();
   }
 
   private takeFrame(buffer: ArrayBuffer): void {
