@@ -39,7 +39,7 @@ export interface Box {
 const SEEN = 0.4; // m: maximum distance drawn in the endoscope's view, which shows only the cavity
 const REST = 200; // ms between two updates of the small view while the large view changes
 /** On slow graphics, the small view is drawn in pauses of the motion of this many ms, or after the longest time. */
-const PAUSE = 300;
+const PAUSE = 600;
 const LONG_REST = 10000;
 /** Headings of the two pictures of a scene with a window of tools. */
 const NAMES: Readonly<Record<View, string>> = { room: 'Patient and robots', scope: 'Inside the abdomen' };
