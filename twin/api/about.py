@@ -23,8 +23,9 @@ SCENE_COMMANDS = ("info", "run", "view", "serve", "export")
 
 
 def scene_commands(scene: Scene) -> tuple[str, ...]:
-    """Return the commands that accept a scene; "run" and "export" require protocols, "operate" requires tasks."""
-    return (*(SCENE_COMMANDS if scene.plays else ("info", "view", "serve")), *(("operate",) if scene.tasks else ()))
+    """Return the commands that accept a scene; "run" and "export" require protocols, "operate" tasks or machines."""
+    operated = ("operate",) if scene.tasks or scene.trainer is not None else ()
+    return (*(SCENE_COMMANDS if scene.plays else ("info", "view", "serve")), *operated)
 
 
 @dataclass(frozen=True)
@@ -83,7 +84,6 @@ class SceneInfo(Result):
 
     Attributes:
         data: plain data.
-        findings: always empty.
     """
 
     kind: ClassVar[str] = "info"
@@ -124,7 +124,6 @@ class Listing(Result):
     Attributes:
         robots: name, kind, title, equations, stage and protocols of each.
         scenes: name, kind, title and robots of each.
-        findings: always empty.
     """
 
     kind: ClassVar[str] = "list"

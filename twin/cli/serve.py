@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from twin import api
+from twin.cli import machine as machines
 from twin.cli import scene as scenes
 from twin.cli.address import Address, free_port
 from twin.core import assets
@@ -40,8 +41,10 @@ def serve(args: argparse.Namespace) -> int:
             raise TwinError("--session and --replay cannot be combined: a replay has no hands to record")
         assets.require_writable(Path(args.session).parent)
     _require_whole_study(args)
+    if args.machine and scenes.find(args.robot) is None:
+        raise TwinError(f"--machine applies to a scene with machines, such as raven; {args.robot} is a robot")
     name, make = _what(args)
-    asyncio.run(_run(args, name, make, port, context))
+    asyncio.run(run(args, name, make, port, context))
     return 0
 
 
@@ -89,8 +92,18 @@ def _what(args: argparse.Namespace) -> tuple[str, Callable[[], Served]]:
             raise TwinError(f"--fulcrum: the instruments of scene '{scene.name}' have no length: add {key}")
         connections = (args.packets, args.mqtt, args.mqtt_topic)
         more = {"fulcrum": args.fulcrum or "compensated", **scenes.bending(scene, robots, task)}
+        machines.running(args.machine)
         return scene.name, lambda: served.of_console(
-            scene, robots, props, session, *connections, task, report, condition, **more
+            scene,
+            robots,
+            props,
+            session,
+            *connections,
+            task,
+            report,
+            condition,
+            **more,
+            machines=machines.of_scene(scene, robots, args.machine),
         )
     scene.require_protocols()
     if args.protocols:
@@ -123,7 +136,7 @@ def _require_no_haptics(args: argparse.Namespace) -> None:
 
 def _require_whole_study(args: argparse.Namespace) -> None:
     if (args.participant is None) != (args.run is None):
-        raise TwinError("--participant and --run belong together: give both, such as --participant 7 --run 1")
+        raise TwinError("--participant and --run must be given together, such as --participant 7 --run 1")
     if args.participant is not None and args.haptics is not None:
         raise TwinError("--haptics and --participant cannot be combined: the number of the participant sets the order")
     if args.participant is not None and args.session is None:
@@ -132,9 +145,10 @@ def _require_whole_study(args: argparse.Namespace) -> None:
         raise TwinError("--haptics and --replay cannot be combined: a recorded session cannot be controlled")
 
 
-async def _run(
+async def run(
     args: argparse.Namespace, name: str, make: Callable[[], Served], port: int, context: ssl.SSLContext | None
 ) -> None:
+    """Serve a source, which `make` starts in the event loop, until Ctrl-C."""
     from twin.ui.door.gate import Gate
     from twin.ui.headset import files
     from twin.ui.headset.recording import Recording, Replay

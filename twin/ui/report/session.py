@@ -11,6 +11,7 @@ from twin.core.units import DEG, MM
 from twin.model.alignment import Alignment
 from twin.simulation import console_scene
 from twin.simulation.console_scene import HANDS, PEDALS
+from twin.simulation.controllers.trainer import Phase
 from twin.simulation.session import movement
 from twin.simulation.session.camera_task import AlignMeasures
 from twin.ui.report.curves import thin
@@ -46,7 +47,9 @@ def figure(found: ConsoleSession) -> Figure:
         for i, (title, x, y) in enumerate(_VIEWS):
             place = (left + i * (wide / 2 + 0.02), base / height, wide / 2 - 0.06, tall / height)
             ax = out.add_axes(place)
-            if found.aligned is None or found.task is None or found.task.alignment is None:
+            if found.training and i == 1:
+                _deviation(ax, found)
+            elif found.aligned is None or found.task is None or found.task.alignment is None:
                 _paths(ax, found, arms, title, x, y)
             else:
                 (_picture if i == 0 else _angle)(ax, found, found.aligned, found.task.alignment)
@@ -90,6 +93,23 @@ def _angle(ax: Axes, found: ConsoleSession, aligned: AlignMeasures, goal: Alignm
     ax.plot(*thin(found.t, np.arctan2(way[:, 1], way[:, 0]) / DEG, _POINTS), color=PALETTE[2], lw=1.0)
     ax.axhspan(-goal.tolerance / DEG, goal.tolerance / DEG, color=NEAR, alpha=0.4, lw=0)
     ax.set_title("AlignErr [deg] over time [s]; band = tolerance", loc="left", fontsize=9)
+    ax.yaxis.tick_right()
+    ax.grid(True, color=GRID)
+    ax.tick_params(length=2.5)
+
+
+def _deviation(ax: Axes, found: ConsoleSession) -> None:
+    """Draw the deviation of the machines from their models over time, with the limit of the cue and the replays."""
+    for k, machine in enumerate(found.training):
+        times, shown = thin(machine.t, machine.deviation / MM, _POINTS)
+        ax.plot(times, shown, color=PALETTE[(2 + k) % len(PALETTE)], lw=0.9)
+        for step in machine.steps:
+            if step.phase in (Phase.REHEARSE, Phase.REPLAY):
+                ax.axvspan(step.begin, step.end, color=GRID if step.phase == Phase.REHEARSE else NEAR, alpha=0.4, lw=0)
+    ax.axhline(found.training[0].limit / MM, color=INK, lw=0.6, ls=(0, (5, 2)))
+    ax.set_ylim(0, None)
+    ax.set_xlabel("time [s]")
+    ax.set_title("from the model [mm]; grey: rehearsed, yellow: replayed", loc="left", fontsize=9)
     ax.yaxis.tick_right()
     ax.grid(True, color=GRID)
     ax.tick_params(length=2.5)
