@@ -61,8 +61,7 @@ def test_surroundings_drawn_once_are_the_same_picture(page):
 
 def test_quality_goes_down_on_a_slow_renderer_and_is_full_at_rest(page):
     full = page("Math.min(devicePixelRatio, 2)")
-    page("twin.app.world.pace.step(0)")
-    assert "full quality" in page("twin.app.world.pace.text()")
+    assert "full quality" in page("(twin.app.world.pace.step(0), twin.app.world.pace.text())")
     x, y, _ = tips(page)["right"]
     mouse = page.page.mouse
     mouse.move(x, y)
