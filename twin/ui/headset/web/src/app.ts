@@ -376,7 +376,6 @@ export class App {
       world.renderer.render(world.scene, world.camera);
     } else if (!this.draw()) return;
     world.dirty = false;
-    if (this.loaded && Number.isNaN(this.firstPicture)) this.firstPicture = performance.now();
   }
 
   /** Draw the picture of a screen; return false if the previous picture is still being drawn. */
@@ -391,6 +390,7 @@ export class App {
     else world.renderer.render(world.scene, world.camera);
     pace.end();
     this.ahead = true;
+    if (this.loaded && Number.isNaN(this.firstPicture)) this.firstPicture = performance.now();
     return true;
   }
 

@@ -1,4 +1,7 @@
-/** Still surroundings in the picture of a camera at rest: drawn once, then copied below everything that can move. */
+/**
+ * Still surroundings in the picture of a camera at rest: drawn once, then copied below everything that can move.
+ * They are not antialiased: the copy is only for slow graphics.
+ */
 
 import {
   AlwaysDepth,
@@ -34,8 +37,7 @@ export class Backdrop {
 
   constructor(private readonly world: World) {
     const depthTexture = new DepthTexture(1, 1);
-    const samples = world.renderer.getContextAttributes()?.antialias ? 4 : 0;
-    this.picture = new WebGLRenderTarget(1, 1, { depthTexture, samples, minFilter: NearestFilter, magFilter: NearestFilter });
+    this.picture = new WebGLRenderTarget(1, 1, { depthTexture, minFilter: NearestFilter, magFilter: NearestFilter });
     // Tone mapping and colour space as on the canvas: three.js applies them only to targets of this kind.
     Object.assign(this.picture, { isXRRenderTarget: true });
     this.picture.texture.colorSpace = SRGBColorSpace;
