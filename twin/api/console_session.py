@@ -197,7 +197,7 @@ class ConsoleSession(Result):
         return out
 
     def _unaligned(self) -> Iterator[Finding]:
-        """Yield findings on a camera that is not aligned, and on two angles that differ or a missing angle."""
+        """Yield findings on an unaligned camera, on two angles that differ, and on a missing angle."""
         if (a := self.aligned) is None or self.task is None or self.task.alignment is None:
             return
         wanted = self.task.alignment

@@ -1,4 +1,4 @@
-"""Make the machine of a robot: in a process of its own, or to run tick by tick; connect to the machines of a scene."""
+"""Create the machine of a robot, in a child process or to run tick by tick; connect to the machines of a scene."""
 
 from __future__ import annotations
 
@@ -71,10 +71,10 @@ def machine(
 
 
 class ChildMachine:
-    """A machine in a child process, which ends with this object or with this program.
+    """A machine in a child process. The process ends at `close` or with the parent process.
 
     Attributes:
-        address: where it is.
+        address: network address of the machine.
     """
 
     def __init__(self, robot: str, *, mass: float = 1.0, friction: float = 1.0, faults: Sequence[Fault] = ()) -> None:
@@ -107,7 +107,7 @@ class ChildMachine:
 
 
 def _run(line: Connection, name: str, mass: float, friction: float, faults: Sequence[Fault]) -> None:
-    """Run a machine, in the child process, until the parent has gone."""
+    """Run a machine in the child process until the parent process closes the connection."""
     from twin.simulation.machine.server import Server
 
     try:
@@ -132,11 +132,11 @@ def _has_gone(line: Connection) -> bool:
 
 
 class Machines:
-    """The machines of a scene: each in a child process, or one that runs already; a context manager.
+    """The machines of a scene, each in a child process or already running; a context manager.
 
     Attributes:
-        parts: what they are made of, by robot.
-        links: the connections, by robot.
+        parts: compiled parts of the machines, by robot.
+        links: connections to the machines, by robot.
     """
 
     def __init__(
@@ -151,7 +151,7 @@ class Machines:
         Args:
             robots: the robots that are machines, by the names of their places.
             sources: name or folder of each robot.
-            running: addresses of machines that run already, by place.
+            running: addresses of the machines that are already running, by place.
             start: starts the machine of a robot, a name or folder.
 
         Raises:

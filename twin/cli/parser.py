@@ -134,8 +134,8 @@ class _Command(_Parser):
     def machines(self) -> None:
         """Add the option for machines that run already."""
         text = (
-            "a running `twin machine` of the scene, with its ports of packets and states; this command starts the other "
-            "machines"
+            "a running `twin machine` of the scene, with its ports of packets and states; this command starts the "
+            "other machines"
         )
         self.text("--machine", "ROBOT=HOST:PORT:STATEPORT", text, action="append")
 

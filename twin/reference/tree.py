@@ -145,7 +145,7 @@ class Tree:
     def update(self, X: Array, *, closing_only: bool = False) -> tuple[Array, Array]:
         """Compute joint poses and Jacobians at configurations X (k, nq).
 
-        X (k, nq) are configurations. With `closing_only`, only the poses used by loops, named points and tool are
+        With `closing_only`, only the poses used by loops, named points and tool are
         computed (half the time).
 
         Returns:

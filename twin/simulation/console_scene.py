@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import astuple, dataclass
 from typing import Any
 
@@ -130,25 +130,17 @@ def world(
             Arm(n, members[n].kin, places[n].T_world_base, pivot(table, places[n], members[n].kin, q[n]))
             for n in getattr(table, hand)
         ]
-        at = [q[a.robot] for a in arms]
-        controllers.append(HandToPose(hand, PEDALS, arms, at, np.eye(4), view=view, dt=dt))
-        for arm in arms:
-            for k in np.flatnonzero(arm.kin.auxiliary)[:1]:  # the first auxiliary joint is the jaw
-                low, high = float(limits[arm.robot].lower[k]), float(limits[arm.robot].upper[k])
-                jaw = Jaw(max(low, 0.0), high, float(q[arm.robot][k]), dt)
-                controllers.append(GripToJaw(hand, arm.robot, jaw))
+        controllers += _hand(hand, arms, q, limits, view, dt)
     machines = machine_scene.machines(scene) if parts else ()
     if scene.trainer is not None and parts:
         kins = {n: members[n].kin for n in machines}
         controllers += machine_scene.controllers(scene.trainer, PEDALS, parts, kins, dt)
     for name, x in q.items():
-        if name in machines:
-            continue
         kin, port = members[name].kin, port_in_base(places[name])
-        guided = name in table.through
-        controllers.append(
-            ThroughPort(name, kin, x, limits[name], port) if guided else PoseToJoints(name, kin, x, limits[name])
-        )
+        if name in table.through:
+            controllers.append(ThroughPort(name, kin, x, limits[name], port))
+        elif name not in machines:
+            controllers.append(PoseToJoints(name, kin, x, limits[name]))
     plants: list[Block] = [Kinematic(n, x, limits[n]) for n, x in q.items() if n not in machines]
     robots = [Placed(p.name, members[p.name].mechanism, p.T_world_base, members[p.name].links) for p in led]
     if scene.trainer is not None and parts:
@@ -167,10 +159,7 @@ def world(
     if haptics is not None:
         controllers.append(HapticSwitch(PEDALS, haptics))
         if machines:
-            eye = scene.cameras[table.camera].robot
-            for hand in HANDS:
-                bases = {n: places[n].T_world_base for n in getattr(table, hand) if n in machines}
-                plants.append(machine_scene.CueHand(hand, eye, bases))
+            plants += _cues(scene, machines)
         else:
             plants += _forces(scene, members, limits, felt, [o.name for o in objects], dt)
     return World(
@@ -183,6 +172,27 @@ def world(
         dt=dt,
         records=records,
     )
+
+
+def _hand(
+    hand: str, arms: list[Arm], q: Mapping[str, Array], limits: Mapping[str, Limits], view: str, dt: float
+) -> list[Block]:
+    """Return the blocks by which one hand controls the poses and the jaws of its arms, seen by the camera `view`."""
+    at = [q[a.robot] for a in arms]
+    blocks: list[Block] = [HandToPose(hand, PEDALS, arms, at, np.eye(4), view=view, dt=dt)]
+    for name, kin in ((a.robot, a.kin) for a in arms):
+        for k in np.flatnonzero(kin.auxiliary)[:1]:  # the first auxiliary joint is the jaw
+            low, high = float(limits[name].lower[k]), float(limits[name].upper[k])
+            blocks.append(GripToJaw(hand, name, Jaw(max(low, 0.0), high, float(q[name][k]), dt)))
+    return blocks
+
+
+def _cues(scene: Scene, machines: Collection[str]) -> list[Block]:
+    """Return the blocks of the forces on the hands that the deviations of machines from their models cause."""
+    table, places = console_of(scene), {p.name: p for p in scene.places}
+    eye = scene.cameras[table.camera].robot
+    bases = [{n: places[n].T_world_base for n in getattr(table, hand) if n in machines} for hand in HANDS]
+    return [machine_scene.CueHand(hand, eye, base) for hand, base in zip(HANDS, bases, strict=True)]
 
 
 def _operated(
