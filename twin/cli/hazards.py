@@ -7,17 +7,20 @@ from pathlib import Path
 
 from twin import api
 from twin.cli import show
+from twin.core import assets
 
 
 def hazards(args: argparse.Namespace) -> int:
-    """Run the sessions that are left, print the outcome by class; the log has each session.
+    """Run the sessions that are left, print and write the outcome by class; the log has each session.
 
     The exit code is 1 after a false cue.
     """
-    from twin.api.hazards import FILE
+    from twin.api.hazards import FILE, Software
     from twin.api.hazards import hazards as run
+    from twin.ui.report.files import write_result
 
     robot = api.load(args.robot)
+    released = None if args.released is None else tuple(args.released.split(","))
     folder = Path(args.out) if args.out else Path("twin-out") / robot.name / f"{Path(args.campaign).stem}-hazards"
     with show.progress(args.quiet or args.json) as progress:
         found = run(
@@ -27,6 +30,9 @@ def hazards(args: argparse.Namespace) -> int:
             source=args.robot,
             sessions=args.sessions,
             processes=args.processes,
+            software=Software(args.mode, args.overdrive, released),
             progress=progress,
         )
-    return show.finish(found, args, folder, (FILE,))
+    with assets.atomic_folder(folder) as work:
+        pictures = write_result(found, work)
+    return show.finish(found, args, folder, [*pictures, FILE])

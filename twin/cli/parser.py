@@ -103,8 +103,7 @@ def _machine(add: Callable[[str, str, str], argparse.ArgumentParser], robot: Cal
     sub.add_argument("--state-port", type=_port, default=0, help="TCP port of the states (default 0: any free port)")
     sub.add_argument("--start", action="store_true", help="press the start button at once")
     sub.add_argument("--duration", type=float, metavar="S", help="stop after a time (default: run until Ctrl-C)")
-    sub.add_argument("--mode", choices=("advanced", "moderate", "beginner"), help="limits of the DAC")
-    sub.add_argument("--overdrive", choices=("none", "soft", "hard"), help="above them: count, clip, or stop")
+    _software(sub)
     sub.add_argument("--master-timeout-ms", type=float, metavar="MS", help="silence after which the pedal is up")
     error = {"type": float, "default": 0.0, "metavar": "PERCENT"}
     sub.add_argument("--mass-error", **error, help="how much heavier the machine is than its software knows")
@@ -112,14 +111,29 @@ def _machine(add: Callable[[str, str, str], argparse.ArgumentParser], robot: Cal
     sub.add_argument("--tilt-deg", type=float, default=0.0, metavar="DEG", help="tilt of its base about x")
 
 
+def _software(sub: argparse.ArgumentParser) -> None:
+    """Add the options of the machine's control software."""
+    sub.add_argument("--mode", choices=("advanced", "moderate", "beginner"), help="limits of the DAC")
+    sub.add_argument("--overdrive", choices=("none", "soft", "hard"), help="above them: count, clip, or stop")
+    text = "findings of the released software that it has, with commas: shared_counter, rates_without_coupling, "
+    text += "whole_counts, or none (default: as in machine.toml)"
+    sub.add_argument("--released", metavar="NAMES", help=text)
+
+
 def _hazards(add: Callable[[str, str, str], argparse.ArgumentParser], robot: Callable[..., None]) -> None:
     """Add the command `hazards`."""
     sub = add(
         "hazards",
         "run a campaign of faults on the machine of a robot; the same command goes on where it was interrupted",
-        "  twin hazards raven_left --campaign table1\n  twin hazards raven_left --sessions 100 --processes 1",
+        "  twin hazards raven_left --campaign table1\n"
+        "  twin hazards pa10 --sessions 100 --processes 1\n"
+        "  twin hazards raven_left --overdrive hard --released none --out hard\n"
+        "  twin hazards raven_left --trends",
     )
     robot(sub)
+    _software(sub)
+    text = "instead of a campaign: deviation by motion scale, and the shoulder's motor stuck every 8 s, as in the paper"
+    sub.add_argument("--trends", action="store_true", help=text)
     text = "name of a campaign of the robot, or path of a file (default table1)"
     sub.add_argument("--campaign", default="table1", metavar="NAME", help=text)
     sub.add_argument("--sessions", type=int, metavar="N", help="run at most N of the sessions that are left")
