@@ -17,6 +17,7 @@ from twin.core.errors import TwinError
 
 if TYPE_CHECKING:
     from twin.simulation.hazards.summary import Hazards
+    from twin.simulation.hazards.trends import Trends
     from twin.simulation.machine.machine import Parts
     from twin.simulation.machine.settings import Mode, Policy
 
@@ -142,6 +143,22 @@ def outcomes(share: Share) -> Iterator[dict[str, Any]]:
         trained = found.noticeable and index < plan.table.trained
         response = arena.respond(session, plan.reaction(index)) if trained else None
         yield asdict(drawn) | asdict(found) | {"response": None if response is None else asdict(response)}
+
+
+def trends(robot: Robot, *, software: Software = _AS_FILED, progress: Progress = silent) -> Trends:
+    """Run the second paper's experiments: deviation by motion scale, and a motor that is stuck every 8 s.
+
+    Args:
+        robot: a robot with machine.toml.
+        software: settings of the machine's software.
+        progress: see `Progress`.
+
+    Raises:
+        TwinError: see `machine_parts`.
+    """
+    from twin.simulation.hazards.trends import trends
+
+    return trends(robot.name, software.parts(robot), progress)
 
 
 def campaign_file(robot: Robot, campaign: str | Path) -> Path:

@@ -125,7 +125,7 @@ class Response:
 
 
 @dataclass(frozen=True)
-class _Trace:
+class Trace:
     """From the first packet on: joint values (k, n), true and measured, run levels of PLC and software; the machine."""
 
     q: Array
@@ -145,12 +145,13 @@ class Arena:
     def __init__(self, parts: Parts, adaptive: Adaptive) -> None:
         """Take what machine and model are made of, and the adaptive limit."""
         self._parts, self._adaptive, self.cue = parts, adaptive, Cue()
-        self._models: dict[float, _Trace] = {}
+        self._models: dict[float, Trace] = {}
 
     def run(self, session: Session) -> Outcome:
         """Return the outcome of a session without a response."""
         start, packets = session.start, session.start + session.length + _AFTER
-        seen = self._trace(session, packets)
+        physics, hand = self._physics(session), Hand(self._parts.settings, session.scale)
+        seen = trace(self._parts, hand, packets, start + _SETTLED, physics, session.faults())
         k = len(seen.q)
         model = self._model(session.scale, k)
         tips = self._tips(model.q[:k])
@@ -187,8 +188,7 @@ class Arena:
 
     def respond(self, session: Session, reaction: Reaction) -> Response | None:
         """Return what a trainee does in a session; None if there was nothing that he could notice."""
-        physics = self._parts.plant.physics.changed(session.mass, session.friction)
-        pair = Beside(Machine(self._parts, physics=physics, faults=session.faults()), self.cue)
+        pair = Beside(Machine(self._parts, physics=self._physics(session), faults=session.faults()), self.cue)
         hand, trainee = Hand(self._parts.settings, session.scale), Trainee(reaction)
         last, restarted = session.start + session.length + _AFTER, False
         pair.step(0.0)
@@ -230,37 +230,49 @@ class Arena:
         noticed = round((trainee.noticed - begin) / TICK)
         return Response(noticed, round((acted - begin) / TICK), list(order), peak, peak > HARM, works)
 
+    def _physics(self, session: Session) -> Physics:
+        return self._parts.plant.physics.changed(session.mass, session.friction)
+
     def _tips(self, q: Array) -> Array:
         return self._parts.kin.forward_many(q)[:, :3, 3]
 
-    def _model(self, scale: float, packets: int) -> _Trace:
+    def _model(self, scale: float, packets: int) -> Trace:
         known = self._models.get(scale)
         if known is None or len(known.q) < packets:
             whole = _ROUND * -(-packets // _ROUND)
-            known = self._models[scale] = self._trace(Session(list, 1, 1, scale=scale), whole)
+            known = self._models[scale] = trace(self._parts, Hand(self._parts.settings, scale), whole, whole)
         return known
 
-    def _trace(self, session: Session, packets: int) -> _Trace:
-        """Run a machine for a number of packets, or until the outcome is settled."""
-        physics: Physics = self._parts.plant.physics.changed(session.mass, session.friction)
-        machine = Machine(self._parts, physics=physics, faults=session.faults())
-        hand = Hand(self._parts.settings, session.scale)
-        q, measured, levels, read = [], [], [], []
-        stands = 0
-        machine.step(0.0)
-        machine.start()
-        for k in range(1, _HOMED + packets + 1):
-            number = k - _HOMED
-            machine.step(k * TICK, [(hand.packet(number), "operator")] if number > 0 else [])
-            if number > 0:
-                q.append(machine.plant.q)
-                measured.append(machine.q)
-                levels.append(machine.plc.level)
-                read.append(machine.level)
-                stands = stands + 1 if machine.plc.level == Level.E_STOP else 0
-                if stands > _SETTLED and number >= session.start + _SETTLED:
-                    break
-        return _Trace(np.array(q), np.array(measured), np.array(levels), np.array(read), machine)
+
+def trace(
+    parts: Parts, hand: Hand, packets: int, settled: int, physics: Physics | None = None, faults: Sequence[Fault] = ()
+) -> Trace:
+    """Run a machine under a hand for a number of packets, or until its outcome is settled.
+
+    Args:
+        parts: what the machine is made of.
+        hand: makes the packets.
+        packets: number of packets.
+        settled: number of the packet from which on a stop settles the outcome.
+        physics: parameters of the plant; None: those of the model.
+        faults: faults of the machine.
+    """
+    machine = Machine(parts, physics=physics, faults=faults)
+    q, measured, levels, read, stands = [], [], [], [], 0
+    machine.step(0.0)
+    machine.start()
+    for k in range(1, _HOMED + packets + 1):
+        number = k - _HOMED
+        machine.step(k * TICK, [(hand.packet(number), "operator")] if number > 0 else [])
+        if number > 0:
+            q.append(machine.plant.q)
+            measured.append(machine.q)
+            levels.append(machine.plc.level)
+            read.append(machine.level)
+            stands = stands + 1 if machine.plc.level == Level.E_STOP else 0
+            if stands > _SETTLED and number >= settled:
+                break
+    return Trace(np.array(q), np.array(measured), np.array(levels), np.array(read), machine)
 
 
 def _off(true: Array, path: Array, far: np.ndarray) -> np.ndarray:
