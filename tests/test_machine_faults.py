@@ -200,14 +200,14 @@ def test_the_eigenvalue_is_the_growth_of_the_simulated_arm(parts):
     gains = [(x.kp / x.gear, x.kd / x.gear, x.ki / x.gear) for x in known.of_motors(m)]
     kp, kd, ki = np.array(gains).T
     total = np.zeros(7)
-    for _ in range(120):
+    for _ in range(60):
         motors = m.motors(plant.q)
         rates, before = rates + share * ((motors - before) / TICK - rates), motors
         error = m.motors(parts.home) - motors
         total = total + TICK * error
         plant.advance(kp * error - kd * rates + ki * total)
         size.append(np.linalg.norm(plant.qd))
-    assert (size[119] / size[79]) ** (1 / 40) == pytest.approx(growth, rel=1e-3)
+    assert (size[59] / size[39]) ** (1 / 20) == pytest.approx(growth, rel=1e-3)
 
 
 @pytest.mark.parametrize(
