@@ -27,7 +27,9 @@ from twin.simulation.hazards.log import Log
 from twin.simulation.hazards.roc import curves
 from twin.simulation.hazards.summary import Hazards
 from twin.simulation.hazards.trainee import Reaction
+from twin.simulation.hazards.trends import trends
 from twin.simulation.machine.machine import LOCATIONS
+from twin.ui.report.files import write_result
 
 TABLE = Path(__file__).parents[1] / "cad/raven_left/campaigns/table1.toml"
 HEAD = {"log": "twin-hazards", "version": 1, "robot": "r", "campaign": "c"}
@@ -283,6 +285,53 @@ def test_the_adaptive_limit_grows_with_the_speed():
     assert limits[0] == pytest.approx(1e-4)
     assert limits[-1] == pytest.approx(1e-4 + 0.02 * 0.01)
     assert (np.diff(limits) >= -1e-15).all()
+
+
+# ------------------------------------------------------------------------------------- the paper's experiments, pages
+
+
+@pytest.fixture
+def brief(monkeypatch):
+    """Short forms of both experiments: one second without a fault, two faults of 300 cycles."""
+    short = {"_FREE": 600, "_EVERY": 700, "_TIMES": 2, "_WATCHED": 300, "_SHARES": (0.0, 1.0), "SCALES": (0.05, 0.2)}
+    for name, value in short.items():
+        monkeypatch.setattr(f"twin.simulation.hazards.trends.{name}", value)
+
+
+def test_the_trends_of_the_paper(parts, brief):
+    found = trends("raven_left", parts, lambda text, fraction: None)
+    assert found.grows
+    assert [r.counts for r in found.stuck] == [0, 2500]
+    calm, strong = found.stuck
+    assert calm.stopped is None
+    assert all(p < 3 for p in calm.peaks)
+    assert strong.peaks[0] > 5
+    assert "trends, not numbers" in next(found.text())
+
+
+@pytest.mark.slow
+def test_the_whole_experiment_has_four_jumps(parts):
+    """Some stuck value jumps at each fault; the mean deviation grows with the motion scale."""
+    found = trends("raven_left", parts, lambda text, fraction: None)
+    assert found.grows
+    assert any(r.jumps == 4 or r.stopped is not None for r in found.stuck)
+
+
+def test_the_pages_of_campaign_and_trends(parts, table, brief, tmp_path):
+    response = {"noticed": 11, "acted": 300, "responses": ["restart"], "works": True}
+    response |= {"response_peak": 3.0, "response_harm": True}
+    rows = [row(0, "a", harm=5, jump=5, seen=0.9, response=response), row(1, "b", stop=0), row(2, FREE)]
+    found = Hazards("r", table, 3, rows, ["  ASSUMED x = 1"])
+    assert write_result(found, tmp_path) == ["hazards.html", "hazards.png"]
+    page = (tmp_path / "hazards.html").read_text()
+    assert "MAUDE 1590517" in page
+    assert "ASSUMED x" in page
+    data = json.loads((tmp_path / "hazards.json").read_text())
+    assert data["schema"] == "twin/hazards/1"
+    assert [d["name"] for d in data["detectors"]] == ["fixed", "adaptive", "fixed or checks", "adaptive or checks"]
+    write_result(Hazards("r", table, 3, [], []), tmp_path)  # nothing done yet
+    shown = write_result(trends("raven_left", parts, lambda text, fraction: None), tmp_path)
+    assert shown == ["trends.html", "trends.png"]
 
 
 # ------------------------------------------------------------------------------------------- several processes

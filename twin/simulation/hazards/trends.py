@@ -38,6 +38,9 @@ _FREE = 10_000
 _EVERY, _CYCLES, _TIMES = 8000, 300, 4
 """Period and duration of the paper's fault in packets, and how often it comes."""
 
+_WATCHED = 1000
+"""Packets after a fault in which its jump is looked for."""
+
 _SHARES = (0.0, 0.2, 0.4, 0.6, 0.8, 1.0)
 """Stuck values, as shares of the motor's limit."""
 
@@ -164,7 +167,7 @@ def trends(robot: str, parts: Parts, progress: Callable[[str, float], None]) -> 
             trace(parts, hand(scale), _FREE, _FREE),
         )
         scales.append(ScaleRow(scale, float(apart.mean()), float(apart.std()), float(apart.max())))
-    packets = _EVERY * _TIMES + 2000
+    packets = _EVERY * _TIMES + _CYCLES + _WATCHED
     model = trace(parts, hand(SCALE), packets, packets)
     motor = settings.of_motors(parts.arm.mechanism)[0]
     limit = getattr(motor.dac, settings.mode)
@@ -191,8 +194,8 @@ def _apart(parts: Parts, run: Trace, model: Trace) -> Array:
 
 
 def _row(counts: float, apart: Array, run: Trace, begins: list[int]) -> StuckRow:
-    windows = [apart[b - 1 : b - 1 + _CYCLES + 1000] for b in begins]
+    windows = [apart[b - 1 : b - 1 + _CYCLES + _WATCHED] for b in begins]
     peaks = [float(w.max()) for w in windows if len(w)]
     stops = np.flatnonzero(run.levels == Level.E_STOP)
-    at = sum(b <= stops[0] + 1 for b in begins) if len(stops) else None
+    at = int(sum(b <= stops[0] + 1 for b in begins)) if len(stops) else None
     return StuckRow(counts, peaks, sum(p > HARM for p in peaks), at, run.machine.reason if len(stops) else "")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -57,7 +57,7 @@ def _peaks(ax: Axes, found: Hazards) -> None:
     ax.set_yticks([])
     ax.grid(True, axis="x")
     ax.set_xlabel("peak deviation of the tip without a response [mm]")
-    ax.legend(loc="lower right", markerscale=3)
+    _legend(ax, loc="lower right", markerscale=3)
 
 
 def _roc(ax: Axes, found: Hazards) -> None:
@@ -75,7 +75,7 @@ def _roc(ax: Axes, found: Hazards) -> None:
     ax.set_ylim(0, 1.02)
     ax.set_xlabel("share of false alarms")
     ax.set_ylabel("dangerous sessions detected in time")
-    ax.legend(loc="lower right")
+    _legend(ax, loc="lower right")
 
 
 def _times(ax: Axes, found: Hazards) -> None:
@@ -88,4 +88,10 @@ def _times(ax: Axes, found: Hazards) -> None:
     ax.set_ylim(0, 1.02)
     ax.set_xlabel("time from the start of the fault [ms]")
     ax.set_ylabel("share of the noticeable sessions")
-    ax.legend(loc="upper left", title=f"scripted trainee, {len(rows)} sessions")
+    _legend(ax, loc="upper left", title=f"scripted trainee, {len(rows)} sessions")
+
+
+def _legend(ax: Axes, **more: Any) -> None:
+    """Add a legend; none if nothing has been drawn."""
+    if ax.get_legend_handles_labels()[0]:
+        ax.legend(**more)
