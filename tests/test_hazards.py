@@ -107,7 +107,7 @@ def test_every_campaign_that_comes_with_twin_is_valid(name):
         ('scenario = "sudden jump"', 'scenario = "jump"', r"scenario 'jump'"),
         ('responses = ["slow down"', 'responses = ["run away"', "responses"),
         ('operations = ["overwrite", "add", "hold"]', 'operations = ["skip"]', "skip and duplicate are for packets"),
-        ("trained = 500", "trained = -1", "trained"),
+        ("trained = 200", "trained = -1", "trained"),
         ('name = "wrong grasp"', 'name = "wrong pedal"', "'wrong pedal' is there twice"),
         ("value = [-200, 200]", "value = [200, -200]", "the range"),
         ("whole = true\n", "", "a delay needs whole = true"),
@@ -341,7 +341,7 @@ def test_the_pages_of_campaign_and_trends(parts, table, brief, tmp_path):
 def short(tmp_path):
     """A campaign of 12 sessions."""
     text = TABLE.read_text().replace("faults = 2000", "faults = 10").replace("free = 100", "free = 2")
-    text = text.replace("2500, 25000]", "300]").replace("trained = 500", "trained = 3")
+    text = text.replace("2500, 25000]", "300]").replace("trained = 200", "trained = 3")
     path = tmp_path / "short.toml"
     path.write_text(text)
     return path

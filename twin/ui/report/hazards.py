@@ -28,7 +28,7 @@ def figure(found: Hazards) -> Figure:
         height = 5.2 + 0.28 * n
         out = Figure(figsize=(WIDTH, height))
         grid = out.add_gridspec(2, 2, height_ratios=[0.28 * n + 0.4, 3.3])
-        out.subplots_adjust(left=0.2, right=0.98, top=1 - 0.55 / height, bottom=0.5 / height, hspace=0.3, wspace=0.32)
+        out.subplots_adjust(left=0.2, right=0.98, top=1 - 0.55 / height, bottom=0.5 / height, hspace=0.22, wspace=0.32)
         title = f"{found.robot}: {len(found.rows)} sessions of '{found.table.title}'"
         out.text(0.012, 1 - 0.24 / height, title, fontsize=11, fontweight="bold", va="center")
         _peaks(out.add_subplot(grid[0, :]), found)
@@ -52,7 +52,7 @@ def _peaks(ax: Axes, found: Hazards) -> None:
     for limit, text in ((HARM, f"{HARM:g} mm: harm"), (3.0, "3 mm: cue")):
         ax.axvline(limit, color=INK, linewidth=0.9, linestyle="--")
         ax.text(limit, -0.75, text, fontsize=7.5, ha="right" if limit == HARM else "left", va="bottom")
-    ax.set_xscale("log")
+    _logarithmic(ax)
     ax.set_ylim(len(found.by_class) - 0.4, -0.6)
     ax.set_yticks([])
     ax.grid(True, axis="x")
@@ -61,8 +61,10 @@ def _peaks(ax: Axes, found: Hazards) -> None:
 
 
 def _roc(ax: Axes, found: Hazards) -> None:
-    for color, c in zip(PALETTE, found.roc, strict=False):
-        ax.plot(c.false, c.detected, color=color, drawstyle="steps-post", label=f"{c.name} (area {c.area:.3f})")
+    for k, c in enumerate(found.roc):
+        color, line = PALETTE[k % 2], "-" if k > 1 else ":"
+        label = f"{c.name} (area {c.area:.3f})"
+        ax.plot(c.false, c.detected, line, color=color, drawstyle="steps-post", label=label)
         detected, false = c.at(c.limit)
         size = f"{c.limit:g} mm" if c.unit == "mm" else f"factor {c.limit:g}"
         ax.plot([false], [detected], "o", color=color, ms=6, clip_on=False, zorder=4)
@@ -84,11 +86,20 @@ def _times(ax: Axes, found: Hazards) -> None:
         times = np.sort([max(r["response"][key], 1) for r in rows])
         if len(times):
             ax.step(times, (1 + np.arange(len(times))) / len(times), where="post", color=color, label=text)
-    ax.set_xscale("log")
+    _logarithmic(ax)
     ax.set_ylim(0, 1.02)
     ax.set_xlabel("time from the start of the fault [ms]")
     ax.set_ylabel("share of the noticeable sessions")
     _legend(ax, loc="upper left", title=f"scripted trainee, {len(rows)} sessions")
+
+
+def _logarithmic(ax: Axes) -> None:
+    """Make the x axis logarithmic, with plain numbers."""
+    from matplotlib.ticker import FuncFormatter, NullFormatter
+
+    ax.set_xscale("log")
+    ax.xaxis.set_major_formatter(FuncFormatter(lambda v, _: f"{v:g}"))
+    ax.xaxis.set_minor_formatter(NullFormatter())
 
 
 def _legend(ax: Axes, **more: Any) -> None:
