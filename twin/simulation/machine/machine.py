@@ -281,9 +281,11 @@ class Machine:
             self.dac = np.zeros_like(self.q)
 
     def _check_speed(self) -> None:
+        if self.level not in (Level.INIT, Level.PEDAL_DN):
+            return
         most = self.parts.settings.number.largest_speed.value
         fast = self._fast & ~(np.abs(self.qd) <= most)
-        if fast.any() and self.level in (Level.INIT, Level.PEDAL_DN):
+        if fast.any():
             i = int(np.argmax(fast))
             name = self.parts.arm.mechanism.active[i].name
             self.servo.stop = f"{name} turns with {self.qd[i]:.3g} rad/s (limit {most:g})"
@@ -310,10 +312,11 @@ class Machine:
         T[:3, 3] += _MICRO * v[:3]
         if v[4:7].any():
             T[:3, :3] = spatial.matrix_from_quat_wxyz(v[3:7] / np.linalg.norm(v[3:7])) @ T[:3, :3]
-        seed = self.wanted.copy()
-        low, high = self._limits
-        grasp = self.parts.settings.number.grasp_step.value * v[7]
-        seed[self._grasped] = np.clip(seed[self._grasped] + grasp, low[self._grasped], high[self._grasped])
+        seed = self.wanted
+        if v[7]:
+            seed, (low, high) = seed.copy(), self._limits[:, self._grasped]
+            grasp = self.parts.settings.number.grasp_step.value * v[7]
+            seed[self._grasped] = np.clip(seed[self._grasped] + grasp, low, high)
         self._reach(T, seed)
 
     def _reach(self, T: Array, seed: Array) -> None:
@@ -332,6 +335,8 @@ class Machine:
     # -- faults and power --------------------------------------------------------------------------------
 
     def _disturbed(self, packet: Packet) -> list[Packet]:
+        if not self._faults["packet"]:
+            return [packet]
         values, copies = packet.values, 1
         for fault in self._faults["packet"]:
             at = packet.sequence if fault.counts else self.t

@@ -74,10 +74,10 @@ class Servo:
         self._sum += error * TICK
         torque = self._kp * error + self._ki * self._sum + self._kd * change
         asked = np.trunc((torque + self.mechanism.motor_efforts(efforts)) * self.counts)
-        over = np.abs(asked) > self.limit
-        names = self.mechanism.motor_names
-        if not np.isfinite(asked).all() or np.abs(asked).max() > self._stop_dac:
-            i = int(np.argmax(np.where(np.isfinite(asked), np.abs(asked), np.inf)))
+        size, names = np.abs(asked), self.mechanism.motor_names
+        over = size > self.limit
+        if not size.max() <= self._stop_dac:  # a value that is not a number is above every limit
+            i = int(np.argmax(np.where(np.isnan(size), np.inf, size)))
             self.stop = f"{names[i]} asks for {asked[i]:.0f} counts of the DAC (limit {self._stop_dac:.0f})"
         elif over.any():
             self.violations += over
@@ -89,7 +89,7 @@ class Servo:
                 )
         if self.stop:
             return np.zeros_like(asked)
-        return asked if self.policy == "none" else np.clip(asked, -self.limit, self.limit)
+        return np.clip(asked, -self.limit, self.limit) if self.policy != "none" and over.any() else asked
 
     def torques(self, counts: Array) -> Array:
         """Return the motor torques (n,) in N m for counts of the DAC (n,)."""
