@@ -24,7 +24,7 @@ NAMES = ("reached", "inverse_condition", "limit_margin", "singularity")
 
 `reached`: 1 or 0. `inverse_condition`: inverse condition number, 0..1. `limit_margin`: margin of the joint nearest to a
 limit (1 in the middle of its range, 0 at the limit). `singularity`: smallest singularity measure of the equations (NaN
-if they have none).
+without measures).
 """
 
 ROOT = 1.2207440846057596

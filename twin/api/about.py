@@ -83,7 +83,6 @@ class SceneInfo(Result):
 
     Attributes:
         data: plain data.
-        findings: always empty.
     """
 
     kind: ClassVar[str] = "info"
@@ -124,7 +123,6 @@ class Listing(Result):
     Attributes:
         robots: name, kind, title, equations, stage and protocols of each.
         scenes: name, kind, title and robots of each.
-        findings: always empty.
     """
 
     kind: ClassVar[str] = "list"

@@ -63,13 +63,11 @@ class ConsoleSession(Result):
     """Measures of a session at a console.
 
     Attributes:
-        scene: the scene.
         source: the replayed file; "" for a new simulation.
         seed: random seed of a simulated surgeon; None: a person.
         task: the task; None: no task.
-        ran: signals of the session.
         arms: all robots that the console moves, by name.
-        lost: sentence that states where the file ends; "" if the file is complete.
+        lost: sentence on the end of a truncated file; "" if the file is complete.
         recorded: content of the session file of a simulated surgeon; None for a replayed file.
         pegs: pegs of a task with rings, by name.
         aligned: measures of a task with an alignment; None for another task.
@@ -132,7 +130,7 @@ class ConsoleSession(Result):
 
     @cached_property
     def forces(self) -> ForceMeasures | None:
-        """Measures of the forces on the hands; None: the session has none."""
+        """Measures of the forces on the hands; None for a session without forces."""
         return forces.measure(self.ran.kept, HANDS)
 
     @property
@@ -194,7 +192,7 @@ class ConsoleSession(Result):
         return out
 
     def _unaligned(self) -> Iterator[Finding]:
-        """Yield findings on a camera that is not aligned, and on two angles that differ or of which one is missing."""
+        """Yield findings on a camera that is not aligned, and on two angles that differ or a missing angle."""
         if (a := self.aligned) is None or self.task is None or self.task.alignment is None:
             return
         wanted = self.task.alignment
@@ -450,7 +448,10 @@ def _aligned_rows(a: AlignMeasures) -> list[tuple[str, str]]:
     return [
         ("AlignErr by projection", angle),
         ("AlignErr in the picture", "-" if a.seen is None else f"{a.seen / DEG:+.3f} deg"),
-        ("ends of the upper side from those of the line", "-" if np.isnan(a.off) else f"{a.off:.1%} of its length"),
+        (
+            "distance of the upper side's ends from the line's ends",
+            "-" if np.isnan(a.off) else f"{a.off:.1%} of its length",
+        ),
         ("time from the first press of the camera pedal to the last motion", f"{a.time:.1f} s"),
         ("path of the lens", str(mm(a.path))),
         *((f"path of the {hand} hand while it moved the camera", str(mm(p))) for hand, p in a.hands.items()),

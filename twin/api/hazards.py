@@ -1,4 +1,4 @@
-"""Run a campaign of faults on the machine of a robot, in several processes, with a log that lets it go on."""
+"""Run a campaign of faults on the machine of a robot, in several processes; an interrupted campaign can continue."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ def hazards(
         progress: see `Progress`.
 
     Raises:
-        TwinError: a file is missing or malformed, a target is unknown, or the log is that of another campaign.
+        TwinError: a file is missing or malformed, a target is unknown, or the log belongs to another campaign.
     """
     from twin.core.jobs import Stream
     from twin.simulation.hazards.campaign import load as load_campaign
@@ -162,7 +162,7 @@ def trends(robot: Robot, *, software: Software = _AS_FILED, progress: Progress =
 
 
 def campaign_file(robot: Robot, campaign: str | Path) -> Path:
-    """Return the path of a campaign: a path with a suffix as it is, a name in the robot's folder `campaigns`."""
+    """Return the path of a campaign; a name without suffix is a file in the robot's folder `campaigns`."""
     if Path(campaign).suffix or robot.files is None:
         return Path(campaign)
     return robot.files.cad / "campaigns" / f"{campaign}.toml"

@@ -22,12 +22,12 @@ def machine_parts(
     master_timeout: float | None = None,
     released: Collection[str] | None = None,
 ) -> Parts:
-    """Return what the machines of a robot are made of, compiled once.
+    """Return the compiled parts of a robot's machines; several machines can share them.
 
     Args:
         robot: a robot with inertia.toml and machine.toml in its folder, and with a closed inverse.
         mode: limits of the DAC; None: as in machine.toml.
-        overdrive: what happens above them; None: as in machine.toml.
+        overdrive: policy above these limits; None: as in machine.toml.
         master_timeout: time in s without a packet after which the pedal counts as up; None: as in machine.toml.
         released: findings of the released software that this one has, names of `settings.Released`, the others being
             corrected; "none" stands for no name; None: as in machine.toml.
@@ -63,14 +63,10 @@ def machine_parts(
 def machine(
     parts: Parts, *, mass: float = 1.0, friction: float = 1.0, tilt: float = 0.0, faults: Sequence[Fault] = ()
 ) -> Machine:
-    """Return a machine at home, in E_STOP; the control software does not know how its plant differs.
+    """Return a machine at home, in E_STOP; the control software has no information on the changes below.
 
-    Args:
-        parts: see `machine_parts`.
-        mass: factor of all masses.
-        friction: factor of all friction.
-        tilt: tilt of the base about its x axis in rad.
-        faults: faults of the signals of `twin.simulation.machine.machine.LOCATIONS`.
+    `mass` and `friction` are factors of all masses and of all friction; `tilt` in rad turns the base about its x axis.
+    Faults change signals of `twin.simulation.machine.machine.LOCATIONS`.
 
     Raises:
         TwinError: a mass is not above 0, a friction is negative, or a fault has an unknown signal.

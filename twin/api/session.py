@@ -42,9 +42,9 @@ def operate_console(
 
     Args:
         scene: a scene with a console.
-        task: a task of the scene; default: its first one.
+        task: a task of the scene; default: the first task.
         seed: random seed; the same seed gives the same session.
-        scale: motion scale, 0.05 to 1; default: that of the console.
+        scale: motion scale, 0.05 to 1; default: the motion scale of the console.
         haptics: whether to compute forces on the hands, to which this surgeon does not react; default: no.
         progress: see `Progress`.
 
@@ -78,10 +78,7 @@ def replay_session(
 ) -> ConsoleSession:
     """Replay a session in a new World, compare it with the recording bit by bit, and measure it.
 
-    Args:
-        path: a session file.
-        scene: the scene of the session, as name, path or loaded scene; default: the built-in scene that the file names.
-        progress: see `Progress`.
+    The default scene is the built-in scene that the file names.
 
     Raises:
         WorldError: the file is damaged, of another version or of another scene.

@@ -1,4 +1,4 @@
-"""`twin machine`: run a robot as a machine of its own, with packets by UDP and states by TCP."""
+"""`twin machine`: run a robot as a separate machine, with packets by UDP and states by TCP."""
 
 from __future__ import annotations
 

@@ -123,7 +123,7 @@ def _require_no_haptics(args: argparse.Namespace) -> None:
 
 def _require_whole_study(args: argparse.Namespace) -> None:
     if (args.participant is None) != (args.run is None):
-        raise TwinError("--participant and --run belong together: give both, such as --participant 7 --run 1")
+        raise TwinError("--participant and --run must be given together, such as --participant 7 --run 1")
     if args.participant is not None and args.haptics is not None:
         raise TwinError("--haptics and --participant cannot be combined: the number of the participant sets the order")
     if args.participant is not None and args.session is None:

@@ -47,12 +47,8 @@ def plain_formula(
 ) -> Formula:
     """Return the formula of a module with plain functions.
 
-    Args:
-        module: the imported module.
-        path: file of the module.
-        name: name of the robot.
-        joints: (name, whether an angle) of each active joint, in the order of the robot's TOML file.
-        home: start of the solvers: a tool pose (4, 4) that the robot can reach, and its q (n,) or None.
+    `joints` has (name, whether an angle) of each active joint, in the order of the robot's TOML file. `home` is the
+    start of the solvers: a tool pose (4, 4) that the robot can reach, and its q (n,) or None.
 
     Raises:
         KinematicsError: at the first fault, with file and line.
@@ -240,7 +236,7 @@ def _line_of(module: ModuleType, path: Path, name: str, key: str | None = None) 
 
 
 def _length_scale(parameters: Sequence[Parameter]) -> Any:
-    """Return the characteristic length as a function of the parameters: the median of those that are lengths."""
+    """Return the characteristic length as a function of the parameters: the median of all lengths."""
     lengths = sorted(abs(p.value) for p in parameters if p.unit in ("mm", "m") and p.value)
     scale = lengths[len(lengths) // 2] if lengths else _LENGTH
     return lambda: scale

@@ -26,7 +26,6 @@ class Scalar:
     """One scalar; subclasses define the operations on `x`.
 
     Attributes:
-        x: the value.
         functions: functions of values, by the names in `METHODS` and "if_else".
     """
 

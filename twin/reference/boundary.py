@@ -38,7 +38,7 @@ _ENDS = 0.05
 """Relative size of another margin below which it counts as zero; the walk then ended because of that margin."""
 
 _MOSTLY = 0.3
-"""Minimum ratio of the sum of an aspect's values with the preferred sign to the sum of those with the other sign.
+"""Minimum ratio of two sums of an aspect's values: values with the preferred sign, and values with the other sign.
 
 At this ratio, the preferred sign is confirmed. Some of the states may be in another assembly mode, or near a
 singularity.
@@ -87,8 +87,7 @@ class Judged:
     Attributes:
         name, symbol, equation: name of the margin, measure or aspect (the row), its symbol, and its equation.
         kind: "reach", "type1", "type2" or "aspect".
-        status: see `Status`.
-        why: the result in one sentence ("it vanishes where ..."), or the reason why there is none.
+        why: the result in one sentence ("it vanishes where ..."), or the reason why the row was not judged.
         at: example of a state, as active joint values in mm and degrees; "" if there is none.
         size, unit: size of the disagreement, or None, and its unit.
     """
@@ -110,10 +109,8 @@ class Boundary:
     def __init__(self, model: ReferenceModel, stated: Stated, states: Array) -> None:
         """Set up the search.
 
-        Args:
-            model: model of the mechanism.
-            stated: the margins and measures of the formula.
-            states: (k, nq) configurations around which the search begins.
+        `stated` are the margins and measures of the formula; the search begins around the configurations `states` (k,
+        nq).
         """
         self.model, self.stated = model, stated
         some = states[np.unique(np.linspace(0, len(states) - 1, _STARTS).astype(int))]

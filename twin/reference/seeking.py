@@ -47,7 +47,7 @@ class Walks:
         row: (w,) index of the function that each walk follows.
         states: (w, nq) last states.
         value: (w,) values of the function at the last states.
-        slope: (w,) length of the function's gradient at the last accepted state where it was computed.
+        slope: (w,) norm of the function's gradient at the last accepted state with a computed gradient.
         ended: (w,) "zero" (at a zero), "least" (at a minimum) or "far" (stopped elsewhere).
     """
 
@@ -137,12 +137,8 @@ def seek(
 def _around(motions: Degeneracy, X: Array, N: Array, slopes: Array, steps: Array) -> Array:
     """Return steps (w, freedom) modified to avoid singularities at which the function does not vanish.
 
-    Args:
-        motions: motions of the mechanism.
-        X: (w, nq) states.
-        N: (w, nv, freedom) motions at these states.
-        slopes: (w, freedom) gradient of the logarithm of the function.
-        steps: (w, freedom) steps to modify.
+    X (w, nq) are states and N (w, nv, freedom) the motions there; `slopes` (w, freedom) is the gradient of the
+    logarithm of the function. `steps` (w, freedom) is modified.
     """
     near = np.flatnonzero(motions.of(X).min(axis=1) < _NEAR)
     if not len(near):

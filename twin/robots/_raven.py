@@ -61,7 +61,7 @@ def to_tool(roll, wrist, yaw, L_w, shaft_long):
     gives="T_base_tool",
     source=SOURCE,
     variant="raven",
-    why="The distance between wrist and jaw axis is that of the Raven's own instruments.",
+    why="The distance between wrist and jaw axis is taken from the Raven's own instruments.",
 )
 def table(
     shoulder,
@@ -130,7 +130,7 @@ def candidates(T_base_tool, alpha1, alpha2, alpha3, offset1, offset2, theta3, ba
 
 
 def _near(q, i):
-    """Return joint i (from 0) within half a turn of the middle of its range; the insertion as it is."""
+    """Return joint i (from 0) within half a turn of the middle of its range; the insertion is returned unchanged."""
     if i == 2:
         return q
     middle = sum(_RANGES[i]) / 2

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from twin.validation.accuracy import Mover
 from twin.validation.clauses import Clause, Contract, number
 
 Array = NDArray[np.float64]
@@ -29,7 +30,7 @@ _PEN = 3.3
 """Largest force in N of a haptic pen: the manufacturer's value, ASSUMED because the paper gives none."""
 
 
-class Laws(Protocol):
+class Laws(Mover, Protocol):
     """Interface of a judged console, as implemented by `twin.simulation.controllers.console`.
 
     Attributes:
@@ -55,18 +56,6 @@ class Laws(Protocol):
     @property
     def turn_unit(self) -> str: ...  # noqa: D102
 
-    def tool(self, P_0: Array, W_0: Array, W_1: Array, T: Array, scale: float) -> Array:
-        """Return the next tool pose (4, 4) in {RB}.
-
-        Args:
-            P_0: (4, 4) current tool pose in {RB}.
-            W_0: (4, 4) previous handle pose in {H}.
-            W_1: (4, 4) current handle pose in {H}.
-            T: (4, 4) pose of {H} in {RB}.
-            scale: motion scale: tool displacement divided by hand displacement.
-        """
-        ...
-
     def turns(self, p_R0: Array, p_R1: Array, p_L0: Array, p_L1: Array, n: Array) -> tuple[float, float]:
         """Return the camera roll in `turn_unit` about the axis n (3,): (by the right hand, by the left hand).
 
@@ -84,12 +73,7 @@ class Laws(Protocol):
 
 
 def judge(console: Laws, progress: Callable[[str, float], None] = lambda label, part: None) -> Contract:
-    """Measure every clause and return the result.
-
-    Args:
-        console: the equations.
-        progress: called with a description of the current step and the fraction done.
-    """
+    """Measure every clause and return the result."""
     clauses: list[Clause] = []
     path = np.zeros((0, 3))
     for i, part in enumerate((_still, _turn, _way, _clutch, _camera, _origin, _mirror, _roll, _force, _measure)):
@@ -249,7 +233,7 @@ def _mirror(c: Laws) -> Iterator[Clause]:
         "in a left-handed scene (mirror S: p' = S p, R' = S R S) the motion is the mirror image",
         moved + np.radians(turned) * 1e-4,
         f"in a left-handed scene the tool ends {moved / _MM:.3f} mm and {turned:.3f} deg from the mirrored pose",
-        "mirror positions and rotations alike: p' = S p, R' = S R S",
+        "mirror both positions and rotations: p' = S p, R' = S R S",
     )
 
 
@@ -394,8 +378,8 @@ def _force(c: Laws) -> Iterator[Clause]:
         "times",
         1.0,
         bool(c.force_units),
-        f"neither constant has a unit: read in N/mm, 1 mm gives {1e3 * rest:.0f} mN and 10 mm/s {1e3 * moving:.0f} mN; "
-        f"read in N/m, {rest:.1g} and {moving:.1g} mN, which is imperceptible",
+        f"the constants have no units: in N/mm, 1 mm gives {1e3 * rest:.0f} mN and 10 mm/s {1e3 * moving:.0f} mN; "
+        f"in N/m, {rest:.1g} and {moving:.1g} mN, which is imperceptible",
         "state the units; N/mm and N s/mm give perceptible forces",
     )
     yield Clause(
@@ -475,7 +459,7 @@ def _measure(c: Laws) -> Iterator[Clause]:
         off,
         f"the hand is still and the tool moves {gone / _MM:.3f} mm, as in the printed eqs (1), (2): eq. (7) gives "
         f"{shown / _MM:.3f} mm. Eq. (7) is circular: it compares eq. (2) with itself",
-        "compare displacements of the tool with those of the hand, without eq. (2)",
+        "compare displacements of the tool with displacements of the hand, without eq. (2)",
     )
 
 

@@ -164,12 +164,7 @@ def load(path: Path) -> GroupTables:
 
 
 def recompute(tables: GroupTables, run: Measured) -> Recomputed:
-    """Check the printed numbers; return tables, data and findings.
-
-    Args:
-        tables: the printed tables.
-        run: function that simulates the accuracy test.
-    """
+    """Check the printed numbers; return tables, data and findings."""
     users = {g.name: g.users for g in tables.group}
     outcomes, rows = [], []
     findings: list[Finding] = []

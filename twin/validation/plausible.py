@@ -19,7 +19,7 @@ SIZES = 4.0
 
 
 _IMPLAUSIBLE = Kind(
-    "limit.implausible", "disagreement", "check the unit of its limits; a joint without end stops has none"
+    "limit.implausible", "disagreement", "check the unit of its limits; omit the limits of a joint without end stops"
 )
 _APART = Kind("cad.apart", "disagreement", "check scale and place of the shapes of both bodies")
 

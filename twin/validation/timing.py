@@ -63,10 +63,8 @@ class Load:
 def timing(trajectory: Trajectory, mechanism: Mechanism, protocol: Protocol) -> tuple[dict[str, str], list[Finding]]:
     """Check speeds and accelerations against their limits: (maximum of each quantity as text, findings).
 
-    Args:
-        trajectory: source of times, joint values, poses and phase bounds; its stated speeds (`qd`, tip) are checked.
-        mechanism: source of the joint limits.
-        protocol: source of the limits of the tip.
+    The stated speeds (`qd`, tip) of the trajectory are also checked. Joint limits come from the mechanism, limits of
+    the tip from the protocol.
     """
     findings = [*_clock(trajectory)]
     if findings:  # without valid times no rates can be computed

@@ -62,7 +62,6 @@ class Outcome:
 
     Attributes:
         family, kind, what: see `Fault`.
-        state: see `State`.
         code: code of the most severe new finding, or of the raised error; "" if there is none.
         where: place of the finding.
         message: text of the finding, or the reason why the fault is equivalent.

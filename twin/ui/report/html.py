@@ -31,7 +31,7 @@ CAPTIONS = {
     "first red cell is the first comparison that disagrees.",
     "active_joints": "Displacement, speed and acceleration of the active joints over the phases.",
     "tool_motion": "Displacement, speed and acceleration of the tool frame in the base. Coloured curves are "
-    "planned; dashed curves are those of the independent mechanism, if it was computed.",
+    "planned; dashed curves belong to the independent mechanism, if computed.",
     "residuals": "Difference between formula and mechanism on a logarithmic scale, with the tolerances.",
     "rcm": "Distance from the registered remote centre of motion (the trocar) to the shaft axis. "
     "The axis is logarithmic; there is no curve while no RCM is registered.",
@@ -47,11 +47,9 @@ _ORIGINS = ("ASSUMED", "DERIVED", "CITED", "PUBLISHED")
 
 
 def render_html(report: Report, figures: Mapping[str, Figure] | None = None) -> str:
-    """Return the report as a self-contained HTML page, reproducible byte by byte.
+    """Return the report as a self-contained HTML page; the same report always gives the same bytes.
 
-    Args:
-        report: the report.
-        figures: figures from `twin.ui.report.plots.figures`; None: draw them.
+    `figures` come from `twin.ui.report.plots.figures`; None: the figures are drawn.
     """
     from markupsafe import Markup
 

@@ -18,10 +18,7 @@ if TYPE_CHECKING:
 def render(result: Result, name: str, figure: Figure | None = None) -> str:
     """Return the HTML page of a result; the same result always gives the same text.
 
-    Args:
-        result: the result.
-        name: name without suffix of the file with its data.
-        figure: its picture; None: no picture.
+    `name` is the name, without suffix, of the file with the data.
     """
     from jinja2 import DictLoader, Environment, StrictUndefined
     from markupsafe import Markup

@@ -1,4 +1,4 @@
-"""Draw a procedure over time: height of the organ, what the endoscope sees, the bed, depths, and the stages."""
+"""Draw a procedure over time: height of the organ, visible share of the vessel, the bed, depths, and the stages."""
 
 from __future__ import annotations
 

@@ -259,10 +259,7 @@ def png(figure: Figure) -> bytes:
 def svg(figure: Figure, name: str, label: str) -> str:
     """Return a figure as SVG for a page: without size and timestamps, with unique ids and the colours of the page.
 
-    Args:
-        figure: the figure.
-        name: prefix of its ids, which must be unique in the page.
-        label: alternative text.
+    `name` is the prefix of the ids, which must be unique in the page; `label` is the alternative text.
     """
     from markupsafe import escape
 

@@ -113,7 +113,7 @@ class LiveConsole:
                 vessels and clips.
             props: mechanism of the props; only needed for such a task, and for the forces of contacts.
             report: makes the report of an attempt, in another process; None: no reports.
-            condition: condition of the session, with the switch of the forces; None: that of the scene.
+            condition: condition of the session, with the switch of the forces; None: the default of the scene.
             fulcrum: which end of the instruments the hands lead at the start; only for `device` None.
             organs: the organs of the scene; only needed for a procedure.
 

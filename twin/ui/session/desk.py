@@ -84,7 +84,7 @@ class Desk:
     def shaft(self) -> tuple[Array, Array]:
         """Return (tip (3,) in m, unit vector (3,) along the shaft towards the tip) in the base frame.
 
-        Tip and shaft are those of the last used protocol; without a protocol, the tool's origin and z axis.
+        The last used protocol defines tip and shaft; without a protocol, they are the tool's origin and z axis.
         """
         frame = self.mechanism.frame(self._frame)
         T = self.assembly.link_poses[frame.body] @ frame.T_body_frame
@@ -187,7 +187,7 @@ class Desk:
 
     @property
     def edited(self) -> bool:
-        """Whether equations or mechanism differ from those of `robot`."""
+        """Whether equations or mechanism differ from the equations and mechanism of `robot`."""
         return bool(self.variants or self.parameters) or self.mechanism is not self.robot.mechanism
 
     @property

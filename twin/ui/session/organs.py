@@ -45,9 +45,8 @@ class OrganFeed:
     def follow(self, links: Mapping[str, Mapping[str, Array]], passed: float) -> bool:
         """Move the organs; return whether one has moved.
 
-        Args:
-            links: T_world_link (4, 4) by robot and link; at least those that touch organs.
-            passed: time in s since the last call.
+        `links` contains T_world_link (4, 4) by robot and link, at least for all links that touch organs; `passed` is
+        the time in s since the last call.
         """
         poses = [links[tool.robot][tool.body.name] for tool in self.organs.tools]
         self._left = min(self._left + passed * RATE, float(_BEHIND))

@@ -51,12 +51,6 @@ def with_distance(mechanism: Mechanism, joint: str, other: str, distance: float)
     heights), the shift has a component along the axes, which opens a planar loop (`Assembly.worst_gap`). A shift along
     the axis of a slide changes only its zero position.
 
-    Args:
-        mechanism: the mechanism.
-        joint: the joint whose frame is moved.
-        other: the joint whose frame is not moved.
-        distance: new distance in m between the two origins on the body.
-
     Raises:
         MechanismError: a joint is unknown, the joints share no body or two bodies, their origins coincide, or the
             distance is not positive.

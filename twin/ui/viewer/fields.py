@@ -24,9 +24,8 @@ class FieldNodes:
     def follow(self, links: Callable[[str], Mapping[str, Array]], passed: float) -> bool:
         """Let deformables that follow the links give way to them; return whether they moved.
 
-        Args:
-            links: function from the name of a robot to its T_world_link (4, 4) by link.
-            passed: time in s since the last call.
+        `links` returns T_world_link (4, 4) by link for the name of a robot; `passed` is the time in s since the last
+        call.
         """
         if not isinstance(self._feed, Follower) or self.broken:
             return False

@@ -93,7 +93,7 @@ class Panels(Protocol):
 
 
 class Front(Loop):
-    """The page with one or more robots, of which one is active; created by `page.open_page`.
+    """The page with one active robot and possibly further robots; created by `page.open_page`.
 
     Attributes:
         actors: the robots in the given order; `hand` is the active robot, to which gizmo, sliders and readings refer.

@@ -18,14 +18,13 @@ class Row:
     Attributes:
         equation, variant, symbol: equation and variant of the row, and the symbol it computes.
         file, line: place of the row.
-        text: text of the row.
         term: summand of the row that the best repair changes; "" if there is none.
         means: meaning of the symbol: a named point, a joint or the tool pose.
         off: largest difference, in `unit` ("mm" or "deg").
         share: fraction of the judged poses at which the row is wrong.
         worst_at, least_at: poses with the largest and the smallest difference, as text.
-        why: explanation for a margin that was tested at the states where it is zero; "" for other rows. `off` of such a
-            margin may be NaN.
+        why: explanation of a wrong margin (reach, singularity measure, aspect), whose `off` may be NaN; "" for other
+            rows.
     """
 
     equation: str
@@ -80,7 +79,7 @@ class Repair:
     Attributes:
         rows: the fixed rows, as "eq1.X_S1".
         before, after: worst residual of these rows before and after the repair, in units of the tolerance.
-        margin: worst residual of the runner-up divided by that of the repair; 0 without a repair.
+        margin: worst residual of the runner-up divided by the worst residual of the repair; 0 without a repair.
         runner_up: the best edit that does not fix the rows, and its residual, as text.
         cures: possible repairs. Each is a tuple of readings, that is, different edits that give the same function. The
             judged poses do not distinguish the cures; no pose can distinguish the readings of one cure.
@@ -165,7 +164,7 @@ class Convention:
 
 @dataclass(frozen=True)
 class PartOff:
-    """A faulty part of the CAD, because of which the parts of some joints do not meet.
+    """A faulty part of the CAD: it causes gaps between the parts of some joints.
 
     Attributes:
         joints: names of the joints whose parts do not meet.

@@ -2,8 +2,8 @@
 
 The pseudo-inertia [[Sigma, h], [h^T, m]], with the second moments Sigma, first moment h and mass m, must be positive
 definite; this includes the triangle inequality and the minimum mass. If the shapes are known, the mass centre must be
-inside their convex hull, and the density must be that of a real material. `guess` finds probable mistakes in a tensor
-that does not fit the shapes.
+inside their convex hull, and the density must be plausible for a real material. `guess` finds probable mistakes in a
+tensor that does not fit the shapes.
 """
 
 from __future__ import annotations
