@@ -41,7 +41,7 @@ _EVERY, _CYCLES, _TIMES = 8000, 300, 4
 _WATCHED = 1000
 """Packets after a fault in which its jump is looked for."""
 
-_SHARES = (0.0, 0.2, 0.4, 0.6, 0.8, 1.0)
+_SHARES = (0.0, 0.1, 0.2, 0.25, 0.3, 0.35, 0.4, 1.0)
 """Stuck values, as shares of the motor's limit."""
 
 _MASS, _FRICTION, _SEED = 1.1, 1.3, 1

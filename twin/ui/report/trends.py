@@ -38,6 +38,8 @@ def figure(found: Trends) -> Figure:
         middle = float(x.mean())
         ax.errorbar([middle], *PUBLISHED, fmt="s", color=PALETTE[1], capsize=3, label="paper, over all scales")
         ax.set_yscale("log")
+        ax.set_ylim(_LEAST, 10)
+        ax.set_yticks([0.01, 0.1, 1, 10], ["0.01", "0.1", "1", "10"])
         ax.set_xticks(x)
         ax.set_xlabel("motion scale, no fault")
         ax.set_ylabel("deviation [mm]")
@@ -53,7 +55,7 @@ def figure(found: Trends) -> Figure:
             ax.set_ylim(_LEAST, 300)
             ax.set_yticks([0.01, 1, 100], ["0.01", "1", "100"])
             end = "no stop" if row.stopped is None else f"stopped at fault {row.stopped}"
-            text = f"{found.motor} stuck at {row.counts:.0f} counts: {row.jumps} jumps above 1 mm, {end}"
+            text = f"{found.motor} stuck at {row.counts:.0f} counts: jumps above 1 mm: {row.jumps}, {end}"
             ax.set_title(text, loc="left", fontsize=8.5)
             ax.set_ylabel("mm")
         ax.set_xlabel("time [s]; fault every 8 s for 300 ms; dashed: 3 mm")
