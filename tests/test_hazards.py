@@ -309,14 +309,6 @@ def test_the_trends_of_the_paper(parts, brief):
     assert "trends, not numbers" in next(found.text())
 
 
-@pytest.mark.slow
-def test_the_whole_experiment_has_four_jumps(parts):
-    """Some stuck value jumps at each fault; the mean deviation grows with the motion scale."""
-    found = trends("raven_left", parts, lambda text, fraction: None)
-    assert found.grows
-    assert any(r.jumps == 4 or r.stopped is not None for r in found.stuck)
-
-
 def test_the_pages_of_campaign_and_trends(parts, table, brief, tmp_path):
     response = {"noticed": 11, "acted": 300, "responses": ["restart"], "works": True}
     response |= {"response_peak": 3.0, "response_harm": True}
