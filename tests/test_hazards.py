@@ -320,7 +320,12 @@ def test_the_pages_of_campaign_and_trends(parts, table, brief, tmp_path):
     assert "ASSUMED x" in page
     data = json.loads((tmp_path / "hazards.json").read_text())
     assert data["schema"] == "twin/hazards/1"
-    assert [d["name"] for d in data["detectors"]] == ["fixed", "adaptive", "fixed or checks", "adaptive or checks"]
+    assert [d["name"] for d in data["detectors"]] == [
+        "fixed limit",
+        "adaptive limit",
+        "fixed limit or checks",
+        "adaptive limit or checks",
+    ]
     write_result(Hazards("r", table, 3, [], []), tmp_path)  # nothing done yet
     shown = write_result(trends("raven_left", parts, lambda text, fraction: None), tmp_path)
     assert shown == ["trends.html", "trends.png"]

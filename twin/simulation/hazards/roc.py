@@ -67,10 +67,10 @@ def curves(rows: Sequence[Mapping[str, Any]], cue: float) -> list[Roc]:
     out = []
     early = np.array([in_time(r) for r in danger])
     for name, unit, before, during, limit, checked in (
-        ("fixed", "mm", "residual", "seen", cue, False),
-        ("adaptive", "1", "ratio", "seen_ratio", 1.0, False),
-        ("fixed or checks", "mm", "residual", "seen", cue, True),
-        ("adaptive or checks", "1", "ratio", "seen_ratio", 1.0, True),
+        ("fixed limit", "mm", "residual", "seen", cue, False),
+        ("adaptive limit", "1", "ratio", "seen_ratio", 1.0, False),
+        ("fixed limit or checks", "mm", "residual", "seen", cue, True),
+        ("adaptive limit or checks", "1", "ratio", "seen_ratio", 1.0, True),
     ):
         bad = np.where(early & checked, np.inf, [r[during] for r in danger])
         good = np.array([max(r[before], r[during]) if r["kind"] == FREE else r[before] for r in rows])

@@ -190,7 +190,7 @@ class Hazards(Result):
         if self.responses:
             yield "\nResponses of the scripted trainee (medians)"
             head = ("class", "sessions", "noticed ms", "acted ms", "peak mm", "without", f"> {HARM:g} mm")
-            yield Table((*head, "trained", "works again", "converted"), [_response(r) for r in self.responses])
+            yield Table((*head, "performed", "works again", "converted"), [_response(r) for r in self.responses])
         yield ""
         yield from self.assumed
         yield f"{self.word}"
@@ -201,7 +201,7 @@ class Hazards(Result):
             detected, false = c.at(c.limit)
             size = f"{c.limit:g} mm" if c.unit == "mm" else f"factor {c.limit:g}"
             yield (
-                f"  {c.name} limit, {size}: {100 * detected:.1f} % of dangerous sessions in time, "
+                f"  {c.name}, {size}: {100 * detected:.1f} % of dangerous sessions in time, "
                 f"{100 * false:.2f} % false alarms, area below the curve {c.area:.3f}"
             )
         danger = [r for r in self.rows if dangerous(r)]

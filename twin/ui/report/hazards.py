@@ -28,7 +28,7 @@ def figure(found: Hazards) -> Figure:
         height = 5.2 + 0.28 * n
         out = Figure(figsize=(WIDTH, height))
         grid = out.add_gridspec(2, 2, height_ratios=[0.28 * n + 0.4, 3.3])
-        out.subplots_adjust(left=0.2, right=0.98, top=1 - 0.55 / height, bottom=0.5 / height, hspace=0.22, wspace=0.32)
+        out.subplots_adjust(left=0.22, right=0.98, top=1 - 0.55 / height, bottom=0.5 / height, hspace=0.22, wspace=0.32)
         title = f"{found.robot}: {len(found.rows)} sessions of '{found.table.title}'"
         out.text(0.012, 1 - 0.24 / height, title, fontsize=11, fontweight="bold", va="center")
         _peaks(out.add_subplot(grid[0, :]), found)
