@@ -41,9 +41,9 @@ def figure(found: Trends) -> Figure:
         ax.set_ylim(_LEAST, 10)
         ax.set_yticks([0.01, 0.1, 1, 10], ["0.01", "0.1", "1", "10"])
         ax.set_xticks(x)
-        ax.set_xlabel("motion scale, no fault")
-        ax.set_ylabel("deviation [mm]")
-        ax.legend(loc="center right")
+        ax.set_title("deviation of the tips without a fault, by motion scale", loc="left", fontsize=8.5)
+        ax.set_ylabel("mm")
+        ax.legend(loc="upper left")
         for i, row in enumerate(found.stuck):
             ax = out.add_subplot(grid[1 + i])
             y = found.curves[row.counts]
