@@ -80,7 +80,7 @@ def ompls(space, start, goal, box, samples, seed, *, planner="FMT", seconds=60.0
 
     def valid(state):
         q = np.concatenate([[state[i] / weights[i] for i in range(n)], rest])
-        return not space._pairs.near(space._placed(q[None]), exact=False)[0]  # the function of `free_each`
+        return not space._pairs.near(space._placed(q[None]))[0]  # the function of `free_each`
 
     info.setStateValidityChecker(valid)
     info.setStateValidityCheckingResolution(0.01)

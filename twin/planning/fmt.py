@@ -26,6 +26,9 @@ _WIDER = 1.1
 _TRIES = 20
 """Maximum number of samples drawn per required free sample."""
 
+_AHEAD = 16
+"""Number of nodes of the front whose connections are tested together."""
+
 Progress = Callable[[float], None]
 
 
@@ -68,8 +71,8 @@ class Search:
         edges = np.ptp(self._box, axis=1)[self._moving] * self._space.weights[self._moving]
         volume = max(self._good, 1) / max(self._tried, 1) * float(np.prod(edges))
         radius = _radius(len(x), int(self._moving.sum()), volume)
-        near = cKDTree(x).query_ball_point(x, radius, return_sorted=True)
-        rows = self._grow(x, [np.array(i) for i in near], lambda f: progress((1 + f) / 2))
+        near, way = _neighbours(x, radius)
+        rows = self._grow(near, way, lambda f: progress((1 + f) / 2))
         return None if rows is None else self._q[rows]
 
     def block(self, corners: Array) -> bool:
@@ -89,35 +92,42 @@ class Search:
         while self.count < samples and self._tried - first < _TRIES * samples:
             size = min(max(2 * (samples - self.count), 16), 256)
             block = self._rng.uniform(self._box[:, 0], self._box[:, 1], (size, len(self._box)))
-            good = block[self._space.free(block)]
+            good = block[self._space.free(block, exact=False)]
             self._tried, self._good = self._tried + size, self._good + len(good)
             self._q = np.concatenate([self._q, good[: samples - self.count]])
             progress(min(max(self.count / samples, (self._tried - first) / (_TRIES * samples)), 1.0))
 
-    def _grow(self, x: Array, near: list[np.ndarray], progress: Progress) -> list[int] | None:
-        """Grow the tree from sample 0; return the rows of the path to sample 1, None if the tree does not reach it."""
-        waiting, front = np.ones(len(x), bool), np.zeros(len(x), bool)
-        waiting[0], front[0] = False, True
-        cost, parent = np.full(len(x), np.inf), np.full(len(x), -1)
-        cost[0] = 0.0
+    def _grow(self, near: list[np.ndarray], way: list[Array], progress: Progress) -> list[int] | None:
+        """Grow the tree from sample 0; return the rows of the path to sample 1, None if the tree does not reach it.
+
+        `near` are the neighbours of each sample, `way` their distances. Tests of many connections together are much
+        faster than one after the other, so those that the next nodes of the front will probably need are added.
+        """
+        count = len(near)
+        waiting, cost, parent = np.ones(count, bool), np.full(count, np.inf), np.full(count, -1)
+        front = cost.copy()  # the cost of a node of the front; infinite for all others
+        waiting[0], cost[0], front[0] = False, 0.0, 0.0
         heap, z = [(0.0, 0)], 0
+
+        def best(i: int) -> int:
+            """Return the node of the front through which the path to sample i would be shortest."""
+            return int(near[i][np.argmin(front[near[i]] + way[i])])
+
         while z != 1:
             to = near[z][waiting[near[z]]]
-            best = np.zeros(len(to), int)
-            costs = np.zeros(len(to))
-            for k, i in enumerate(to):
-                others = near[i][front[near[i]]]
-                off = x[others] - x[i]
-                through = cost[others] + np.sqrt(np.einsum("ki,ki->k", off, off))
-                least = int(np.argmin(through))
-                best[k], costs[k] = others[least], through[least]
-            free = self._free(best, to)
-            parent[to[free]], cost[to[free]] = best[free], costs[free]
-            waiting[to[free]], front[to[free]] = False, True
-            front[z] = False
+            pairs = [(best(i), i) for i in to.tolist()]
+            if any(p not in self._known for p in pairs):
+                coming = np.concatenate([near[i] for _, i in heapq.nsmallest(_AHEAD, heap)])
+                coming = np.unique(coming[waiting[coming]])
+                self._test([*pairs, *((best(i), i) for i in coming.tolist())])
+            front[z] = np.inf
             heapq.heappop(heap)
-            for i in to[free]:
-                heapq.heappush(heap, (float(cost[i]), int(i)))
+            for j, i in pairs:
+                if self._known[j, i]:
+                    k = int(np.searchsorted(near[i], j))
+                    parent[i], cost[i] = j, cost[j] + way[i][k]
+                    waiting[i], front[i] = False, cost[i]
+                    heapq.heappush(heap, (float(cost[i]), i))
             progress(1 - float(waiting.mean()))
             if not heap:
                 return None
@@ -127,16 +137,24 @@ class Search:
             rows.append(int(parent[rows[-1]]))
         return rows[::-1]
 
-    def _free(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-        """Return (k,) bool: whether the connections of samples a (k,) and b (k,) are free; each is tested once."""
-        pairs = list(zip(a.tolist(), b.tolist(), strict=True))
-        new = [p for p in pairs if p not in self._known]
-        if new:
-            rows = np.array(new)
-            self.checks += len(new)
-            for pair, free in zip(new, self._space.free_each(self._q[rows[:, 0]], self._q[rows[:, 1]]), strict=True):
-                self._known[pair] = self._known[pair[::-1]] = bool(free)
-        return np.array([self._known[p] for p in pairs], bool)
+    def _test(self, pairs: list[tuple[int, int]]) -> None:
+        """Test the connections of pairs of samples, each once."""
+        new = [p for p in dict.fromkeys(pairs) if p not in self._known]
+        rows = np.array(new)
+        self.checks += len(new)
+        for pair, free in zip(new, self._space.free_each(self._q[rows[:, 0]], self._q[rows[:, 1]]), strict=True):
+            self._known[pair] = self._known[pair[::-1]] = bool(free)
+
+
+def _neighbours(x: Array, radius: float) -> tuple[list[np.ndarray], list[Array]]:
+    """Return the rows of all points nearer than the radius to each point of x (k, n), in order, and their distances."""
+    pairs = cKDTree(x).query_pairs(radius, output_type="ndarray")
+    a, b = np.concatenate([pairs, pairs[:, ::-1]]).T
+    order = np.lexsort((b, a))
+    a, b = a[order], b[order]
+    off = x[a] - x[b]
+    ends = np.cumsum(np.bincount(a, minlength=len(x)))[:-1]
+    return np.split(b, ends), np.split(np.sqrt(np.einsum("ki,ki->k", off, off)), ends)
 
 
 def _radius(count: int, n: int, volume: float) -> float:
