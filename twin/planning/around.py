@@ -15,8 +15,8 @@ from twin.planning.space import Space
 _ROUNDS = ((0.15, 60), (0.4, 200), (1.0, 600))
 """Searches, in order: (extension of the box beyond start and goal, relative to the limits; number of samples)."""
 
-_SHORTCUTS = 60
-"""Number of pairs of points of a path between which a straight path is tried."""
+_ROUNDS_OF_SHORTCUTS, _SHORTCUTS = 8, 12
+"""Number of rounds of shortcuts, and of pairs of points in a round between which a straight path is tried."""
 
 _WIDTHS = (0.1, 0.05, 0.025, 0.0125)
 """Standard deviations for the rounding of corners, relative to the path length, in the order of trial."""
@@ -80,21 +80,29 @@ def around(
 
 
 def shortened(space: Space, corners: Array, rng: np.random.Generator) -> Array:
-    """Return the corners (k, n) of a path with detours replaced by straight parts where these are free."""
-    points = list(corners)
-    for _ in range(_SHORTCUTS):
+    """Return the corners (k, n) of a path with detours replaced by straight parts where these are free.
+
+    In each round, straight paths between random pairs of points are tested together, and the one is taken that shortens
+    the path most.
+    """
+    points = np.asarray(corners)
+    for _ in range(_ROUNDS_OF_SHORTCUTS):
         if len(points) < 3:
             break
-        along = _along(np.array(points) * space.weights)
-        s0, s1 = np.sort(rng.uniform(0.0, along[-1], 2))
-        i, j = (int(np.searchsorted(along, s, side="right")) - 1 for s in (s0, s1))
-        if i == j:
+        along = _along(points * space.weights)
+        ends = np.sort(rng.uniform(0.0, along[-1], (_SHORTCUTS, 2)), axis=1)
+        i, j = (np.searchsorted(along, s, side="right") - 1 for s in ends.T)
+        ends, i, j = ends[i < j], i[i < j], np.minimum(j[i < j], len(points) - 2)
+        a, b = (np.column_stack([np.interp(s, along, column) for column in points.T]) for s in ends.T)
+        gain = ends[:, 1] - ends[:, 0] - np.linalg.norm((b - a) * space.weights, axis=1)
+        # all three parts are tested: the loops at a or b could be closed in another assembly mode
+        parts = np.concatenate([a, points[i], b]), np.concatenate([b, a, points[j + 1]])
+        gain[~space.free_each(*parts).reshape(3, -1).all(axis=0)] = 0.0
+        if gain.max(initial=0.0) <= 0.0:
             continue
-        a, b = (np.array([np.interp(s, along, column) for column in np.array(points).T]) for s in (s0, s1))
-        # test all three parts: the loops at a or b could be closed in another assembly mode
-        if space.free_each(np.array([a, points[i], b]), np.array([b, a, points[j + 1]])).all():
-            points = [*points[: i + 1], a, b, *points[j + 1 :]]
-    return np.array(points)
+        k = int(np.argmax(gain))
+        points = np.concatenate([points[: i[k] + 1], a[[k]], b[[k]], points[j[k] + 1 :]])
+    return points
 
 
 def rounded(corners: Array, weights: Array, width: float) -> Smooth:
