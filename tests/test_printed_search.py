@@ -108,10 +108,18 @@ def test_every_cost_is_minimised_and_obeys_the_triangle_inequality(kind):
         assert total(cost, paths[0]) < total(cost, paths[1]), "the shortest path has more corners"
 
 
-def test_more_samples_shorten_the_path():
-    search = Search(Wall(), START, GOAL, Wall.limits, np.random.default_rng(1))
-    costs = [total(length(np.ones(2)), search.path(n)) for n in (150, 1000, 4000)]
-    assert costs[0] > costs[1] > costs[2]
+def test_more_samples_shorten_the_path_and_a_closed_wall_is_said_to_enclose():
+    costs = np.zeros((6, 3))
+    for seed in range(6):
+        search = Search(Wall(), START, GOAL, Wall.limits, np.random.default_rng(seed))
+        costs[seed] = [total(length(np.ones(2)), search.path(n)) for n in (300, 1000, 3000)]
+    assert costs.mean(axis=0)[0] > costs.mean(axis=0)[2]
+    closed = Wall()
+    closed.free_each = lambda a, b: (a[:, 0] < 0.15) == (b[:, 0] < 0.15)
+    search = Search(closed, START, GOAL, Wall.limits, np.random.default_rng(0))
+    assert search.path(300) is None
+    near, far = search.reached()
+    assert near < 0.2 * 300 < 0.7 * 300 < far
 
 
 def test_an_informed_search_draws_where_paths_can_be_shorter():

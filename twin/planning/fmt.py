@@ -75,6 +75,7 @@ class Search:
         self._moving = np.ptp(box, axis=1) > 0
         self._tried = self._good = self.checks = 0
         self._known: dict[tuple[int, int], bool] = {}
+        self._tree: tuple[list[np.ndarray], list[Array]] = [], []
 
     @property
     def count(self) -> int:
@@ -101,8 +102,14 @@ class Search:
         radius = _radius(len(x), int(self._moving.sum()), volume)
         near = neighbours(x, radius)
         way = [self.cost(np.broadcast_to(self._q[i], (len(n), len(self._box))), self._q[n]) for i, n in enumerate(near)]
-        rows = self._grow(near, way, lambda f: progress((1 + f) / 2))
+        self._tree = near, way
+        rows = self._grow(near, way, lambda f: progress((1 + f) / 2))[0]
         return None if rows is None else self._q[rows]
+
+    def reached(self) -> tuple[int, int]:
+        """Return how many samples of the last `path`, which found none, are connected with start and goal."""
+        near, way = self._tree
+        return self._grow(near, way)[1], self._grow(near, way, ends=(1, 0))[1]
 
     def inform(self, corners: Array) -> None:
         """From now on, use only samples through which a path can be shorter than the path along corners (k, n).
@@ -149,8 +156,14 @@ class Search:
             self._q = np.concatenate([self._q, good[: samples - self.count]])
             progress(min(max(self.count / samples, (self._tried - first) / (_TRIES * samples)), 1.0))
 
-    def _grow(self, near: list[np.ndarray], way: list[Array], progress: Progress) -> list[int] | None:
-        """Grow the tree from sample 0; return the rows of the path to sample 1, None if the tree does not reach it.
+    def _grow(
+        self,
+        near: list[np.ndarray],
+        way: list[Array],
+        progress: Progress = lambda fraction: None,
+        ends: tuple[int, int] = (0, 1),
+    ) -> tuple[list[int] | None, int]:
+        """Grow a tree between the samples `ends`; return the rows of the path, None if there is none, and its size.
 
         `near` are the neighbours of each sample, `way` the costs of the connections. Tests of many connections together
         are much faster than one after the other, so those that the next nodes of the front will probably need are
@@ -159,14 +172,15 @@ class Search:
         count = len(near)
         waiting, cost, parent = np.ones(count, bool), np.full(count, np.inf), np.full(count, -1)
         front = cost.copy()  # the cost of a node of the front; infinite for all others
-        waiting[0], cost[0], front[0] = False, 0.0, 0.0
-        heap, z = [(0.0, 0)], 0
+        root, target = ends
+        waiting[root], cost[root], front[root] = False, 0.0, 0.0
+        heap, z = [(0.0, root)], root
 
         def best(i: int) -> int:
             """Return the node of the front through which the path to sample i would be shortest."""
             return int(near[i][np.argmin(front[near[i]] + way[i])])
 
-        while z != 1:
+        while z != target:
             to = near[z][waiting[near[z]]]
             pairs = [(best(i), i) for i in to.tolist()]
             if any(p not in self._known for p in pairs):
@@ -183,12 +197,12 @@ class Search:
                     heapq.heappush(heap, (float(cost[i]), i))
             progress(1 - float(waiting.mean()))
             if not heap:
-                return None
+                return None, count - int(waiting.sum()) - 1
             z = heap[0][1]
-        rows = [1]
-        while rows[-1] != 0:
+        rows = [target]
+        while rows[-1] != root:
             rows.append(int(parent[rows[-1]]))
-        return rows[::-1]
+        return rows[::-1], count - int(waiting.sum()) - 1
 
     def _test(self, pairs: list[tuple[int, int]]) -> None:
         """Test the connections of pairs of samples, each once."""

@@ -81,3 +81,7 @@ class Space(Interface):
     def why(self, q: Array) -> str:
         """Return why joint values q (n,) are not free, with values and limits; "" if they are free."""
         ...
+
+    def named(self, q: Array) -> str:
+        """Return joint values q (n,) as text, with names and units as in a waypoint of a protocol."""
+        ...

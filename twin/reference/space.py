@@ -283,6 +283,14 @@ class JointSpace:
                     worst = f"{names} collide (required: {required / MM:.3g} mm apart)"
         return worst
 
+    def named(self, q: Array) -> str:
+        """Return joint values q (n,) as text, with names and units as in a waypoint of a protocol."""
+        names = [
+            f"{j.name}_deg = {x / DEG:.4g}" if j.is_angle else f"{j.name}_mm = {x / MM:.4g}"
+            for j, x in zip(self._model.mechanism.active, q, strict=True)
+        ]
+        return ", ".join(names)
+
     # -- states ---------------------------------------------------------------------------------------
 
     def _within(self, q: Array) -> np.ndarray:
