@@ -241,10 +241,23 @@ def parser() -> argparse.ArgumentParser:
     sub = add(
         "plan",
         "plan the timed motion of a protocol and check every sample",
-        "  twin plan sils\n  twin plan sils lowered_patient --out plan/",
+        "  twin plan sils\n  twin plan sils lowered_patient --out plan/\n"
+        "  twin plan pa10 --avoid vsrs        around the props and the other robots of a scene, outside the patient",
     )
     robot(sub)
     sub.add_argument("protocol", nargs="?", help="name or path of a protocol (default: the robot's default)")
+    sub.add_argument(
+        "--avoid",
+        nargs="?",
+        const="",
+        metavar="SCENE",
+        help="lead phases joints, positioning and home around what is in the way: props and other robots of a scene; "
+        "without a scene, the robot's own bodies",
+    )
+    sub.add_argument(
+        "--clearance-mm", type=float, default=5.0, metavar="MM", help="with --avoid: minimum distance (default: 5)"
+    )
+    sub.add_argument("--seed", type=int, default=0, help="with --avoid: seed of the random search (default: 0)")
     out(sub, "./twin-out/<robot>/<protocol>/")
 
     sub = add(
