@@ -262,10 +262,18 @@ def _models(add: Add) -> None:
     sub = add(
         "plan",
         "plan the timed motion of a protocol and check every sample",
-        "  twin plan sils\n  twin plan sils lowered_patient --out plan/",
+        "  twin plan sils\n  twin plan sils lowered_patient --out plan/\n"
+        "  twin plan pa10 --avoid vsrs        around the props and the other robots of a scene, outside the patient",
     )
     sub.robot()
     sub.protocol()
+    text = (
+        "plan phases of the types joints, positioning and home around obstacles: props and other robots of a scene; "
+        "without a scene, the robot's own bodies"
+    )
+    sub.text("--avoid", "SCENE", text, nargs="?", const="")
+    sub.number("--clearance-mm", "MM", "with --avoid: minimum distance", 5.0)
+    sub.integer("--seed", "with --avoid: seed of the random search", 0)
     sub.out("./twin-out/<robot>/<protocol>/")
 
 
