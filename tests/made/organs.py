@@ -104,6 +104,7 @@ class Rods:
             middle = v.mean(axis=0)[:2]
             far = np.linalg.norm(v[:, :2] - middle, axis=1)
             self.starts.append(np.append(middle, v[far <= max(2 * RADIUS, far.min()), 2].max() + 5 * MM))
+        self.links = {t.name: [rod(SHORT)] for t in tissues}
         self.organs = Organs(tissues, [Tool(t.name, rod(SHORT)) for t in tissues], self.poses(0.0))
 
     def poses(self, depth):

@@ -33,8 +33,9 @@ _JUMP = 20 * MM
 _LOOK = 12
 """Number of steps after which a link inside an organ is looked for again."""
 
-_STILL = 1e-6
-"""Organs are at rest if no node is further than this from its place in m, and none is faster than this per step."""
+_STILL = 5e-6
+"""Organs are at rest if no node is further than this from its place in m, and none is faster than this per step. It is
+less than a step of the quantised vertices in the stream."""
 
 _PREFIX = "link:"
 """Prefix of the names of links in MuJoCo."""
