@@ -88,6 +88,7 @@ def test_every_dimension_is_used_and_says_where_it_is_from():
     drawn = (PA10 / "parts.py").read_text() + (PA10 / "model.py").read_text()
     forks = {f"{key}{n}" for key in ("gap", "cheek", "fork", "waist", "crotch", "drum") for n in (2, 4, 6)}
     forks |= {f"{key}{n}" for key in ("r", "j") for n in range(1, 8)} | {f"hub{n}" for n in (1, 3, 5, 7)}
+    forks |= {f"tube{n}" for n in (3, 5)} | {f"foot{n}" for n in (4, 6)}
     for name, entry in tomllib.loads((PA10 / "dimensions.toml").read_text()).items():
         assert entry["provenance"] in {"CITED", "DERIVED", "ASSUMED"}, name
         assert entry["note"], name

@@ -228,6 +228,7 @@ def test_the_drawing_knows_neither_twin_nor_the_equations(file):
         "build123d",
         "OCP",
         "drawing",
+        "shapes",
     }
     assert "robots/" not in text
     assert "casadi" not in text

@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 import ast
-import dataclasses
 import os
 import warnings
 from functools import cache
@@ -16,6 +15,7 @@ import numpy as np
 import pytest
 from casadi import sqrt
 
+from made.formulas import replaced
 from made.lanes import thinned
 
 FAULTS = int(os.environ.get("TWIN_MARGINS", "7"))
@@ -45,14 +45,6 @@ def judged(formula, model, run):
     from twin.reference.boundary import Boundary
 
     return {(r.name, r.kind): r for r in Boundary(model, rows_of(formula, model, run), run.x).judge()}
-
-
-def replaced(formula, equation, function):
-    """The formula with another function for an equation."""
-    out = {e.name: e for e in formula.equations}
-    old = out[equation]
-    out[equation] = dataclasses.replace(old, variants={**old.variants, old.default: function})
-    return dataclasses.replace(formula, equations=tuple(out.values()))
 
 
 def names():

@@ -1,4 +1,4 @@
-"""Run a campaign of faults on the machine of a robot, in several processes, with a log that lets it go on."""
+"""Run a campaign of faults on the machine of a robot, in several processes; an interrupted campaign can continue."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ FILE = "hazards.jsonl"
 """Name of the log in the folder of a campaign."""
 
 _POLL = 0.05
-"""Time in s between two looks at the processes."""
+"""Time in s between two checks of the processes."""
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,7 @@ def hazards(
         progress: see `Progress`.
 
     Raises:
-        TwinError: a file is missing or malformed, a target is unknown, or the log is that of another campaign.
+        TwinError: a file is missing or malformed, a target is unknown, or the log belongs to another campaign.
     """
     from twin.core.jobs import Stream
     from twin.simulation.hazards.campaign import FREE
@@ -117,7 +117,7 @@ def outcomes(share: Share) -> Iterator[dict[str, Any]]:
 
 
 def campaign_file(robot: Robot, campaign: str | Path) -> Path:
-    """Return the path of a campaign: a path with a suffix as it is, a name in the robot's folder `campaigns`."""
+    """Return the path of a campaign; a name without suffix is a file in the robot's folder `campaigns`."""
     if Path(campaign).suffix or robot.files is None:
         return Path(campaign)
     return robot.files.cad / "campaigns" / f"{campaign}.toml"

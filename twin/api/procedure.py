@@ -40,10 +40,9 @@ class ProcedureSession(Result):
         scene, task: the scene, and its task.
         source: the replayed file; "" for a new simulation.
         seed: random seed of a simulated surgeon; None: a person.
-        mistake: the mistake that the simulated surgeon was asked to make; "": none, or unknown.
-        ran: signals of the session.
-        organ: the organ that is taken out.
-        lost: sentence that says where the file ends; "" if the file is complete.
+        mistake: the intended mistake of the simulated surgeon; "": no mistake, or unknown.
+        organ: the organ to remove.
+        lost: sentence on the end of a truncated file; "" if the file is complete.
         recorded: content of the session file of a simulated surgeon; None for a replayed file.
     """
 
@@ -139,7 +138,7 @@ class ProcedureSession(Result):
         yield from by_severity(self.findings)
 
     def write(self, folder: Path) -> None:
-        """Write procedure.csv (what the checks use, over time), and the session file of a simulated surgeon."""
+        """Write procedure.csv (the signals that the checks use), and the session file of a simulated surgeon."""
         kept, p = self.ran.kept, self.procedure
         columns = {"t_s": kept.t, "seen": kept[f"{p.vessel}.seen"][:, 0]}
         columns["freed"] = kept[f"{p.organ}.freed"].sum(axis=1)
@@ -199,10 +198,7 @@ def replay_procedure(
 ) -> ProcedureSession:
     """Replay the session of a procedure in a new World, compare it with the recording bit by bit, and judge it.
 
-    Args:
-        path: a session file.
-        scene: the scene of the session, as name, path or loaded scene; default: the built-in scene that the file names.
-        progress: see `Progress`.
+    The default scene is the built-in scene that the file names.
 
     Raises:
         WorldError: the file is damaged, of another version or of another scene.

@@ -10,7 +10,7 @@ from twin.cli import show
 
 
 def hazards(args: argparse.Namespace) -> int:
-    """Run the sessions that are left, print the outcome by class; the log has each session.
+    """Run the remaining sessions and print the number of outcomes by class; the log contains each session.
 
     The exit code is 1 after a false cue.
     """
@@ -18,7 +18,7 @@ def hazards(args: argparse.Namespace) -> int:
     from twin.api.hazards import hazards as run
 
     robot = api.load(args.robot)
-    folder = Path(args.out) if args.out else Path("twin-out") / robot.name / f"{Path(args.campaign).stem}-hazards"
+    folder = show.folder(args, robot.name, f"{Path(args.campaign).stem}-hazards")
     with show.progress(args.quiet or args.json) as progress:
         found = run(
             robot,

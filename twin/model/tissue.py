@@ -105,7 +105,7 @@ class Tissue:
 
     @cached_property
     def held(self) -> Index:
-        """Indices of the nodes that a pin holds.
+        """Indices of the nodes that pins fix.
 
         Raises:
             TwinError: a pin holds no node, or all pins together hold fewer than three nodes or nodes in one line.

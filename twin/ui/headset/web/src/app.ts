@@ -22,6 +22,7 @@ import type { Hit } from './pick';
 import { Place } from './place';
 import type { Message, SceneInfo } from './protocol';
 import { Robot } from './robot';
+import { Machines } from './machines';
 import { Score } from './score';
 import { makeSheet } from './sheet';
 import { Surroundings } from './surroundings';
@@ -51,6 +52,7 @@ export class App {
   private readonly header: Header;
   private readonly mouse: Mouse;
   private readonly score: Score;
+  private machines: Machines | null = null;
   private sheet: Sheet | null = null;
   private seeking = NaN;
   private seekUntil = 0;
@@ -231,6 +233,7 @@ export class App {
     document.title = `${scene.name} · twin`;
     this.fields.meet(scene.fields);
     if (scene.console) this.console = new Console(this, scene, scene.console);
+    if (scene.machines) this.machines = new Machines(document.getElementById('page') as HTMLElement, this, scene.machines);
     for (const message of this.early.splice(0)) this.hear(message);
     this.build();
     const around = this.surroundings.load(scene);
@@ -309,6 +312,7 @@ export class App {
         overlays.addCloud(message.points, message.values, message.done);
       }
     }
+    this.machines?.hear(message);
     if (message.type === 'forces') this.console?.forces.hear(message);
     if (message.type === 'error' && message.code === 'released') this.grab.drop(message.message);
     this.model.hear(message);
@@ -338,6 +342,7 @@ export class App {
       if (!this.xr.presenting) {
         this.dom.refresh();
         this.score.refresh();
+        this.machines?.refresh();
         this.console?.tools?.refresh();
         world.cover(...this.dom.covers());
       }
