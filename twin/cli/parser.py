@@ -133,10 +133,7 @@ class _Command(_Parser):
 
     def machines(self) -> None:
         """Add the option for machines that run already."""
-        text = (
-            "a running `twin machine` of the scene, with its ports of packets and states; this command starts the other "
-            "machines"
-        )
+        text = "a running `twin machine` of the scene, with its ports of packets and states; others are started here"
         self.text("--machine", "ROBOT=HOST:PORT:STATEPORT", text, action="append")
 
     def accuracy(self) -> None:
