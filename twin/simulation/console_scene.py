@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import astuple, dataclass
 from typing import Any
 
@@ -132,28 +132,20 @@ def world(
         ]
         at = [q[a.robot] for a in arms]
         controllers.append(HandToPose(hand, PEDALS, arms, at, np.eye(4), view=view, dt=dt))
-        for arm in arms:
-            for k in np.flatnonzero(arm.kin.auxiliary)[:1]:  # the first auxiliary joint is the jaw
-                low, high = float(limits[arm.robot].lower[k]), float(limits[arm.robot].upper[k])
-                jaw = Jaw(max(low, 0.0), high, float(q[arm.robot][k]), dt)
-                controllers.append(GripToJaw(hand, arm.robot, jaw))
-    machines = machine_scene.machines(scene) if parts else ()
-    if scene.trainer is not None and parts:
-        kins = {n: members[n].kin for n in machines}
-        controllers += machine_scene.controllers(scene.trainer, PEDALS, parts, kins, dt)
-    for name, x in q.items():
-        if name in machines:
-            continue
+        controllers += _jaws(hand, arms, limits, q, dt)
+    machines = machine_scene.Machined(scene, parts or {})
+    controllers += machines.controllers(PEDALS, {n: m.kin for n, m in members.items()}, dt)
+    simulated = {n: x for n, x in q.items() if n not in machines.parts}
+    for name, x in simulated.items():
         kin, port = members[name].kin, port_in_base(places[name])
         guided = name in table.through
         controllers.append(
             ThroughPort(name, kin, x, limits[name], port) if guided else PoseToJoints(name, kin, x, limits[name])
         )
-    plants: list[Block] = [Kinematic(n, x, limits[n]) for n, x in q.items() if n not in machines]
+    plants: list[Block] = [Kinematic(n, x, limits[n]) for n, x in simulated.items()]
+    plants += machines.plants(q)
     robots = [Placed(p.name, members[p.name].mechanism, p.T_world_base, members[p.name].links) for p in led]
-    if scene.trainer is not None and parts:
-        plants += machine_scene.plants(scene.trainer, parts, q)
-        robots += machine_scene.models(scene, members)
+    robots += machines.models(members)
     objects = scene.objects if task is not None and task.transfers else ()
     felt = _felt(scene, props, haptics)
     if objects or felt:
@@ -166,13 +158,8 @@ def world(
         plants.append(operated.plant)
     if haptics is not None:
         controllers.append(HapticSwitch(PEDALS, haptics))
-        if machines:
-            eye = scene.cameras[table.camera].robot
-            for hand in HANDS:
-                bases = {n: places[n].T_world_base for n in getattr(table, hand) if n in machines}
-                plants.append(machine_scene.CueHand(hand, eye, bases))
-        else:
-            plants += _forces(scene, members, limits, felt, [o.name for o in objects], dt)
+        names = [o.name for o in objects]
+        plants += machines.cues(HANDS) if parts else _forces(scene, members, limits, felt, names, dt)
     return World(
         robots=robots,
         deformables=() if operated is None else operated.deformables,
@@ -183,6 +170,16 @@ def world(
         dt=dt,
         records=records,
     )
+
+
+def _jaws(
+    hand: str, arms: Sequence[Arm], limits: Mapping[str, Limits], q: Mapping[str, Array], dt: float
+) -> Iterator[Block]:
+    """Yield the blocks by which a hand moves the jaws of its arms; the first auxiliary joint is the jaw."""
+    for arm in arms:
+        for k in np.flatnonzero(arm.kin.auxiliary)[:1]:
+            low, high = float(limits[arm.robot].lower[k]), float(limits[arm.robot].upper[k])
+            yield GripToJaw(hand, arm.robot, Jaw(max(low, 0.0), high, float(q[arm.robot][k]), dt))
 
 
 def _operated(
