@@ -21,7 +21,7 @@ from twin.core.errors import DescriptionError, DeviceError, TwinError
 from twin.model.scene import load_scene
 from twin.simulation import console_scene, machine_scene
 from twin.simulation.controllers.cue import Cue
-from twin.simulation.controllers.trainer import Bounds, Mode, Phase, Smooth, Tips, Trainer, ViewSwitch, Why, told
+from twin.simulation.controllers.trainer import Bounds, Mode, Phase, Smooth, Tips, Trainer, ViewSwitch, Why, asked, told
 from twin.simulation.devices.joint_packets import JointPackets
 from twin.simulation.devices.joint_packets import pack as pack_joints
 from twin.simulation.machine import states
@@ -182,6 +182,19 @@ def test_a_good_record_is_replayed_as_it_was(desk):
         sent.append(machine_gets)
     assert phase == Phase.DONE
     np.testing.assert_array_equal(sent[: len(record)], record)
+
+
+def test_a_replay_waits_for_the_hands_and_then_gives_up(desk):
+    """A page sends its hands again when the replay is asked for."""
+    desk.step()
+    desk.rehearse()
+    desk.set("pedals.silent", 1)
+    desk.ask(Mode.REPLAY)
+    assert desk.step(500)[0] == Phase.REPLAY
+    assert desk.step(600)[:2] == (Phase.STOPPED, Why.OPERATOR)
+    desk.set("pedals.silent", 0)
+    desk.ask(asked(Mode.REPLAY, 1))  # asked for again
+    assert desk.step(200)[0] == Phase.REPLAY
 
 
 def test_a_replay_waits_for_the_machine_and_then_gives_up(desk):

@@ -26,7 +26,7 @@ from twin.simulation.machine.levels import Level
 from twin.simulation.world import Block, Signals
 
 MODE, VIEW = "pedals.training", "console.view"
-"""Setting of the device: what the trainer is asked for (`Mode`). Signal: 0 the machine is solid, 1 its model is."""
+"""Setting of the device: what the trainer is asked for, see `asked`. Signal: 0 the machine is solid, 1 its model is."""
 
 FIELDS = 9
 """Number of values of a packet; see `twin.simulation.machine.itp.FIELDS`."""
@@ -53,6 +53,16 @@ class Mode(IntEnum):
     REHEARSE = 1
     JUDGE = 2
     REPLAY = 3
+
+
+def asked(mode: Mode, count: int) -> float:
+    """Return the setting that asks for a mode; with another count, it asks again for the same one."""
+    return float(mode + len(Mode) * count)
+
+
+def mode_of(setting: float) -> Mode:
+    """Return the mode that a setting asks for."""
+    return Mode(int(setting) % len(Mode))
 
 
 class Phase(IntEnum):
@@ -246,7 +256,7 @@ class Trainer(Block):
         self._names = {n: f"{robot}.{n}" for n in ("goal", "follows", "run", "measured", "model", "deviation")}
         self._names["ghost"] = f"{robot}{MODEL}.q"
         self._jaw, self._silent = f"{robot}.jaw", f"{device}.silent"
-        self._smooth, self._wanted, self._phase = Smooth(bounds, grasp_step, dt), Mode.TELEOPERATE, Phase.TELEOPERATE
+        self._smooth, self._wanted, self._phase = Smooth(bounds, grasp_step, dt), 0.0, Phase.TELEOPERATE
         self._why, self._value = Why.NOTHING, 0.0
         self._record: list[Array] = []
         self._start: Array | None = None
@@ -265,14 +275,14 @@ class Trainer(Block):
         s = {n: now[name] for n, name in self._names.items()}
         ready = s["run"][ANSWERS] > 0.5 and s["run"][LEVEL] >= Level.PEDAL_UP
         self._sync = False
-        wanted = Mode(int(np.clip(now[MODE].item(), 0, max(Mode))))
-        if wanted != self._wanted:
+        if (wanted := now[MODE].item()) != self._wanted:
             self._wanted = wanted
-            self._change(wanted, s, ready, t)
+            self._change(mode_of(wanted), s, ready, t)
         machine = model = _STILL
         if self._phase == Phase.REPLAY:
             held = now["console.mode"].item() not in (TOOLS, CAMERA) or self._is_silent(signals)
-            machine = model = np.append(_STILL[:8], 1.0) if self._sync else self._replayed(s, held, t)
+            waits = self._k == 0 and self._is_silent(signals) and t - self._since <= _READY
+            machine = model = _STILL if self._sync or waits else self._replayed(s, held, t)
         elif self._phase in (Phase.TELEOPERATE, Phase.REHEARSE):
             alone = self._phase == Phase.REHEARSE
             values = self._led_by_hand(signals, s, ready, alone)
