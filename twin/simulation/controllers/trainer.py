@@ -45,6 +45,9 @@ _UM, _STILL = 1e-6, np.array([0, 0, 0, 1, 0, 0, 0, 0, 0.0])
 _READY, _SETTLE = 1.0, 0.5
 """Largest time in s until both are in PEDAL_DN; time in s in which the machine comes to rest after the last packet."""
 
+_SILENCE = 1.0
+"""Silence of the hands in s that stops a replay (ASSUMED); longer than their own limit, as they do not lead it."""
+
 
 class Mode(IntEnum):
     """What the trainer is asked for."""
@@ -262,7 +265,7 @@ class Trainer(Block):
         self._start: Array | None = None
         self._good = self._down = self._led = False
         self._fastest, self._held = 0.0, 0.0
-        self._k, self._since = 0, 0.0
+        self._k, self._since, self._heard = 0, 0.0, 0.0
         self.outputs = {
             f"{robot}.packet": _STILL,
             f"{robot}.given": np.append(_STILL, 0.0),
@@ -280,8 +283,11 @@ class Trainer(Block):
             self._change(mode_of(wanted), s, ready, t)
         machine = model = _STILL
         if self._phase == Phase.REPLAY:
-            held = now["console.mode"].item() not in (TOOLS, CAMERA) or self._is_silent(signals)
-            waits = self._k == 0 and self._is_silent(signals) and t - self._since <= _READY
+            silent = self._is_silent(signals)
+            self._heard = self._heard if silent else t
+            clutched = not silent and now["console.mode"].item() not in (TOOLS, CAMERA)
+            held = clutched or t - self._heard > _SILENCE
+            waits = self._k == 0 and silent and not held
             machine = model = _STILL if self._sync or waits else self._replayed(s, held, t)
         elif self._phase in (Phase.TELEOPERATE, Phase.REHEARSE):
             alone = self._phase == Phase.REHEARSE
@@ -348,7 +354,7 @@ class Trainer(Block):
             return self._stop(Why.START, far)
         if turned > self.bounds.start_angle:
             return self._stop(Why.START_ANGLE, turned)
-        self._phase, self._sync, self._k, self._since = Phase.REPLAY, True, 0, t
+        self._phase, self._sync, self._k, self._since, self._heard = Phase.REPLAY, True, 0, t, t
         return None
 
     def _stop(self, why: Why, value: float) -> None:
