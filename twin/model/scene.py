@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -14,13 +14,14 @@ from twin.core.errors import TwinError, unknown
 from twin.core.provenance import Parameter
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM, linear_rgba
-from twin.model import anatomy, console, contact, task, tool, vessel
+from twin.model import anatomy, console, contact, task, tool, trainer, vessel
 from twin.model.anatomy import AnatomyTable, TissueTable
 from twin.model.console import CameraTable, ConsoleTable, HapticsTable
 from twin.model.contact import ContactTable, ObjectTable
 from twin.model.movable import Movable
 from twin.model.task import Task, TaskTable
 from twin.model.tool import ToolTable
+from twin.model.trainer import MODEL, TrainerTable
 from twin.model.vessel import Vessel, VesselTable
 from twin.schema import Identifier, Sourced, Table, Vector, at, error_at, load_toml
 
@@ -68,6 +69,7 @@ class SceneTable(Table):
     robot: list[RobotTable] = Field(min_length=1)
     camera: dict[Identifier, CameraTable] = Field(default_factory=dict)
     console: ConsoleTable | None = None
+    trainer: TrainerTable | None = None
     object: dict[Identifier, ObjectTable] = Field(default_factory=dict)
     contact: ContactTable | None = None
     haptics: HapticsTable | None = None
@@ -119,6 +121,7 @@ class Scene:
     touching: frozenset[frozenset[str]]
     cameras: dict[str, CameraTable]
     console: ConsoleTable | None
+    trainer: TrainerTable | None
     objects: tuple[Movable, ...]
     contact: ContactTable | None
     haptics: HapticsTable | None
@@ -133,6 +136,12 @@ class Scene:
     def plays(self) -> bool:
         """Whether every robot has a protocol."""
         return all(p.protocol for p in self.places)
+
+    @property
+    def models(self) -> tuple[Place, ...]:
+        """The models beside the machines, each at the place of its machine."""
+        machines = [] if self.trainer is None else self.trainer.robots
+        return tuple(replace(p, name=p.name + MODEL) for p in self.places if p.name in machines)
 
     def require_protocols(self) -> None:
         """Raise if a robot has no protocol to play.
@@ -172,6 +181,7 @@ def load_scene(path: Path) -> Scene:
             raise error_at(path, ("camera", name, "robot"), unknown("robot", camera.robot, names))
     if table.console is not None:
         console.check(path, table.console, table.camera, names)
+    trainer.check(path, table.trainer, table.console, names)
     for name, t in table.task.items():
         if table.console is None and t.procedure is None:
             raise error_at(path, ("task", name), "a task needs a console: add the table [console]")
@@ -192,6 +202,7 @@ def load_scene(path: Path) -> Scene:
         frozenset(frozenset(p) for p in table.touching),
         dict(table.camera),
         table.console,
+        table.trainer,
         tuple(contact.movable(name, o) for name, o in table.object.items()),
         table.contact,
         table.haptics,
@@ -268,6 +279,7 @@ def _parameters(table: SceneTable) -> Iterator[Parameter]:
         start = [(f"start {joint}", value, "deg or mm") for joint, value in r.start.items()]
         yield from r.parameters(r.name, [("", r.position_mm, "mm"), *start, ("yaw", r.yaw_deg, "deg")])
     yield from console.listed(table.console, table.haptics)
+    yield from trainer.listed(table.trainer)
     yield from contact.listed(table.object, table.contact)
     yield from anatomy.listed(table.tissue)
     for name, v in table.vessel.items():
