@@ -2,7 +2,13 @@
 
 from __future__ import annotations
 
+import json
+import re
+import signal
+import subprocess
+import sys
 import time
+import urllib.request
 
 import numpy as np
 import pytest
@@ -10,6 +16,7 @@ import pytest
 import twin
 from twin.api.machine import ChildMachine, Machines
 from twin.api.session import operate_machine, replay_session
+from twin.cli import main
 from twin.core.errors import DeviceError, TwinError
 from twin.simulation.controllers.trainer import Phase
 from twin.simulation.session.machine_run import ready
@@ -80,3 +87,39 @@ def test_a_machine_ends_with_the_program_that_started_it():
 def test_a_robot_that_is_no_machine():
     with pytest.raises(DeviceError, match=r"the machine of pa10 has not started: .*machine.toml"):
         ChildMachine("pa10")
+
+
+def test_a_twin_follows_a_machine_process():
+    """`twin follow raven_left --packets 0`, and with --states: both serve a page and the machine's description."""
+    child = ChildMachine("raven_left")
+    sources = (("--states", str(child.address.state_port)), ("--packets", "0"))
+    for option in sources:
+        command = [sys.executable, "-m", "twin", "follow", "raven_left", *option, "--port", "0", "--no-browser"]
+        with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) as process:
+            try:
+                lines = iter(process.stdout.readline, "")
+                url = next(m[0] for line in lines if (m := re.search(r"http://127[.]0[.]0[.]1:[0-9]+", line)))
+                with urllib.request.urlopen(f"{url}/scene.json", timeout=60) as page:
+                    about = json.loads(page.read())
+                assert about["machines"]["models"] == {"raven_left": "raven_left_model"}
+                assert [r["name"] for r in about["robots"]] == ["raven_left", "raven_left_model"]
+                time.sleep(1)
+                process.send_signal(signal.SIGINT)
+                assert process.wait(20) == 0
+            finally:
+                process.kill()
+    child.close()
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ([], "give --states HOST:PORT (a `twin machine`), or --packets PORT"),
+        (["--states", "a:b"], "--states a:b: give HOST:PORT or PORT"),
+        (["--states", "9"], "no machine sends states at 127.0.0.1:9"),
+    ],
+)
+def test_what_cannot_be_followed(options, message, capsys):
+    assert main(["follow", "raven_left", "--port", "0", "--no-browser", *options]) == 2
+    said = capsys.readouterr()
+    assert message in said.out + said.err

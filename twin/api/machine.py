@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from multiprocessing.connection import Connection
 from typing import TYPE_CHECKING
 
@@ -23,6 +23,7 @@ def machine_parts(
     mode: Mode | None = None,
     overdrive: Policy | None = None,
     master_timeout: float | None = None,
+    released: Collection[str] | None = None,
 ) -> Parts:
     """Return the compiled parts of a robot's machines; several machines can share them.
 
@@ -31,9 +32,12 @@ def machine_parts(
         mode: limits of the DAC; None: as in machine.toml.
         overdrive: policy above these limits; None: as in machine.toml.
         master_timeout: time in s without a packet after which the pedal counts as up; None: as in machine.toml.
+        released: findings of the released software that this one has, names of `settings.Released`, the others being
+            corrected; "none" stands for no name; None: as in machine.toml.
 
     Raises:
-        TwinError: a file is missing or malformed, the mechanism has loops, or the time-out is not above 0.
+        TwinError: a file is missing or malformed, the mechanism has loops, the gains make it oscillate, a finding is
+            unknown, or the time-out is not above 0.
     """
     from twin.simulation.dynamics import inertia
     from twin.simulation.dynamics.arm import arm
@@ -45,6 +49,12 @@ def machine_parts(
     model = arm(robot.mechanism, inertia.of_robot(robot.files.cad))
     table = settings.load(robot.files.cad / settings.NAME, model.mechanism)
     table = table.model_copy(update={"mode": mode or table.mode, "overdrive": overdrive or table.overdrive})
+    if released is not None:
+        known = list(settings.Released.model_fields)
+        for name in set(released) - {"none"}:
+            if name not in known:
+                raise TwinError(unknown("finding of the released software", name, known))
+        table = table.model_copy(update={"released": settings.Released(**{n: n in released for n in known})})
     if master_timeout is not None:
         if not master_timeout > 0:
             raise TwinError(f"the time-out of the master is {master_timeout:g} s; it must be above 0")
@@ -59,7 +69,7 @@ def machine(
     """Return a machine at home, in E_STOP; the control software has no information on the changes below.
 
     `mass` and `friction` are factors of all masses and of all friction; `tilt` in rad turns the base about its x axis.
-    Faults change the signals `packet`, `encoder` and `dac`.
+    Faults change signals of `twin.simulation.machine.machine.LOCATIONS`.
 
     Raises:
         TwinError: a mass is not above 0, a friction is negative, or a fault has an unknown signal.

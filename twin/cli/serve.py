@@ -10,7 +10,7 @@ import sys
 import threading
 import webbrowser
 from collections import ChainMap
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -23,6 +23,7 @@ from twin.core import assets
 from twin.core.errors import TwinError
 
 if TYPE_CHECKING:
+    from twin.api import Robot
     from twin.model.mechanism import Mechanism
     from twin.model.scene import Scene
     from twin.ui.headset.served import Served
@@ -80,7 +81,7 @@ def _what(args: argparse.Namespace) -> tuple[str, Callable[[], Served]]:
     scene = load_scene(file)
     robots, props = scenes.content(scene)
     if scene.console is not None and not args.protocols:
-        return scene.name, _console(args, scene, robots, props, file)
+        return scene.name, _at_console(args, scene, robots, props)
     scene.require_protocols()
     if args.protocols:
         _require_no_hands(args)
@@ -93,10 +94,10 @@ def _what(args: argparse.Namespace) -> tuple[str, Callable[[], Served]]:
     return scene.name, lambda: served.of_scene(scene, robots, props, plans, scenes.organs(scene, robots))
 
 
-def _console(
-    args: argparse.Namespace, scene: Scene, robots: dict[str, api.Robot], props: Mechanism | None, file: Path
+def _at_console(
+    args: argparse.Namespace, scene: Scene, robots: Mapping[str, Robot], props: Mechanism | None
 ) -> Callable[[], Served]:
-    """Return a function that starts the console of a scene; raise `TwinError` for wrong arguments."""
+    """Return the function that starts the console of a scene; raise `TwinError` for wrong arguments."""
     from twin.cli.session import report
     from twin.simulation.console_scene import console_of
     from twin.simulation.session.condition import Condition, randomised
@@ -109,7 +110,7 @@ def _console(
     if args.participant is not None:
         condition = randomised(args.participant, args.run)
     if args.fulcrum is not None and not console_of(scene).instrument_mm:
-        key = f"instrument_mm to the table [console] of {file.name}"
+        key = f"instrument_mm to the table [console] of {scene.file.name}"
         raise TwinError(f"--fulcrum: the instruments of scene '{scene.name}' have no length: add {key}")
     connections = (args.packets, args.mqtt, args.mqtt_topic)
     more = {"fulcrum": args.fulcrum or "compensated", **scenes.bending(scene, robots, task)}

@@ -1,4 +1,4 @@
-"""Compile a formula to `Kinematics`: compiled functions, and solvers for missing equations."""
+"""Compile a formula to `Kinematics`: compiled functions, and solvers that replace missing equations."""
 
 from __future__ import annotations
 

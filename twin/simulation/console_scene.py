@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import astuple, dataclass
 from typing import Any
 
@@ -130,22 +130,22 @@ def world(
             Arm(n, members[n].kin, places[n].T_world_base, pivot(table, places[n], members[n].kin, q[n]))
             for n in getattr(table, hand)
         ]
-        controllers += _hand(hand, arms, q, limits, view, dt)
-    machines = machine_scene.machines(scene) if parts else ()
-    if scene.trainer is not None and parts:
-        kins = {n: members[n].kin for n in machines}
-        controllers += machine_scene.controllers(scene.trainer, PEDALS, parts, kins, dt)
-    for name, x in q.items():
+        at = [q[a.robot] for a in arms]
+        controllers.append(HandToPose(hand, PEDALS, arms, at, np.eye(4), view=view, dt=dt))
+        controllers += _jaws(hand, arms, limits, q, dt)
+    machines = machine_scene.Machined(scene, parts or {})
+    controllers += machines.controllers(PEDALS, {n: m.kin for n, m in members.items()}, dt)
+    simulated = {n: x for n, x in q.items() if n not in machines.parts}
+    for name, x in simulated.items():
         kin, port = members[name].kin, port_in_base(places[name])
-        if name in table.through:
-            controllers.append(ThroughPort(name, kin, x, limits[name], port))
-        elif name not in machines:
-            controllers.append(PoseToJoints(name, kin, x, limits[name]))
-    plants: list[Block] = [Kinematic(n, x, limits[n]) for n, x in q.items() if n not in machines]
+        guided = name in table.through
+        controllers.append(
+            ThroughPort(name, kin, x, limits[name], port) if guided else PoseToJoints(name, kin, x, limits[name])
+        )
+    plants: list[Block] = [Kinematic(n, x, limits[n]) for n, x in simulated.items()]
+    plants += machines.plants(q)
     robots = [Placed(p.name, members[p.name].mechanism, p.T_world_base, members[p.name].links) for p in led]
-    if scene.trainer is not None and parts:
-        plants += machine_scene.plants(scene.trainer, parts, q)
-        robots += machine_scene.models(scene, members)
+    robots += machines.models(members)
     objects = scene.objects if task is not None and task.transfers else ()
     felt = _felt(scene, props, haptics)
     if objects or felt:
@@ -158,10 +158,8 @@ def world(
         plants.append(operated.plant)
     if haptics is not None:
         controllers.append(HapticSwitch(PEDALS, haptics))
-        if machines:
-            plants += _cues(scene, machines)
-        else:
-            plants += _forces(scene, members, limits, felt, [o.name for o in objects], dt)
+        names = [o.name for o in objects]
+        plants += machines.cues(HANDS) if parts else _forces(scene, members, limits, felt, names, dt)
     return World(
         robots=robots,
         deformables=() if operated is None else operated.deformables,
@@ -174,25 +172,14 @@ def world(
     )
 
 
-def _hand(
-    hand: str, arms: list[Arm], q: Mapping[str, Array], limits: Mapping[str, Limits], view: str, dt: float
-) -> list[Block]:
-    """Return the blocks by which one hand controls the poses and the jaws of its arms, seen by the camera `view`."""
-    at = [q[a.robot] for a in arms]
-    blocks: list[Block] = [HandToPose(hand, PEDALS, arms, at, np.eye(4), view=view, dt=dt)]
-    for name, kin in ((a.robot, a.kin) for a in arms):
-        for k in np.flatnonzero(kin.auxiliary)[:1]:  # the first auxiliary joint is the jaw
-            low, high = float(limits[name].lower[k]), float(limits[name].upper[k])
-            blocks.append(GripToJaw(hand, name, Jaw(max(low, 0.0), high, float(q[name][k]), dt)))
-    return blocks
-
-
-def _cues(scene: Scene, machines: Collection[str]) -> list[Block]:
-    """Return the blocks of the forces on the hands that the deviations of machines from their models cause."""
-    table, places = console_of(scene), {p.name: p for p in scene.places}
-    eye = scene.cameras[table.camera].robot
-    bases = [{n: places[n].T_world_base for n in getattr(table, hand) if n in machines} for hand in HANDS]
-    return [machine_scene.CueHand(hand, eye, base) for hand, base in zip(HANDS, bases, strict=True)]
+def _jaws(
+    hand: str, arms: Sequence[Arm], limits: Mapping[str, Limits], q: Mapping[str, Array], dt: float
+) -> Iterator[Block]:
+    """Yield the blocks by which a hand moves the jaws of its arms; the first auxiliary joint is the jaw."""
+    for arm in arms:
+        for k in np.flatnonzero(arm.kin.auxiliary)[:1]:
+            low, high = float(limits[arm.robot].lower[k]), float(limits[arm.robot].upper[k])
+            yield GripToJaw(hand, arm.robot, Jaw(max(low, 0.0), high, float(q[arm.robot][k]), dt))
 
 
 def _operated(

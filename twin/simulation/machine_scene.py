@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Protocol
 
 import numpy as np
@@ -48,23 +48,6 @@ def cue(table: TrainerTable) -> Cue:
     return Cue(c.reading, c.tol_mm, c.kp_n_mm, c.kd_ns_mm, c.largest_n, c.blend_mm)
 
 
-def controllers(
-    table: TrainerTable, device: str, parts: Mapping[str, Parts], kins: Mapping[str, Kinematics], dt: float
-) -> list[Block]:
-    """Return the switch of the view, and the trainer of each machine."""
-    out: list[Block] = [ViewSwitch(device, TAP)]
-    for name in table.robots:
-        angles = np.array([j.is_angle for j in parts[name].arm.mechanism.active])
-        step = parts[name].settings.number.grasp_step.value
-        out.append(Trainer(name, device, bounds(table), step, Tips(kins[name], angles), dt))
-    return out
-
-
-def plants(table: TrainerTable, parts: Mapping[str, Parts], q: Mapping[str, Array]) -> list[Block]:
-    """Return the models of the machines at joint values q (n,) of the start."""
-    return [Modelled(name, parts[name], cue(table), q[name]) for name in table.robots]
-
-
 class Arm(Protocol):
     """What is drawn of a robot; see `twin.simulation.world.Placed`."""
 
@@ -74,10 +57,48 @@ class Arm(Protocol):
     def links(self) -> Callable[[Array], Mapping[str, Array]] | None: ...  # noqa: D102
 
 
-def models(scene: Scene, members: Mapping[str, Arm]) -> list[Placed]:
-    """Return the models of a World; their mechanisms are those of their machines."""
-    arms = [(p, members[p.name.removesuffix(MODEL)]) for p in scene.models]
-    return [Placed(p.name, arm.mechanism, p.T_world_base, arm.links) for p, arm in arms]
+class Machined:
+    """The machines of a World.
+
+    Attributes:
+        parts: what they are made of, by robot; empty: there are none.
+    """
+
+    def __init__(self, scene: Scene, parts: Mapping[str, Parts]) -> None:
+        """Prepare for the machines of a scene."""
+        self._scene, self.parts = scene, parts
+        self._table = scene.trainer if parts else None
+
+    def controllers(self, device: str, kins: Mapping[str, Kinematics], dt: float) -> list[Block]:
+        """Return the switch of the view, and the trainer of each machine."""
+        if (table := self._table) is None:
+            return []
+        out: list[Block] = [ViewSwitch(device, TAP)]
+        for name, parts in self.parts.items():
+            angles = np.array([j.is_angle for j in parts.arm.mechanism.active])
+            step = parts.settings.number.grasp_step.value
+            out.append(Trainer(name, device, bounds(table), step, Tips(kins[name], angles), dt))
+        return out
+
+    def plants(self, q: Mapping[str, Array]) -> list[Block]:
+        """Return the models of the machines at joint values q (n,) of the start."""
+        if (table := self._table) is None:
+            return []
+        return [Modelled(name, parts, cue(table), q[name]) for name, parts in self.parts.items()]
+
+    def models(self, members: Mapping[str, Arm]) -> list[Placed]:
+        """Return the models as robots of the World; their mechanisms are those of their machines."""
+        models = [] if self._table is None else self._scene.models
+        arms = [(p, members[p.name.removesuffix(MODEL)]) for p in models]
+        return [Placed(p.name, arm.mechanism, p.T_world_base, arm.links) for p, arm in arms]
+
+    def cues(self, hands: Sequence[str]) -> list[Block]:
+        """Return the blocks of the cue in each hand."""
+        if (table := self._scene.console) is None:
+            return []
+        eye = self._scene.cameras[table.camera].robot
+        bases = {p.name: p.T_world_base for p in self._scene.places if p.name in self.parts}
+        return [CueHand(h, eye, {n: bases[n] for n in getattr(table, h) if n in bases}) for h in hands]
 
 
 class CueHand(Block):

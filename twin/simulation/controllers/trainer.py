@@ -26,7 +26,7 @@ from twin.simulation.machine.levels import Level
 from twin.simulation.world import Block, Signals
 
 MODE, VIEW = "pedals.training", "console.view"
-"""Setting of the device: what the trainer is asked for (`Mode`). Signal: 0 the machine is solid, 1 its model is."""
+"""Setting of the device: what the trainer is asked for, see `asked`. Signal: 0 the machine is solid, 1 its model is."""
 
 FIELDS = 9
 """Number of values of a packet; see `twin.simulation.machine.itp.FIELDS`."""
@@ -45,6 +45,9 @@ _UM, _STILL = 1e-6, np.array([0, 0, 0, 1, 0, 0, 0, 0, 0.0])
 _READY, _SETTLE = 1.0, 0.5
 """Largest time in s until both are in PEDAL_DN; time in s in which the machine comes to rest after the last packet."""
 
+_SILENCE = 1.0
+"""Silence of the hands in s that stops a replay (ASSUMED); longer than their own limit, as they do not lead it."""
+
 
 class Mode(IntEnum):
     """What the trainer is asked for."""
@@ -53,6 +56,16 @@ class Mode(IntEnum):
     REHEARSE = 1
     JUDGE = 2
     REPLAY = 3
+
+
+def asked(mode: Mode, count: int) -> float:
+    """Return the setting that asks for a mode; with another count, it asks again for the same one."""
+    return float(mode + len(Mode) * count)
+
+
+def mode_of(setting: float) -> Mode:
+    """Return the mode that a setting asks for."""
+    return Mode(int(setting) % len(Mode))
 
 
 class Phase(IntEnum):
@@ -246,13 +259,13 @@ class Trainer(Block):
         self._names = {n: f"{robot}.{n}" for n in ("goal", "follows", "run", "measured", "model", "deviation")}
         self._names["ghost"] = f"{robot}{MODEL}.q"
         self._jaw, self._silent = f"{robot}.jaw", f"{device}.silent"
-        self._smooth, self._wanted, self._phase = Smooth(bounds, grasp_step, dt), Mode.TELEOPERATE, Phase.TELEOPERATE
+        self._smooth, self._wanted, self._phase = Smooth(bounds, grasp_step, dt), 0.0, Phase.TELEOPERATE
         self._why, self._value = Why.NOTHING, 0.0
         self._record: list[Array] = []
         self._start: Array | None = None
         self._good = self._down = self._led = False
         self._fastest, self._held = 0.0, 0.0
-        self._k, self._since = 0, 0.0
+        self._k, self._since, self._heard = 0, 0.0, 0.0
         self.outputs = {
             f"{robot}.packet": _STILL,
             f"{robot}.given": np.append(_STILL, 0.0),
@@ -265,14 +278,17 @@ class Trainer(Block):
         s = {n: now[name] for n, name in self._names.items()}
         ready = s["run"][ANSWERS] > 0.5 and s["run"][LEVEL] >= Level.PEDAL_UP
         self._sync = False
-        wanted = Mode(int(np.clip(now[MODE].item(), 0, max(Mode))))
-        if wanted != self._wanted:
+        if (wanted := now[MODE].item()) != self._wanted:
             self._wanted = wanted
-            self._change(wanted, s, ready, t)
+            self._change(mode_of(wanted), s, ready, t)
         machine = model = _STILL
         if self._phase == Phase.REPLAY:
-            held = now["console.mode"].item() not in (TOOLS, CAMERA) or self._is_silent(signals)
-            machine = model = np.append(_STILL[:8], 1.0) if self._sync else self._replayed(s, held, t)
+            silent = self._is_silent(signals)
+            self._heard = self._heard if silent else t
+            clutched = not silent and now["console.mode"].item() not in (TOOLS, CAMERA)
+            held = clutched or t - self._heard > _SILENCE
+            waits = self._k == 0 and silent and not held
+            machine = model = _STILL if self._sync or waits else self._replayed(s, held, t)
         elif self._phase in (Phase.TELEOPERATE, Phase.REHEARSE):
             alone = self._phase == Phase.REHEARSE
             values = self._led_by_hand(signals, s, ready, alone)
@@ -338,7 +354,7 @@ class Trainer(Block):
             return self._stop(Why.START, far)
         if turned > self.bounds.start_angle:
             return self._stop(Why.START_ANGLE, turned)
-        self._phase, self._sync, self._k, self._since = Phase.REPLAY, True, 0, t
+        self._phase, self._sync, self._k, self._since, self._heard = Phase.REPLAY, True, 0, t, t
         return None
 
     def _stop(self, why: Why, value: float) -> None:

@@ -28,17 +28,20 @@ def figure(found: ProcedureSession) -> Figure:
     middle = np.einsum("j,tjk->tk", found.organ.weights.mean(axis=0), nodes)
     pulls = np.max([np.linalg.norm(kept[f"{n}.pull"], axis=1) for n in found.measures.paths], axis=0)
     depth = np.max([kept[f"{n}.depth"][:, 0] for n in p.spare], axis=0)
+    # name, values, limit, and what the axis shows at least, so that a rest is drawn as a straight line
     rows = (
-        (f"{p.organ} raised, mm", (middle[:, 2] - middle[0, 2]) / MM, None),
-        ("pull, N", pulls, None),
-        (f"{p.vessel} seen", kept[f"{p.vessel}.seen"][:, 0], p.seen),
-        ("bed free", kept[f"{p.organ}.freed"].mean(axis=1), None),
-        ("depth in organs, mm", depth / MM, p.depth_mm),
+        (f"{p.organ} raised, mm", (middle[:, 2] - middle[0, 2]) / MM, None, p.lift_mm),
+        ("pull, N", pulls, None, 1.0),
+        (f"{p.vessel} seen", kept[f"{p.vessel}.seen"][:, 0], p.seen, 1.0),
+        ("bed free", kept[f"{p.organ}.freed"].mean(axis=1), None, 1.0),
+        ("depth in organs, mm", depth / MM, p.depth_mm, p.depth_mm),
     )
     out = Figure(figsize=(WIDTH, 1.1 + 1.05 * len(rows)), layout="constrained")
     axes = out.subplots(len(rows), 1, sharex=True)
-    for ax, (name, values, limit) in zip(axes, rows, strict=True):
+    for ax, (name, values, limit, shown) in zip(axes, rows, strict=True):
         ax.plot(*thin(kept.t, values, _POINTS), color=PALETTE[0], lw=1.0)
+        low, high = min(0.0, float(values.min())), max(shown, float(values.max()))
+        ax.set_ylim(low - 0.08 * (high - low), high + 0.08 * (high - low))
         if limit is not None:
             ax.axhline(limit, color=PALETTE[1], lw=0.8, ls="--")
         ax.set_ylabel(name, fontsize=7, rotation=0, ha="right", va="center")

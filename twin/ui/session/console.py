@@ -35,7 +35,7 @@ from twin.simulation import console_scene, contact_scene, machine_scene, operati
 from twin.simulation.console_scene import HANDS, Member
 from twin.simulation.controllers.pedals import CAMERA, FREE, TOOLS
 from twin.simulation.controllers.pivot import FULCRUMS, Fulcrum
-from twin.simulation.controllers.trainer import MODE, VIEW, Mode, Phase, Why, told
+from twin.simulation.controllers.trainer import MODE, VIEW, Mode, Phase, Why, asked, mode_of, told
 from twin.simulation.devices.given import GivenHands, HandState
 from twin.simulation.devices.machine_states import ANSWERS, LEVEL, MachineStates
 from twin.simulation.devices.together import Together
@@ -154,7 +154,7 @@ class LiveConsole:
         if session is None and judged and report is not None:
             self._scratch = Scratch()
             session = Path(self._scratch.name) / "hands.session"
-        self._session = session
+        self._session, self._asked = session, 0
         self.owner: str | None = None
         self._places = {p.name: p for p in (*scene.places, *(scene.models if machines else ()))}
         self.shown = {n: self.members[n.removesuffix(MODEL)] for n in self._places}
@@ -440,7 +440,8 @@ class LiveConsole:
         """
         self.require_free(client)
         self._require_machines()
-        self.device.set(MODE, mode)
+        self._asked += 1
+        self.device.set(MODE, asked(mode, self._asked))
 
     def press(self, client: str, button: str) -> None:
         """Press the button "start" or "stop" of all machines; anybody may stop them.
@@ -553,7 +554,7 @@ class LiveConsole:
                 "problem": link.problem or None,
             }
         view = "virtual" if signals[VIEW][0] > 0.5 else "real"
-        return {"view": view, "mode": Mode(int(signals[MODE][0])).name.lower(), "robots": out}
+        return {"view": view, "mode": mode_of(signals[MODE][0]).name.lower(), "robots": out}
 
     def deviations(self) -> dict[str, dict[str, Any]]:
         """Return, by machine, the distance of both tips in m, the differences of the joints, and the cue in N."""

@@ -175,7 +175,7 @@ export class Machines {
       pen.lineTo(WIDE, y(limit));
       pen.stroke();
       pen.setLineDash([]);
-      pen.fillText(`cue above ${(1000 * limit).toFixed(0)} mm`, 5, y(limit) > HIGH - 20 ? y(limit) - 4 : y(limit) + 12);
+      pen.fillText(`cue above ${(1000 * limit).toFixed(0)} mm`, 5, y(limit) > HIGH / 2 ? y(limit) - 4 : y(limit) + 12);
     }
     pen.lineWidth = 1.6;
     this.names.forEach((_, i) => {
@@ -188,6 +188,6 @@ export class Machines {
     pen.textAlign = 'right';
     pen.fillText(`tips ${last.tips.map((v) => `${(1000 * v).toFixed(2)} mm`).join(', ')}`, WIDE - 6, 13);
     pen.textAlign = 'left';
-    pen.fillText(`${SECONDS} s`, 5, 13);
+    pen.fillText(`${SECONDS} s`, 5, HIGH - 5);
   }
 }
