@@ -14,8 +14,9 @@ from hypothesis import strategies as st
 
 import twin
 from made.lanes import one_of_a_kind
-from twin.codegen import Kernel, Stage, machine
+from twin.codegen import Kernel, Stage
 from twin.codegen.lower import lowered
+from twin.core import machine
 
 a, b = ca.SX.sym("a"), ca.SX.sym("b")
 
@@ -359,7 +360,8 @@ def test_rootfinders_are_left_to_casadi():
 SCATTERED = """
 import mmap
 import twin
-from twin.codegen import kernel, machine
+from twin.codegen import kernel
+from twin.core import machine
 from twin.analysis.tolerance import Spread, Tolerances
 texts = []
 kernel.compiled = lambda text: texts.append(text) or machine.compiled(text)

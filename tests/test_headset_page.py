@@ -41,8 +41,9 @@ def server():
 
 @pytest.fixture
 def desk(chromium, server, robot):
-    """The page without a headset, with the protocol planned and the robot at home."""
+    """The page without a headset, with the protocol planned and the robot at home; it does not draw unless asked to."""
     with shown(chromium, server.url) as page:
+        page.draws(False)
         headset.ready(page, robot)
         yield page
 
@@ -108,6 +109,7 @@ def test_the_mouse_leads_the_platform(desk, robot):
 
 
 def test_what_cannot_be_reached_is_said_and_coloured(desk, robot):
+    desk.draws(True)
     before = desk.tool()
     start = desk.pixel(desk.to_scene(before[:3, 3]))
     shot = desk.image()
@@ -163,6 +165,7 @@ def test_every_trocar_of_a_robot_is_drawn(chromium, tmp_path):
 
 
 def test_nothing_is_drawn_while_nothing_moves(desk, robot):
+    desk.draws(True)
     time.sleep(7.0)  # a sentence that is said goes after six seconds
     for _ in range(8):  # a slow machine is still drawing what it was told before
         first, frames = desk("twin.app.world.renderer.info.render.frame"), desk("twin.app.line.frames")
