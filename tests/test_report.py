@@ -148,7 +148,7 @@ def test_malicious_names_are_text(agree):
 
 
 def test_reason_of_each_verdict(agree, disagree):
-    assert reason(agree).startswith(f"All {sum(r.tolerance is not None for r in agree.residuals)} residuals that have")
+    assert reason(agree).startswith(f"All {sum(r.tolerance is not None for r in agree.residuals)} residuals with a")
     first = next(f for f in disagree.findings if f.severity == "disagreement")
     assert first.message[1:].rstrip(".") in reason(disagree)  # the gravest finding, in its own words
     unchecked = replace(make_report("unchecked", 50), series={})
