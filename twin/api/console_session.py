@@ -32,6 +32,7 @@ from twin.simulation.session.measures import ArmMeasures, ConsoleMeasures
 from twin.simulation.session.rings import BoardMeasures
 from twin.simulation.session.run import Ran
 from twin.simulation.session.touch import Touched, touched
+from twin.simulation.session.training import Training
 
 if TYPE_CHECKING:
     from twin.exchange.write.clip import Clip
@@ -71,6 +72,7 @@ class ConsoleSession(Result):
         recorded: content of the session file of a simulated surgeon; None for a replayed file.
         pegs: pegs of a task with rings, by name.
         aligned: measures of a task with an alignment; None for another task.
+        training: measures of the machines.
     """
 
     scene: Scene
@@ -83,6 +85,7 @@ class ConsoleSession(Result):
     recorded: bytes | None = None
     pegs: Mapping[str, Peg] = field(default_factory=dict)
     aligned: AlignMeasures | None = None
+    training: Sequence[Training] = ()
 
     kind = "session"
 
@@ -92,8 +95,13 @@ class ConsoleSession(Result):
         if self.verdict == "agree":
             done = "All targets were touched" if self.board is None else "All rings are on their pegs"
             done = done if self.aligned is None else "The endoscope is aligned"
+            done = "The machine followed its model" if self.training else done
             return "The replay gives the same bytes" if self.source else done
-        return super().word
+        codes = {f.code for f in self.findings if f.severity == "disagreement"}
+        if "task.missed" in codes:
+            missed = "Not all targets were touched" if self.board is None else "Not all rings are on their pegs"
+            return missed if self.aligned is None else "The endoscope is not aligned"
+        return "The replay gives different bytes" if "session.differs" in codes else super().word
 
     @property
     def t(self) -> Array:
@@ -186,13 +194,14 @@ class ConsoleSession(Result):
                 if r.t is None
             ]
         out += self._unaligned()
+        out += [finding for machine in self.training for finding in machine.findings()]
         if find_spec("mcap") is None:
             text = f"session.mcap is not written: pip install 'twin-robotics[{EXTRAS['mcap']}]'"
             out.append(info("session.no_mcap", "", text))
         return out
 
     def _unaligned(self) -> Iterator[Finding]:
-        """Yield findings on a camera that is not aligned, and on two angles that differ or a missing angle."""
+        """Yield findings on an unaligned camera, on two angles that differ, and on a missing angle."""
         if (a := self.aligned) is None or self.task is None or self.task.alignment is None:
             return
         wanted = self.task.alignment
@@ -269,6 +278,7 @@ class ConsoleSession(Result):
             "forces": None
             if (f := self.forces) is None
             else {"on": f.on, "felt_s": dict(f.felt), "largest_n": dict(f.largest)},
+            "machines": [machine.content() for machine in self.training],
             "board": None
             if (board := self.board) is None
             else {
@@ -332,6 +342,9 @@ class ConsoleSession(Result):
                 (x.name, "not touched" if x.t is None else f"{x.t:.1f} s", str(mm(x.nearest))) for x in self.touched
             ]
             yield Table(("target", "touched at", "smallest distance"), targets)
+        for machine in self.training:
+            yield f"\n  {machine.robot}: a machine beside its model"
+            yield Table(("phase", "time", "from its model, at most", "from the record", "why"), list(machine.rows()))
         if self.source and self.ran.difference is None:
             yield f"\n  replay: the same bytes in all {self.ran.ticks} ticks"
         yield ""
@@ -372,6 +385,8 @@ class ConsoleSession(Result):
             if self.forces is not None:
                 out |= {f"{hand}_force_{axis}_n": kept[f"{hand}.force"][:, i] for i, axis in enumerate("xyz")}
         for name, arm in self.arms.items():
+            if f"{name}.deviation" in kept.sizes:
+                out[f"{name}_deviation_m"] = kept[f"{name}.deviation"][:, 0]
             if name != self.camera:
                 out[f"{name}_follows"] = kept[f"{name}.follows"][:, 0]
                 out |= {f"{name}_tip_{axis}_m": arm.tip[:, i] for i, axis in enumerate("xyz")}

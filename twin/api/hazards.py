@@ -25,7 +25,7 @@ FILE = "hazards.jsonl"
 """Name of the log in the folder of a campaign."""
 
 _POLL = 0.05
-"""Time in s between two looks at the processes."""
+"""Time in s between two checks of the processes."""
 
 
 @dataclass(frozen=True)

@@ -31,6 +31,8 @@ def operate(args: argparse.Namespace) -> int:
         raise TwinError(f"--task applies to a scene; {args.robot} is a robot: give a protocol instead")
     if args.mistake is not None:
         raise TwinError(f"--mistake applies to a procedure of a scene; {args.robot} is a robot")
+    if args.machine:
+        raise TwinError(f"--machine applies to a scene with machines, such as raven; {args.robot} is a robot")
     robot = api.load(args.robot)
     protocol = robot.protocol(args.protocol)
     folder = show.folder(args, robot.name, f"{protocol.name}-operator")
@@ -58,12 +60,16 @@ def _at_console(file: Path, args: argparse.Namespace) -> int:
 
     if args.protocol is not None:
         raise TwinError(f"{args.robot} is a scene: give a task by --task instead of the protocol '{args.protocol}'")
+    scene = api.load_scene(file)
+    if scene.trainer is not None and args.task is None:
+        return _machine(scene, args)
+    if args.machine:
+        raise TwinError(f"--machine: scene '{scene.name}' has no machines; they are led without --task")
     wrong = [n for n, v in (("trials", 1), ("clutch", "corrected"), ("solver", "damped")) if getattr(args, n) != v]
     if wrong:
         raise TwinError(
             f"--{wrong[0]} applies to one robot; the options at a console are --task, --seed, --scale, --haptics"
         )
-    scene = api.load_scene(file)
     task = task_of(scene, args.task)
     folder = show.folder(args, scene.name, f"{task.name}-operator")
     if task.procedure is not None:
@@ -74,6 +80,28 @@ def _at_console(file: Path, args: argparse.Namespace) -> int:
         haptics = None if args.haptics is None else args.haptics == "on"
         found = operate_console(scene, task.name, seed=args.seed, scale=args.scale, haptics=haptics, progress=progress)
     return show.store(found, args, folder, [FILE])
+
+
+def _machine(scene: Scene, args: argparse.Namespace) -> int:
+    """Let a trainee lead the machines of a scene, rehearse, and replay; write the session and the report."""
+    from twin.api.session import FILE, operate_machine
+    from twin.cli.machine import running
+    from twin.ui.report.files import write_result
+
+    given = [n for n in ("haptics", "mistake") if getattr(args, n) is not None]
+    given += [n for n, v in (("clutch", "corrected"), ("solver", "damped")) if getattr(args, n) != v]
+    if given:
+        raise TwinError(
+            f"--{given[0]} does not apply to machines; their options are --seed, --trials, --scale, --machine"
+        )
+    folder = Path(args.out) if args.out else Path("twin-out") / scene.name / "machine-operator"
+    assets.require_writable(folder)
+    with show.progress(args.quiet or args.json) as progress:
+        more = {"seed": args.seed, "triangles": args.trials, "scale": args.scale, "progress": progress}
+        found = operate_machine(scene, running=running(args.machine), **more)
+    with assets.atomic_folder(folder) as work:
+        pictures = write_result(found, work)
+    return show.finish(found, args, folder, [*pictures, FILE])
 
 
 def _procedure(scene: Scene, task: str, folder: Path, args: argparse.Namespace) -> int:

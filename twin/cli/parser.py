@@ -27,7 +27,7 @@ exit codes: 0 agree or done, 1 disagree, 2 could not check or wrong usage
 
 NAMES = ("list", "info", "build", "plan", "validate", "explain", "run", "view", "serve")
 NAMES += ("operate", "session", "track", "study", "console", "export", "audit", "new", "selftest")
-NAMES += ("workspace", "tolerance", "sweep", "machine", "hazards", "doctor")
+NAMES += ("workspace", "tolerance", "sweep", "machine", "follow", "hazards", "doctor")
 """Names of all commands."""
 
 
@@ -120,6 +120,15 @@ class _Command(_Parser):
         """Add the arguments of a page in a browser."""
         self.robot(_SHOWN)
         self.protocol()
+        self.address(port, what)
+        self.text("--task", "NAME", "task at the console of a scene: its rings can be grasped")
+        text = "whether the hands lead the tips of instruments in ports, or their outer ends (default: the tips)"
+        self.choice("--fulcrum", ("compensated", "direct"), text)
+        self.flag("--protocols", "play the protocols of a scene that has a console")
+        self.machines()
+
+    def address(self, port: int, what: str) -> None:
+        """Add the address of a page in a browser."""
         text = f"port of the {what} (default {port}; 0: any free port)"
         self.add_argument("--port", type=_port, default=port, help=text)
         text = (
@@ -128,10 +137,14 @@ class _Command(_Parser):
         )
         self.add_argument("--host", default="127.0.0.1", help=text)
         self.flag("--no-browser", "do not open a browser")
-        self.text("--task", "NAME", "task at the console of a scene: its rings can be grasped")
-        text = "whether the hands lead the tips of instruments in ports, or their outer ends (default: the tips)"
-        self.choice("--fulcrum", ("compensated", "direct"), text)
-        self.flag("--protocols", "play the protocols of a scene that has a console")
+
+    def machines(self) -> None:
+        """Add the option for machines that run already."""
+        text = (
+            "a running `twin machine` of the scene, with its ports of packets and states; this command starts the "
+            "other machines"
+        )
+        self.text("--machine", "ROBOT=HOST:PORT:STATEPORT", text, action="append")
 
     def accuracy(self) -> None:
         """Add the option --tolerance-um."""
@@ -249,10 +262,18 @@ def _models(add: Add) -> None:
     sub = add(
         "plan",
         "plan the timed motion of a protocol and check every sample",
-        "  twin plan sils\n  twin plan sils lowered_patient --out plan/",
+        "  twin plan sils\n  twin plan sils lowered_patient --out plan/\n"
+        "  twin plan pa10 --avoid vsrs        around the props and the other robots of a scene, outside the patient",
     )
     sub.robot()
     sub.protocol()
+    text = (
+        "plan phases of the types joints, positioning and home around obstacles: props and other robots of a scene; "
+        "without a scene, the robot's own bodies"
+    )
+    sub.text("--avoid", "SCENE", text, nargs="?", const="")
+    sub.number("--clearance-mm", "MM", "with --avoid: minimum distance", 5.0)
+    sub.integer("--seed", "with --avoid: seed of the random search", 0)
     sub.out("./twin-out/<robot>/<protocol>/")
 
 
@@ -378,7 +399,8 @@ def _trials(add: Add) -> None:
         "  twin operate sils lowered_patient --scale 0.5\n"
         "  twin operate davinci --seed 3       a surgeon with two hands, clutch and camera at a scene's console\n"
         "  twin operate davinci --task pegboard      rings from pegs to pegs, held by friction\n"
-        "  twin operate vsrs --task cholecystectomy  a gallbladder taken out in five stages",
+        "  twin operate vsrs --task cholecystectomy  a gallbladder taken out in five stages\n"
+        "  twin operate raven --trials 3       a machine by teleoperation, then a motion rehearsed in its model",
     )
     sub.robot("a built-in robot, the path of a robot folder, or a scene with a task")
     sub.protocol()
@@ -388,7 +410,8 @@ def _trials(add: Add) -> None:
     sub.choice("--haptics", ("on", "off"), "compute forces on the hands (the operator does not react)")
     sub.out("./twin-out/<robot>/<protocol>-operator/")
     sub.integer("--seed", "random seed of the simulated hand; each further trial adds 1", 0)
-    sub.integer("--trials", "number of trials", 1)
+    sub.integer("--trials", "number of trials, or of motions of a machine", 1)
+    sub.machines()
     text = (
         "ratio of tool motion to hand motion (default 0.1, ASSUMED, because the paper states none; at a console the "
         "scene's scale); rotations are not scaled"
@@ -442,6 +465,20 @@ def _trials(add: Add) -> None:
     sub.number("--mass-error", "PERCENT", "excess of the machine's masses over the masses in its software", 0.0)
     sub.number("--friction-error", "PERCENT", "excess of the machine's friction over the friction in its software", 0.0)
     sub.number("--tilt-deg", "DEG", "tilt of the machine's base about x", 0.0)
+
+    sub = add(
+        "follow",
+        "show a twin that mirrors a machine: as measured, as desired (a ghost), and the curve of their deviation",
+        "  twin follow raven_left --states 127.0.0.1:36001      a machine that `twin machine` runs\n"
+        "  twin follow pa10 --packets 36002                     joint values by UDP (docs/raven.md, Follow)\n"
+        "  twin follow raven_left --states 36001 --view         in the page of twin view",
+    )
+    sub.robot()
+    sub.text("--states", "[HOST:]PORT", "TCP port of the states of a `twin machine`")
+    sub.text("--packets", "PORT", "UDP port for joint packets (0: any free port)", type=_port)
+    sub.flag("--view", "show the page of twin view instead of that of twin serve")
+    sub.address(8766, "page")
+    sub.set_defaults(record=None, replay=None, session=None)
 
     sub = add(
         "hazards",

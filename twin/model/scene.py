@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -14,13 +14,14 @@ from twin.core.errors import TwinError, unknown
 from twin.core.provenance import Parameter
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM, linear_rgba
-from twin.model import anatomy, console, contact, task, tool, vessel
+from twin.model import anatomy, console, contact, task, tool, trainer, vessel
 from twin.model.anatomy import AnatomyTable, TissueTable
 from twin.model.console import CameraTable, ConsoleTable, HapticsTable
 from twin.model.contact import ContactTable, ObjectTable
 from twin.model.movable import Movable
 from twin.model.task import Task, TaskTable
 from twin.model.tool import ToolTable
+from twin.model.trainer import MODEL, TrainerTable
 from twin.model.vessel import Vessel, VesselTable
 from twin.schema import Identifier, Origin, Table, Vector, at, error_at, load_toml
 from twin.schema.sourced import parameters
@@ -73,6 +74,7 @@ class SceneTable(Table):
     robot: list[RobotTable] = Field(min_length=1)
     camera: dict[Identifier, CameraTable] = Field(default_factory=dict)
     console: ConsoleTable | None = None
+    trainer: TrainerTable | None = None
     object: dict[Identifier, ObjectTable] = Field(default_factory=dict)
     contact: ContactTable | None = None
     haptics: HapticsTable | None = None
@@ -117,6 +119,7 @@ class Scene:
         touching: pairs of "owner/body" that touch by design.
         cameras: cameras by name.
         console: the surgeon's console, or None.
+        trainer: robots that are machines, led from the console, or None.
         contact: contact of the objects, or None.
         haptics: numbers of the forces on the hands; None: the defaults.
         anatomy: drawing of the organs and the links that touch them, or None.
@@ -136,6 +139,7 @@ class Scene:
     touching: frozenset[frozenset[str]]
     cameras: dict[str, CameraTable]
     console: ConsoleTable | None
+    trainer: TrainerTable | None
     objects: tuple[Movable, ...]
     contact: ContactTable | None
     haptics: HapticsTable | None
@@ -150,6 +154,12 @@ class Scene:
     def plays(self) -> bool:
         """Whether every robot has a protocol."""
         return all(p.protocol for p in self.places)
+
+    @property
+    def models(self) -> tuple[Place, ...]:
+        """The models beside the machines, each at the place of its machine."""
+        machines = [] if self.trainer is None else self.trainer.robots
+        return tuple(replace(p, name=p.name + MODEL) for p in self.places if p.name in machines)
 
     def require_protocols(self) -> None:
         """Raise if a robot has no protocol to play.
@@ -189,6 +199,7 @@ def load_scene(path: Path) -> Scene:
             raise error_at(path, ("camera", name, "robot"), unknown("robot", camera.robot, names))
     if table.console is not None:
         console.check(path, table.console, table.camera, names)
+    trainer.check(path, table.trainer, table.console, names)
     for name, t in table.task.items():
         if table.console is None and t.procedure is None:
             raise error_at(path, ("task", name), "a task needs a console: add the table [console]")
@@ -209,6 +220,7 @@ def load_scene(path: Path) -> Scene:
         frozenset(frozenset(p) for p in table.touching),
         dict(table.camera),
         table.console,
+        table.trainer,
         tuple(contact.movable(name, o) for name, o in table.object.items()),
         table.contact,
         table.haptics,
@@ -285,6 +297,7 @@ def _parameters(table: SceneTable) -> Iterator[Parameter]:
         start = [(f"start {joint}", value, "deg or mm") for joint, value in r.start.items()]
         yield from parameters(r.name, r, [("", r.position_mm, "mm"), *start, ("yaw", r.yaw_deg, "deg")])
     yield from console.listed(table.console, table.haptics)
+    yield from trainer.listed(table.trainer)
     yield from contact.listed(table.object, table.contact)
     yield from anatomy.listed(table.tissue)
     for name, v in table.vessel.items():

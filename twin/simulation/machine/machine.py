@@ -198,6 +198,20 @@ class Machine:
         self._initialised, self._homing = False, None
         self.plc.start(max(self.t, 0.0))
 
+    def stand(self, q: Array) -> None:
+        """Put the arm at rest at joint values q (n,), initialised, at PEDAL_UP with brakes; forget its errors."""
+        self.plant.reset(q)
+        self.plc.ready()
+        self._reader.hold(Level.PEDAL_UP)
+        self.level, self._initialised, self._pedal, self._target = Level.PEDAL_UP, True, False, None
+        self.servo.reset()
+        motors = self.parts.arm.mechanism.motors(self.plant.q)
+        self._motors = np.round(motors / self._count) * self._count
+        self._speeds, self._rates = np.zeros_like(self._speeds), np.zeros_like(self._rates)
+        self.q, self.qd = self.parts.arm.mechanism.from_motors(self._motors), np.zeros_like(self.qd)
+        self.wanted, self.dac = self.q.copy(), np.zeros_like(self.dac)
+        self._brake(True)
+
     def stop(self, reason: str = "the stop button is pressed") -> None:
         """Press the stop button."""
         self.plc.stop(reason)
