@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from twin.core.spatial import Array
 from twin.model.trainer import MODEL
@@ -63,7 +64,7 @@ class Modelled(Block):
             f"{robot}.cue": np.zeros(3),
         }
 
-    def step(self, signals: Signals, t: float, dt: float) -> Mapping[str, Array]:
+    def step(self, signals: Signals, t: float, dt: float) -> Mapping[str, ArrayLike]:
         """Step the model by the packet of this tick, and compare it with the newest state of the machine."""
         now, name, m = signals.now, self.robot, self._model
         given, run, measured = now[f"{name}.given"], now[f"{name}.run"], now[f"{name}.measured"]

@@ -27,7 +27,7 @@ class Outbox(Block):
             self._packets[name].append(pack(self._number, arm, signals.now[f"{name}.packet"], version))
         return {}
 
-    def take(self) -> dict[str, Sequence[bytes]]:
+    def take(self) -> Mapping[str, Sequence[bytes]]:
         """Return the packets since the last call, by robot."""
         taken, self._packets = self._packets, {n: [] for n in self._packets}
         return taken
