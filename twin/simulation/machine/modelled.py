@@ -6,10 +6,10 @@ packet that the state names: only what the arms do differently counts, not the w
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from twin.core.spatial import Array
 from twin.model.trainer import MODEL
@@ -64,7 +64,7 @@ class Modelled(Block):
             f"{robot}.cue": np.zeros(3),
         }
 
-    def step(self, signals: Signals, t: float, dt: float) -> Mapping[str, ArrayLike]:
+    def step(self, signals: Signals, t: float, dt: float) -> Mapping[str, Array]:
         """Step the model by the packet of this tick, and compare it with the newest state of the machine."""
         now, name, m = signals.now, self.robot, self._model
         given, run, measured = now[f"{name}.given"], now[f"{name}.run"], now[f"{name}.measured"]
@@ -92,8 +92,8 @@ class Modelled(Block):
             f"{name}.q": measured,
             f"{name}.encoder": m.q if alone else measured,
             f"{name}{MODEL}.q": m.q,
-            f"{name}.model": np.array([m.plc.level, np.linalg.norm(self._speeds[1]), m.held]),
-            f"{name}.deviation": np.array([np.linalg.norm(self._dp), np.linalg.norm(self._speeds[0])]),
+            f"{name}.model": np.array([float(m.plc.level), _size(self._speeds[1]), float(m.held)]),
+            f"{name}.deviation": np.array([_size(self._dp), _size(self._speeds[0])]),
             f"{name}.apart": self._apart,
             f"{name}.cue": force,
         }
@@ -111,3 +111,7 @@ class Modelled(Block):
         self._speeds[0] += share * (moved[0] - self._speeds[0])
         self._dv = self._dv + share * (moved[1] - moved[0] - self._dv)
         self._dp = self._tips[1] - self._tips[0]
+
+
+def _size(v: Array) -> float:
+    return math.hypot(*v.tolist())
