@@ -191,8 +191,6 @@ LONGEST = {
     "model/mechanism.py:_check": "one check after another of what a mechanism must hold, each with its message",
     "planning/plan.py:_assemble": "collects the samples and spans of all phases, and builds one trajectory of them",
     "codegen/emit.py:call": "one case for each CasADi instruction",
-    "analysis/measure.py:kernel": "builds one CasADi graph from its inputs to its outputs",
-    "validation/explain/result.py:text": "the page that `explain` prints, from top to bottom",
 }
 """The longest functions, by lines of code without docstring, and why each is not cut."""
 

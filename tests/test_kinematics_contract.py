@@ -200,7 +200,7 @@ def test_pose_that_is_not_rigid_is_refused(sils):
     T[:3, 3] = 0.38, 0.28, 0.185
     kin.inverse(T)
     T[0, 0] = 1.001
-    with pytest.raises(KinematicsError, match="Check that it is a rigid pose in metres"):
+    with pytest.raises(KinematicsError, match="Check that the pose is rigid and in metres"):
         kin.inverse(T)
     assert np.isnan(kin.inverse_many(T[None])).all()
     with pytest.raises(KinematicsError, match="the Jacobian does not exist at this pose"):

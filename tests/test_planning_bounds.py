@@ -10,16 +10,17 @@ import pytest
 
 import twin
 from made.arm import DENSE, arm, clearances, post, space_of
+from made.lanes import designs
 from made.mechanisms import box
 from twin.api.standing import standing
-from twin.core import assets, spatial
+from twin.core import spatial
 from twin.core.units import MM
 from twin.model.body import Mesh
 from twin.planning.around import around
 from twin.planning.fmt import Search
 from twin.planning.smooth import line
 from twin.reference import ReferenceModel
-from twin.reference.bounds import Bounds, Grid, balls
+from twin.reference.bounds import Bounds, balls_of, grid_of
 from twin.reference.clearance import Shape
 from twin.reference.following import Follower
 from twin.reference.pairs import Pairs
@@ -52,21 +53,57 @@ SHAPES = {
 def test_a_bound_is_never_on_the_wrong_side_of_the_exact_distance(first, second):
     rng = np.random.default_rng(0)
     a, b = (Shape(n, n, [SHAPES[n]()]) for n in (first, second))
-    bounds = Bounds(Grid(a.triangles), balls(b.triangles))
+    bounds = Bounds([a.triangles, b.triangles], np.array([[0, 1]]))
     Ts = np.array(
         [spatial.pose(spatial.exp_so3(rng.normal(size=3) * 2), rng.uniform(-0.2, 0.2, 3)) for _ in range(300)]
     )
-    low, high = bounds.at(Ts, np.full(len(Ts), 0.02))
+    poses, row = np.stack([np.broadcast_to(np.eye(4), Ts.shape), Ts], axis=1), np.arange(len(Ts))
+    low, high = bounds.at(poses, row, 0 * row, np.full(len(Ts), 0.02))
     true = np.array([exact(a, b, np.eye(4), T) for T in Ts])
     assert np.all(low <= true + 1e-9)
     assert np.all(high >= true - 1e-9)
     near = (true > 0.012) & (true < 0.02)
     assert near.any()
     assert np.mean(low[near] > 0) == 1.0, "bounds that are always 0 would also pass"
+    rough, rough_high = bounds.at(poses, row, 0 * row, np.full(len(Ts), 0.02), fine=2 * MM)
+    assert np.all(rough <= true + 1e-9)
+    assert np.all(rough_high >= true - 1e-9)
+    refused, reached = bounds.at(poses, row, 0 * row, np.full(len(Ts), 0.02), np.full(len(Ts), 0.01))
+    assert np.all(true[reached < 0.01] < 0.01)
+    assert np.all(refused <= true + 1e-9)
+
+
+def test_a_damaged_cache_is_made_again(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setattr("twin.reference.bounds._NODES", 1000)
+    triangles = Shape("rod", "rod", [SHAPES["rod"]()]).triangles
+    first, grid = balls_of(triangles), grid_of(triangles)
+    files = sorted((tmp_path / "twin" / "distances").glob("*.npz"))
+    assert len(files) == 2
+    for damaged in (b"", b"no arrays", files[0].read_bytes()[:-100]):
+        for file in files:
+            file.write_bytes(damaged)
+        np.testing.assert_array_equal(balls_of(triangles), first)
+        np.testing.assert_array_equal(grid_of(triangles).values, grid.values)
+
+
+def test_levers_bound_how_far_bodies_approach():
+    pairs, rng = Pairs(ReferenceModel(arm(4)), [post(0.6, 0.0)], 5 * MM), np.random.default_rng(2)
+    used = np.zeros(len(pairs))
+    for _ in range(40):
+        x, step = rng.uniform(-2, 2, 4), rng.uniform(0, 0.1, 4)
+        _, bound = pairs.around(x[None], step[None])
+        poses = pairs.poses(np.vstack([x, x + rng.choice([-1, 1], (20, 4)) * step]))
+        for row in range(len(pairs)):
+            distances = np.array([pairs.distance(row, T) for T in poses])
+            approach = np.abs(distances[1:] - distances[0]).max()
+            assert approach <= bound[0, row] + 1e-9
+            used[row] = max(used[row], approach / bound[0, row])
+    assert used.min() > 0.5, "a bound without relation to the motion would also pass"
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", assets.names())
+@pytest.mark.parametrize("name", designs())
 def test_bounds_of_every_robot_hold_at_random_configurations(name):
     model = ReferenceModel(twin.load(name).mechanism)
     pairs, rng = Pairs(model, (), 5 * MM), np.random.default_rng(0)

@@ -18,6 +18,7 @@ from twin.core.errors import DescriptionError, ProtocolError
 from twin.core.units import MM
 from twin.model.body import Body
 from twin.planning.around import around, rounded
+from twin.planning.nearest import nearest_free
 from twin.planning.plan import plan
 from twin.planning.protocol import load_protocol
 from twin.planning.smooth import line
@@ -157,11 +158,23 @@ def test_loops_that_cannot_close_are_not_free():
         ([1.5, 0, 0], [0.0, 0, 0], "at its goal, link1 and room/post collide"),
         ([1.5, 0, 0], [2.7, 0, 0], r"at its goal, joint q0 = 154.699 deg is 5.73 deg beyond its limits"),
         ([1.5, 0, 0], [0.0, 2.5, 2.5], "mm apart \\(required: 5 mm\\)|collide"),
+        ([0.0, 0, 0], [1.5, 0, 0], r"the nearest free configuration found is q0_deg = .*, q1_deg = .*, q2_deg = "),
+        ([1.5, 0, 0], [2.7, 0, 0], r"the nearest free configuration found is q0_deg = 149, q1_deg = 0, q2_deg = 0"),
+        ([np.nan, 0, 0], [1.5, 0, 0], "at its start, joint values are not finite"),
     ],
 )
 def test_an_end_that_is_not_free_is_named_with_its_size(start, goal, words):
     with pytest.raises(ProtocolError, match=words):
         around(space_of(arm(), post(0.3, 0)), np.array(start), np.array(goal))
+
+
+def test_the_nearest_free_configuration_is_free_and_no_other_is_much_nearer():
+    space, q = space_of(arm(), post(0.3, 0)), np.zeros(3)
+    near = nearest_free(space, q)
+    assert space.free(near[None])[0]
+    others = np.random.default_rng(5).uniform(-1, 1, (300, 3)) * np.abs(near).max()
+    others = others[space.free(others)]
+    assert np.linalg.norm(near) < 1.5 * np.linalg.norm(others, axis=1).min()
 
 
 def test_no_way_says_what_was_tried(monkeypatch):

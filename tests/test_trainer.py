@@ -588,7 +588,7 @@ def test_a_twin_follows_joint_packets(robot):
     mirror = Mirror(robot, packets)
     mirror.step()
     assert mirror.level is None
-    assert "no state comes" in mirror.problem
+    assert "no state of the machine arrives" in mirror.problem
     q = np.array(robot.mechanism.posture("home")) + 0.01
     off = np.array([0.1, 0, 0, 0, 0, 0, 0])
     with socket.socket(type=socket.SOCK_DGRAM) as out:

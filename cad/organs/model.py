@@ -14,13 +14,15 @@ HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE.parent))
 import drawing as cad
 
-BODIES = ["liver", "gallbladder", "stomach"]
+ORGANS = ["liver", "gallbladder", "stomach"]
+BODIES = [*ORGANS, "wall"]
 
 
 def assembly(path):
     """Return the drawn organs of a dimension file: ({body: [(name, shape, rgb)]}, mass in kg)."""
     d, parts = cad.Dimensions(path, {}), cad.parts(HERE)
-    solids = {name: parts.organ(getattr(d, name), name) for name in BODIES}
+    solids = {name: parts.organ(getattr(d, name), name) for name in ORGANS}
+    solids["wall"] = parts.wall(d)
     return cad.build(BODIES, solids, dict.fromkeys(BODIES, np.eye(4)), parts.MATERIALS)
 
 

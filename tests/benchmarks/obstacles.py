@@ -16,12 +16,14 @@ import numpy as np
 
 import twin
 from twin.api.standing import standing
+from twin.planning.around import shortened
 from twin.planning.fmt import Search
 from twin.reference.following import Follower
 from twin.reference.space import JointSpace
 
 ROOT = Path(__file__).resolve().parents[2]
 CLEARANCE = 2e-3
+SECONDS = 30.0  # of the wall clock, for one run of OMPL
 JOINTS = 6  # the jaw stays where it is, as in the paper
 
 
@@ -52,17 +54,54 @@ def length(space, corners):
 
 
 def ours(space, start, goal, box, samples, seed):
-    """Return (seconds, length in m; nan if there is no path, path) of our search."""
+    """Return (seconds, length in m; nan if there is no path) of our search."""
     began = time.process_time()
     corners = Search(space, start, goal, box, np.random.default_rng(seed)).path(samples)
     return time.process_time() - began, np.nan if corners is None else length(space, corners)
 
 
-def ompls(space, start, goal, box, samples, seed, *, planner="FMT", seconds=60.0):
-    """Return (seconds, length in m; nan if there is no path) of an OMPL planner with the same collision function.
+def ours_to(space, start, goal, box, seed, goal_length):
+    """Return seconds until our search, with shortcuts, has a path that is not longer than `goal_length`."""
+    rng, samples, began = np.random.default_rng(seed), 100, time.process_time()
+    search = Search(space, start, goal, box, rng)
+    while time.process_time() - began < 60:
+        corners = search.path(samples)
+        if corners is not None and length(space, shortened(space, corners, rng)) <= goal_length:
+            return time.process_time() - began
+        samples = int(1.5 * samples)
+    return np.nan
+
+
+def by_bounds(space):
+    """Return our test of states: the bounds of distances that our search uses, for one state at a time."""
+    return lambda q: bool(space.free(q[None], exact=False)[0])
+
+
+def by_coal(space):
+    """Return a test of states in C++: Pinocchio with coal, for the pairs and required distances of the space."""
+    import coal
+    import pinocchio as pin
+
+    pairs, model = space._pairs, space._model.tree.model
+    geometry, ids = pin.GeometryModel(), []
+    for shape, number, T in zip(pairs.shapes, pairs._numbers, pairs._Ts, strict=True):
+        place = pin.SE3(T[:3, :3], T[:3, 3])
+        ids.append(geometry.addGeometryObject(pin.GeometryObject(shape.name, int(number), 0, place, shape.model)))
+    for a, b in pairs.rows:
+        geometry.addCollisionPair(pin.CollisionPair(ids[a], ids[b]))
+    data, found = model.createData(), pin.GeometryData(geometry)
+    for request, required in zip(found.collisionRequests, pairs.required, strict=True):
+        request.security_margin = required
+    assert isinstance(found.collisionRequests[0], coal.CollisionRequest)
+    return lambda q: not pin.computeCollisions(model, data, geometry, found, space._placed(q[None])[0], True)
+
+
+def ompls(space, start, goal, box, samples, seed, free, *, planner="FMT", seconds=SECONDS):
+    """Return (seconds, length in m; nan if there is no path) of an OMPL planner with the test of states `free`.
 
     OMPL asks for one state at a time. Its space holds the weighted coordinates, so that it measures the same length.
-    It tests states on a connection at 1 % of its extent, our search where no pair of bodies moves by more than 8 mm.
+    It tests states on a connection at 1 % of its extent, our search every interval of a connection, until two bodies
+    move by less than 4 mm from a tested state.
     """
     from ompl import base, geometric, util
 
@@ -76,11 +115,11 @@ def ompls(space, start, goal, box, samples, seed, *, planner="FMT", seconds=60.0
         bounds.setHigh(i, box[i, 1] * weights[i])
     state_space.setBounds(bounds)
     info = base.SpaceInformation(state_space)
-    rest = start[n:]
+    rest, asked = start[n:], [0]
 
     def valid(state):
-        q = np.concatenate([[state[i] / weights[i] for i in range(n)], rest])
-        return not space._pairs.near(space._placed(q[None]), exact=False)[0]  # the function of `free_each`
+        asked[0] += 1
+        return free(np.concatenate([[state[i] / weights[i] for i in range(n)], rest]))
 
     info.setStateValidityChecker(valid)
     info.setStateValidityCheckingResolution(0.01)
@@ -99,25 +138,37 @@ def ompls(space, start, goal, box, samples, seed, *, planner="FMT", seconds=60.0
     began = time.process_time()
     solved = solver.solve(base.timedPlannerTerminationCondition(seconds))
     took = time.process_time() - began
-    path = task.getSolutionPath() if solved else None
+    path = task.getSolutionPath() if solved and task.hasExactSolution() else None
     return took, np.nan if path is None else float(path.length())
 
 
-def main(full: bool) -> None:
+def main(counts: tuple[int, ...], seeds: int) -> None:
     """Print times and lengths, contenders in turns."""
     space, start, goal, box = problem()
-    ours(space, start, goal, box, 100, 99)  # builds grids and cells, which a space keeps
-    for samples in (500, 1000, 2000) if full else (200,):
+    ours(space, start, goal, box, 100, 99)  # loads grids, which a space keeps
+    tests = {"bounds": by_bounds(space), "coal in C++": by_coal(space)}
+    for samples in counts:
         rows = []
-        for seed in range(3 if full else 1):
-            rows.append((*ours(space, start, goal, box, samples, seed), *ompls(space, start, goal, box, samples, seed)))
-            print(samples, seed, np.round(rows[-1], 4), flush=True)
+        for seed in range(seeds):
+            row = [*ours(space, start, goal, box, samples, seed)]
+            for free in tests.values():
+                took, cost = ompls(space, start, goal, box, samples, seed, free)
+                row += [took, cost, ours_to(space, start, goal, box, seed, cost) if cost > 0 else np.nan]
+            rows.append(row)
+            print(samples, seed, np.round(row, 3), flush=True)
         a = np.array(rows)
-        print(
-            f"{samples} samples: ours {np.median(a[:, 0]):.3f} s, length {np.nanmean(a[:, 1]):.4f} m; OMPL FMT "
-            f"{np.median(a[:, 2]):.3f} s, {np.nanmean(a[:, 3]):.4f} m; ratio {np.median(a[:, 2] / a[:, 0]):.1f}"
-        )
+        print(f"{samples} samples: ours {np.median(a[:, 0]):.3f} s, length {np.nanmean(a[:, 1]):.4f} m")
+        for k, name in enumerate(tests):
+            took, cost, same = a[:, 2 + 3 * k : 5 + 3 * k].T
+            if np.isnan(cost).all():
+                print(f"  OMPL's FMT with {name}: no path in {SECONDS:.0f} s")
+                continue
+            print(
+                f"  OMPL's FMT with {name}: {np.median(took):.3f} s, {np.nanmean(cost):.4f} m; "
+                f"{np.median(took / a[:, 0]):.1f} times the time of our search; {np.nanmedian(took / same):.1f} times "
+                "that to the same length with shortcuts"
+            )
 
 
 if __name__ == "__main__":
-    main("--full" in sys.argv)
+    main((500, 1000, 2000) if "--full" in sys.argv else (200, 500), 3 if "--full" in sys.argv else 1)

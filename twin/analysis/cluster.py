@@ -21,7 +21,6 @@ if TYPE_CHECKING:
 HERE = "local"
 """Value of --scheduler that starts local workers, one for each processor."""
 
-
 PATIENCE = "10s"
 """Maximum time to wait for a scheduler, as text for Dask."""
 

@@ -59,7 +59,7 @@ class Factor:
 
     @property
     def scale(self) -> float:
-        """Number that converts a value in `unit` to SI."""
+        """Factor that converts a value in `unit` to SI."""
         return _UNITS[self.unit]
 
 

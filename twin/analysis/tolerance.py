@@ -132,9 +132,9 @@ class Tolerances:
         self._slopes = self._derivatives(T)
 
     def budget(self, name: str, q: Array, samples: int = 0, rng: np.random.Generator | None = None) -> Budget:
-        """Return the tool error at active joints q (n,).
+        """Return the tool error at active joints q (n,) in m or rad.
 
-        q is in m or rad. `samples` is the number of samples of the Monte Carlo check; 0: no check.
+        `samples` is the number of samples of the Monte Carlo check; 0: no check.
 
         Raises:
             AssemblyError: the loops cannot be closed at q.

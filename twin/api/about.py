@@ -100,7 +100,7 @@ class SceneInfo(Result):
         yield f"{data['name']}: {data['title']}\n  {data['source']}\n"
         rows = [
             (
-                r["name"] if r["name"] == r["robot"] else f"{r['name']} ({r['robot']})",
+                _label(r),
                 r["protocol"],
                 r["port"],
                 _point(r["port_mm"]),
@@ -310,7 +310,7 @@ def _parameters(parameters: Sequence[Mapping[str, Any]]) -> Table:
     return Table((), rows, fit=True)
 
 
-def _kind(r: Mapping[str, Any]) -> str:
+def _label(r: Mapping[str, Any]) -> str:
     """Return the name of a robot in a scene, with its built-in robot in parentheses if the names differ."""
     return r["name"] if r["name"] == r["robot"] else f"{r['name']} ({r['robot']})"
 

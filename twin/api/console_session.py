@@ -97,7 +97,11 @@ class ConsoleSession(Result):
             done = done if self.aligned is None else "The endoscope is aligned"
             done = "The machine followed its model" if self.training else done
             return "The replay gives the same bytes" if self.source else done
-        return super().word
+        codes = {f.code for f in self.findings if f.severity == "disagreement"}
+        if "task.missed" in codes:
+            missed = "Not all targets were touched" if self.board is None else "Not all rings are on their pegs"
+            return missed if self.aligned is None else "The endoscope is not aligned"
+        return "The replay gives different bytes" if "session.differs" in codes else super().word
 
     @property
     def t(self) -> Array:
@@ -197,7 +201,7 @@ class ConsoleSession(Result):
         return out
 
     def _unaligned(self) -> Iterator[Finding]:
-        """Yield findings on a camera that is not aligned, and on two angles that differ or a missing angle."""
+        """Yield findings on an unaligned camera, on two angles that differ, and on a missing angle."""
         if (a := self.aligned) is None or self.task is None or self.task.alignment is None:
             return
         wanted = self.task.alignment

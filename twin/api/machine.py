@@ -1,8 +1,8 @@
-"""Make the machine of a robot: in a process of its own, or to run tick by tick; connect to the machines of a scene."""
+"""Create the machine of a robot, in a child process or to run tick by tick; connect to the machines of a scene."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from multiprocessing.connection import Connection
 from typing import TYPE_CHECKING
 
@@ -23,6 +23,7 @@ def machine_parts(
     mode: Mode | None = None,
     overdrive: Policy | None = None,
     master_timeout: float | None = None,
+    released: Collection[str] | None = None,
 ) -> Parts:
     """Return the compiled parts of a robot's machines; several machines can share them.
 
@@ -31,9 +32,12 @@ def machine_parts(
         mode: limits of the DAC; None: as in machine.toml.
         overdrive: policy above these limits; None: as in machine.toml.
         master_timeout: time in s without a packet after which the pedal counts as up; None: as in machine.toml.
+        released: findings of the released software that this one has, names of `settings.Released`, the others being
+            corrected; "none" stands for no name; None: as in machine.toml.
 
     Raises:
-        TwinError: a file is missing or malformed, the mechanism has loops, or the time-out is not above 0.
+        TwinError: a file is missing or malformed, the mechanism has loops, the gains make it oscillate, a finding is
+            unknown, or the time-out is not above 0.
     """
     from twin.simulation.dynamics import inertia
     from twin.simulation.dynamics.arm import arm
@@ -45,6 +49,12 @@ def machine_parts(
     model = arm(robot.mechanism, inertia.of_robot(robot.files.cad))
     table = settings.load(robot.files.cad / settings.NAME, model.mechanism)
     table = table.model_copy(update={"mode": mode or table.mode, "overdrive": overdrive or table.overdrive})
+    if released is not None:
+        known = list(settings.Released.model_fields)
+        for name in set(released) - {"none"}:
+            if name not in known:
+                raise TwinError(unknown("finding of the released software", name, known))
+        table = table.model_copy(update={"released": settings.Released(**{n: n in released for n in known})})
     if master_timeout is not None:
         if not master_timeout > 0:
             raise TwinError(f"the time-out of the master is {master_timeout:g} s; it must be above 0")
@@ -59,7 +69,7 @@ def machine(
     """Return a machine at home, in E_STOP; the control software has no information on the changes below.
 
     `mass` and `friction` are factors of all masses and of all friction; `tilt` in rad turns the base about its x axis.
-    Faults change the signals `packet`, `encoder` and `dac`.
+    Faults change signals of `twin.simulation.machine.machine.LOCATIONS`.
 
     Raises:
         TwinError: a mass is not above 0, a friction is negative, or a fault has an unknown signal.
@@ -71,10 +81,10 @@ def machine(
 
 
 class ChildMachine:
-    """A machine in a child process, which ends with this object or with this program.
+    """A machine in a child process. The process ends at `close` or with the parent process.
 
     Attributes:
-        address: where it is.
+        address: network address of the machine.
     """
 
     def __init__(self, robot: str, *, mass: float = 1.0, friction: float = 1.0, faults: Sequence[Fault] = ()) -> None:
@@ -107,7 +117,7 @@ class ChildMachine:
 
 
 def _run(line: Connection, name: str, mass: float, friction: float, faults: Sequence[Fault]) -> None:
-    """Run a machine, in the child process, until the parent has gone."""
+    """Run a machine in the child process until the parent process closes the connection."""
     from twin.simulation.machine.server import Server
 
     try:
@@ -132,11 +142,11 @@ def _has_gone(line: Connection) -> bool:
 
 
 class Machines:
-    """The machines of a scene: each in a child process, or one that runs already; a context manager.
+    """The machines of a scene, each in a child process or already running; a context manager.
 
     Attributes:
-        parts: what they are made of, by robot.
-        links: the connections, by robot.
+        parts: compiled parts of the machines, by robot.
+        links: connections to the machines, by robot.
     """
 
     def __init__(
@@ -151,7 +161,7 @@ class Machines:
         Args:
             robots: the robots that are machines, by the names of their places.
             sources: name or folder of each robot.
-            running: addresses of machines that run already, by place.
+            running: addresses of the machines that are already running, by place.
             start: starts the machine of a robot, a name or folder.
 
         Raises:

@@ -61,7 +61,14 @@ class ProcedureSession(Result):
     @property
     def word(self) -> str:
         """The verdict as text."""
-        return "All stages are done" if self.verdict == "agree" else super().word
+        if self.verdict == "agree":
+            return "All stages are done"
+        checks = self.measures.checks
+        if self.measures.done or self.verdict != "disagree":
+            return "The replay gives different bytes" if self.ran.difference is not None else super().word
+        if failed := sum(c.lost for c in checks):
+            return f"{failed} of {len(checks)} checks {'is' if failed == 1 else 'are'} failed"
+        return f"Not finished: {sum(c.done for c in checks)} of {len(checks)} checks are passed"
 
     @property
     def procedure(self) -> ProcedureTable:

@@ -89,7 +89,7 @@ def operate_machine(
         scene: a scene with machines.
         seed: random seed of the trainee.
         triangles: number of triangles by teleoperation.
-        scale: motion scale, 0.05 to 1; default: that of the console.
+        scale: motion scale, 0.05 to 1; default: the motion scale of the console.
         running: addresses of machines that run already, by robot; the others are started in child processes.
         progress: see `Progress`.
 

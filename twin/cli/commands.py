@@ -15,6 +15,7 @@ from twin.cli.cure import Cures
 from twin.cli.variants import asked
 from twin.core import assets
 from twin.core.errors import TwinError, unknown
+from twin.core.units import MM
 
 
 def list_robots(args: argparse.Namespace) -> int:
@@ -71,10 +72,14 @@ def build(args: argparse.Namespace) -> int:
 def plan(args: argparse.Namespace) -> int:
     """Plan a timed trajectory of a protocol; print phases and findings; write CSV and JSON."""
     from twin.planning.planned import FILES, Planned
+    from twin.planning.protocol import avoiding
 
     robot = api.load(args.robot)
+    protocol = robot.protocol(args.protocol)
+    if args.avoid is not None:
+        protocol = avoiding(protocol, args.avoid, args.clearance_mm * MM, args.seed)
     with show.progress(args.quiet or args.json) as progress:
-        trajectory = api.plan(robot, args.protocol, progress)
+        trajectory = api.plan(robot, protocol, progress)
     planned = Planned(trajectory, [j.is_angle for j in robot.mechanism.active])
     folder = show.folder(args, robot.name, trajectory.protocol)
     with assets.atomic_folder(folder) as work:

@@ -65,7 +65,8 @@ def machine(args: argparse.Namespace) -> int:
 
     robot = api.load(args.robot)
     timeout = None if args.master_timeout_ms is None else args.master_timeout_ms / 1e3
-    parts = machine_parts(robot, mode=args.mode, overdrive=args.overdrive, master_timeout=timeout)
+    released = None if args.released is None else args.released.split(",")
+    parts = machine_parts(robot, mode=args.mode, overdrive=args.overdrive, master_timeout=timeout, released=released)
     arm = made(
         parts,
         mass=1 + args.mass_error / 100,

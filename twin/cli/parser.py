@@ -104,6 +104,13 @@ class _Command(_Parser):
         """Add the option --out."""
         self.text("--out", "FOLDER", f"folder to write to (default {default})")
 
+    def software(self) -> None:
+        """Add the options of a machine's control software."""
+        self.choice("--mode", ("advanced", "moderate", "beginner"), "limits of the DAC")
+        self.choice("--overdrive", ("none", "soft", "hard"), "action above the limits: count, clip, or stop")
+        text = "findings of the released software that it has, with commas: shared_counter, rates_without_coupling, "
+        self.text("--released", "NAMES", text + "whole_counts, or none (default: as in machine.toml)")
+
     def tool(self) -> None:
         """Add the option --tool."""
         text = "frame or body that is the tool of a USD stage (default: the tool that the stage defines, or the end of "
@@ -133,7 +140,10 @@ class _Command(_Parser):
 
     def machines(self) -> None:
         """Add the option for machines that run already."""
-        text = "a running `twin machine` of the scene, with its ports of packets and states; others are started here"
+        text = (
+            "a running `twin machine` of the scene, with its ports of packets and states; this command starts the "
+            "other machines"
+        )
         self.text("--machine", "ROBOT=HOST:PORT:STATEPORT", text, action="append")
 
     def accuracy(self) -> None:
@@ -252,10 +262,18 @@ def _models(add: Add) -> None:
     sub = add(
         "plan",
         "plan the timed motion of a protocol and check every sample",
-        "  twin plan sils\n  twin plan sils lowered_patient --out plan/",
+        "  twin plan sils\n  twin plan sils lowered_patient --out plan/\n"
+        "  twin plan pa10 --avoid vsrs        around the props and the other robots of a scene, outside the patient",
     )
     sub.robot()
     sub.protocol()
+    text = (
+        "plan phases of the types joints, positioning and home around obstacles: props and other robots of a scene; "
+        "without a scene, the robot's own bodies"
+    )
+    sub.text("--avoid", "SCENE", text, nargs="?", const="")
+    sub.number("--clearance-mm", "MM", "with --avoid: minimum distance", 5.0)
+    sub.integer("--seed", "with --avoid: seed of the random search", 0)
     sub.out("./twin-out/<robot>/<protocol>/")
 
 
@@ -442,8 +460,7 @@ def _trials(add: Add) -> None:
         sub.add_argument(name, type=_port, default=0, help=f"{text} (default 0: any free port)")
     sub.flag("--start", "press the start button at once")
     sub.number("--duration", "S", "stop after a time (default: run until Ctrl-C)")
-    sub.choice("--mode", ("advanced", "moderate", "beginner"), "limits of the DAC")
-    sub.choice("--overdrive", ("none", "soft", "hard"), "action above the limits: count, clip, or stop")
+    sub.software()
     sub.number("--master-timeout-ms", "MS", "time without packets after which the pedal counts as up")
     sub.number("--mass-error", "PERCENT", "excess of the machine's masses over the masses in its software", 0.0)
     sub.number("--friction-error", "PERCENT", "excess of the machine's friction over the friction in its software", 0.0)
@@ -466,9 +483,15 @@ def _trials(add: Add) -> None:
     sub = add(
         "hazards",
         "run a campaign of faults on the machine of a robot; the same command continues an interrupted campaign",
-        "  twin hazards raven_left --campaign table1\n  twin hazards raven_left --sessions 100 --processes 1",
+        "  twin hazards raven_left --campaign table1\n"
+        "  twin hazards pa10 --sessions 100 --processes 1\n"
+        "  twin hazards raven_left --overdrive hard --released none --out hard\n"
+        "  twin hazards raven_left --trends",
     )
     sub.robot()
+    sub.software()
+    text = "instead of a campaign: deviation by motion scale, and the first motor stuck every 8 s, as in the paper"
+    sub.flag("--trends", text)
     text = "name of a campaign of the robot, or path of a file (default table1)"
     sub.text("--campaign", "NAME", text, default="table1")
     sub.integer("--sessions", "maximum number of the remaining sessions to run (default: all)")

@@ -15,7 +15,7 @@ from functools import cache
 import numpy as np
 
 from twin.codegen.emit import Stage, emit
-from twin.codegen.machine import compiled, lanes
+from twin.core.machine import compiled, lanes
 from twin.core.spatial import Array
 
 _CHUNK, _PIECES = 4096, 64

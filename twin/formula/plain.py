@@ -82,18 +82,6 @@ def plain_formula(
     if first and points is not None and set(names) & set(inspect.signature(points).parameters):
         text = "inverse() cannot use the named points, because points() computes them from the joints"
         raise points.error(text, points.line)
-    equations = []
-    order: tuple[tuple[_Rows | None, Stage, tuple[str, ...], str], ...] = (
-        (points, "inverse" if first else "helper", points.outputs if points else (), "named points"),
-        (inverse, "inverse", tuple(names), "points -> joints" if first else "pose -> joints"),
-        (forward, "forward", (POSE_SYMBOL,), "joints -> pose"),
-    )
-    for row, stage, outputs, title in order:
-        if row is not None:
-            row.outputs = outputs
-            equations.append(_equation(row, stage, title, path))
-    if not first:  # helpers last
-        equations.sort(key=lambda e: e.stage == "helper")
     formula = Formula(
         name=name,
         title=str(values.get("TITLE", text.splitlines()[0].strip(" ."))),
@@ -101,7 +89,7 @@ def plain_formula(
         parameters=parameters,
         joints=tuple(ActiveJoint(n, "revolute" if angle else "prismatic") for n, angle in joints),
         coordinates=coordinates,
-        equations=tuple(equations),
+        equations=_in_order(points, inverse, forward, names, first, path),
         characteristic_length=_length_scale(parameters),
         points={n: n for n in points.outputs} if points else {},
         seeds=_seeds(coordinates, home, inverse is not None),
@@ -109,6 +97,24 @@ def plain_formula(
     )
     _try(formula, [r for r in (points, inverse, forward) if r is not None])
     return formula
+
+
+def _in_order(
+    points: _Rows | None, inverse: _Rows | None, forward: _Rows | None, joints: Sequence[str], first: bool, path: Path
+) -> tuple[Equation, ...]:
+    """Return the equations in the order of their execution; with `first`, the inverse uses the named points."""
+    named = points.outputs if points else ()
+    order: tuple[tuple[_Rows | None, Stage, tuple[str, ...], str], ...] = (
+        (points, "inverse" if first else "helper", named, "named points"),
+        (inverse, "inverse", tuple(joints), "points -> joints" if first else "pose -> joints"),
+        (forward, "forward", (POSE_SYMBOL,), "joints -> pose"),
+    )
+    equations = []
+    for row, stage, outputs, title in order if first else (*order[1:], order[0]):
+        if row is not None:
+            row.outputs = outputs
+            equations.append(_equation(row, stage, title, path))
+    return tuple(equations)
 
 
 class _Rows(PlainRows):

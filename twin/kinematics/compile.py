@@ -1,4 +1,4 @@
-"""Compile a formula to `Kinematics`: compiled functions, and solvers in place of missing equations."""
+"""Compile a formula to `Kinematics`: compiled functions, and solvers that replace missing equations."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ class Kinematics(Compiled):
         if not misfit <= POSE_TOL:
             raise KinematicsError(
                 f"{self.formula.name}: no values of {', '.join(self.formula.coordinates.names)} "
-                f"describe this pose (error {misfit:.3g}). Check that it is a rigid pose in metres.",
+                f"describe this pose (error {misfit:.3g}). Check that the pose is rigid and in metres.",
                 best=q,
             )
         if not math.isfinite(q.dot(q)):  # faster than a test of each joint

@@ -40,12 +40,14 @@ class PinTable(Table):
 class TissueTable(Table):
     """A soft organ: a body of the anatomy with the name of the table.
 
-    The organ is elastic in a grid of `cells` along its three principal axes, the longest first, and keeps its volume.
-    `edge_mm` is the longest edge of its triangles. `damping_s` is the ratio of viscous to elastic stress.
+    The organ is elastic in a grid of `cells` along its three principal axes, the longest first, or along the axes of
+    the World (`upright`), and keeps its volume. `edge_mm` is the longest edge of its triangles; `damping_s`
+    is the ratio of viscous to elastic stress.
     """
 
     edge_mm: float = Field(ge=1, le=1000)
     cells: tuple[int, int, int]
+    upright: bool = False
     young_kpa: float = Field(ge=0.1, le=1000)
     poisson: float = Field(ge=0, le=0.49)
     damping_s: float = Field(ge=0, le=1)
@@ -136,7 +138,7 @@ def tissues(
         pins = tuple(Pin(p.name, np.array(p.low_mm) * MM, np.array(p.high_mm) * MM) for p in table.pin)
         tissue = Tissue(
             name, surface, table.cells, table.young_kpa * 1e3, table.poisson, table.damping_s, table.density_kg_m3,
-            table.friction, pins, parts[0].color_rgba,
+            table.friction, pins, parts[0].color_rgba, table.upright,
         )  # fmt: skip
         out.append(tissue)
     return tuple(out)

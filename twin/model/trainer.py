@@ -4,17 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Literal
 
 from pydantic import Field
 
 from twin.core.errors import unknown
 from twin.core.provenance import Parameter
+from twin.model.console import ConsoleTable
 from twin.schema import Identifier, Origin, Table, error_at
 from twin.schema.sourced import parameters
-
-if TYPE_CHECKING:
-    from twin.model.console import ConsoleTable
 
 MODEL = "_model"
 """End of the name of the model beside a machine: `raven_left_model` beside `raven_left`."""
@@ -78,11 +76,11 @@ def check(path: Path, trainer: TrainerTable | None, console: ConsoleTable | None
 
 
 def listed(trainer: TrainerTable | None) -> Iterator[Parameter]:
-    """Yield the numbers of a trainer with their provenance."""
+    """Yield the numbers of a trainer, with their provenance."""
     if trainer is None:
         return
     cue = trainer.cue
-    rows = [
+    rows = (
         ("speed", trainer.speed_mm_s, "mm/s"),
         ("turn", trainer.turn_deg_s, "deg/s"),
         ("rehearsed speed", trainer.rehearsed_mm_s, "mm/s"),
@@ -95,5 +93,5 @@ def listed(trainer: TrainerTable | None) -> Iterator[Parameter]:
         ("cue damping", cue.kd_ns_mm, "N s/mm"),
         ("cue largest force", cue.largest_n, "N"),
         ("cue blend", cue.blend_mm, "mm"),
-    ]
+    )
     yield from parameters("trainer", trainer, rows)

@@ -9,14 +9,18 @@ import numpy as np
 from twin.core.errors import ProtocolError
 from twin.core.spatial import Array
 from twin.planning.fmt import Search
+from twin.planning.nearest import nearest_free
 from twin.planning.smooth import Smooth, fit, line
 from twin.planning.space import Space
 
 _ROUNDS = ((0.15, 60), (0.4, 200), (1.0, 600))
 """Searches, in order: (extension of the box beyond start and goal, relative to the limits; number of samples)."""
 
-_SHORTCUTS = 60
-"""Number of pairs of points of a path between which a straight path is tried."""
+_ROUNDS_OF_SHORTCUTS, _SHORTCUTS = 8, 12
+"""Number of rounds of shortcuts, and of pairs of points in a round between which a straight path is tried."""
+
+_ENCLOSED = 0.1
+"""Part of the samples; if fewer are reached from an end, a message says that this end seems to be enclosed."""
 
 _WIDTHS = (0.1, 0.05, 0.025, 0.0125)
 """Standard deviations for the rounding of corners, relative to the path length, in the order of trial."""
@@ -44,12 +48,16 @@ def around(
     """
     start, goal = np.asarray(start, float), np.asarray(goal, float)
     for name, q in (("start", start), ("goal", goal)):
+        if not np.all(np.isfinite(q)):
+            raise ProtocolError(f"at its {name}, joint values are not finite: {q.tolist()}")
         if reason := space.why(q):
-            raise ProtocolError(f"at its {name}, {reason}")
+            near = nearest_free(space, q, seed)
+            text = f"; the nearest free configuration found is {space.named(near)}" if near is not None else ""
+            raise ProtocolError(f"at its {name}, {reason}{text}")
     straight = line(start, goal)
     if space.free_along(straight):
         return straight
-    rng, drawn = np.random.default_rng(seed), 0
+    rng, drawn, reached = np.random.default_rng(seed), 0, (0, 0)
     tried = []
     still = (start == goal) & ~space.leads
     for beyond, samples in _ROUNDS:
@@ -65,6 +73,7 @@ def around(
         drawn += count
         if corners is None:
             tried.append(f"{count} up to {100 * beyond:.0f} % of the joint range beyond start and goal")
+            reached = search.reached()
             continue
         for way in (shortened(space, corners, rng), corners):
             for width in _WIDTHS:
@@ -74,27 +83,45 @@ def around(
         tried.append(f"{count} up to {100 * beyond:.0f} % beyond (a path was found, but its corners cannot be rounded)")
     raise ProtocolError(
         f"no path around the obstacles was found: the straight path is not free, and no path was found through {drawn} "
-        f"free random configurations ({', '.join(tried)}). Lower clearance_mm, change seed, or add a waypoint between "
-        "start and goal"
+        f"free random configurations ({', '.join(tried)}){_enclosed(reached, count)}. Lower clearance_mm, change seed, "
+        "or add a waypoint between start and goal"
     )
 
 
+def _enclosed(reached: tuple[int, int], count: int) -> str:
+    """Return a text that says which end is enclosed, as far as `count` samples tell; "" if none is."""
+    text = [
+        f"the {name} seems to be enclosed, because only {n} of {count} samples are reached from there"
+        for name, n in zip(("start", "goal"), reached, strict=True)
+        if count and n < _ENCLOSED * count
+    ]
+    return f"; {' and '.join(text)}" if text else ""
+
+
 def shortened(space: Space, corners: Array, rng: np.random.Generator) -> Array:
-    """Return the corners (k, n) of a path with detours replaced by straight parts where these are free."""
-    points = list(corners)
-    for _ in range(_SHORTCUTS):
+    """Return the corners (k, n) of a path with detours replaced by straight parts where these are free.
+
+    In each round, straight paths between random pairs of points are tested together, and the one is taken that shortens
+    the path most.
+    """
+    points = np.asarray(corners)
+    for _ in range(_ROUNDS_OF_SHORTCUTS):
         if len(points) < 3:
             break
-        along = _along(np.array(points) * space.weights)
-        s0, s1 = np.sort(rng.uniform(0.0, along[-1], 2))
-        i, j = (int(np.searchsorted(along, s, side="right")) - 1 for s in (s0, s1))
-        if i == j:
+        along = _along(points * space.weights)
+        ends = np.sort(rng.uniform(0.0, along[-1], (_SHORTCUTS, 2)), axis=1)
+        i, j = (np.searchsorted(along, s, side="right") - 1 for s in ends.T)
+        ends, i, j = ends[i < j], i[i < j], np.minimum(j[i < j], len(points) - 2)
+        a, b = (np.column_stack([np.interp(s, along, column) for column in points.T]) for s in ends.T)
+        gain = ends[:, 1] - ends[:, 0] - np.linalg.norm((b - a) * space.weights, axis=1)
+        # all three parts are tested: the loops at a or b could be closed in another assembly mode
+        parts = np.concatenate([a, points[i], b]), np.concatenate([b, a, points[j + 1]])
+        gain[~space.free_each(*parts).reshape(3, -1).all(axis=0)] = 0.0
+        if gain.max(initial=0.0) <= 0.0:
             continue
-        a, b = (np.array([np.interp(s, along, column) for column in np.array(points).T]) for s in (s0, s1))
-        # test all three parts: the loops at a or b could be closed in another assembly mode
-        if space.free_each(np.array([a, points[i], b]), np.array([b, a, points[j + 1]])).all():
-            points = [*points[: i + 1], a, b, *points[j + 1 :]]
-    return np.array(points)
+        k = int(np.argmax(gain))
+        points = np.concatenate([points[: i[k] + 1], a[[k]], b[[k]], points[j[k] + 1 :]])
+    return points
 
 
 def rounded(corners: Array, weights: Array, width: float) -> Smooth:

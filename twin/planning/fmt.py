@@ -17,14 +17,19 @@ from math import gamma, log, pi
 import numpy as np
 from scipy.spatial import cKDTree
 
+from twin.core.errors import ProtocolError
 from twin.core.spatial import Array
+from twin.planning.costs import Cost, length
 from twin.planning.space import Space
 
 _WIDER = 1.1
 """Ratio of the radius to the smallest radius for which the path length converges to the minimum."""
 
-_TRIES = 20
+_TRIES = 50
 """Maximum number of samples drawn per required free sample."""
+
+_AHEAD = 16
+"""Number of nodes of the front whose connections are tested together."""
 
 Progress = Callable[[float], None]
 
@@ -36,7 +41,15 @@ class Search:
         checks: number of connections tested for collisions.
     """
 
-    def __init__(self, space: Space, start: Array, goal: Array, box: Array, rng: np.random.Generator) -> None:
+    def __init__(
+        self,
+        space: Space,
+        start: Array,
+        goal: Array,
+        box: Array,
+        rng: np.random.Generator,
+        cost: Cost | None = None,
+    ) -> None:
         """Set up a search.
 
         Args:
@@ -45,12 +58,24 @@ class Search:
             goal: (n,) joint values at the goal, free of collisions.
             box: (n, 2) lower and upper bounds of the samples; a joint with equal bounds does not move.
             rng: random generator; the same seed gives the same path.
+            cost: what the path minimises; None: its length.
+
+        Raises:
+            ProtocolError: start, goal or box have values that are not finite, or start or goal are not in the box.
         """
+        for name, q in (("start", start), ("goal", goal)):
+            if not np.all(np.isfinite(q)):
+                raise ProtocolError(f"{name} of the search has values that are not finite: {np.asarray(q)}")
+            if not (np.all(q >= box[:, 0]) and np.all(q <= box[:, 1])):
+                raise ProtocolError(f"{name} of the search is not in its box, lower and upper bounds {box.tolist()}")
+        self.cost = cost or length(space.weights)
+        self._most = np.inf
         self._space, self._box, self._rng = space, box, rng
         self._q = np.array([start, goal])
         self._moving = np.ptp(box, axis=1) > 0
         self._tried = self._good = self.checks = 0
         self._known: dict[tuple[int, int], bool] = {}
+        self._tree: tuple[list[np.ndarray], list[Array]] = [], []
 
     @property
     def count(self) -> int:
@@ -60,17 +85,52 @@ class Search:
     def path(self, samples: int, progress: Progress = lambda fraction: None) -> Array | None:
         """Return the corners (k, n) of the shortest path found through `samples` free samples in all; None if none.
 
+        After `inform`, samples through which no path can be shorter are left out.
+
         `progress` is called with the fraction done: first half drawing of samples, second half growth of the tree. An
         exception that it raises ends the search.
+
+        Raises:
+            ProtocolError: `samples` is less than 1.
         """
+        if samples < 1:
+            raise ProtocolError(f"a search with {samples} samples cannot find a path; give at least 1")
         self._draw(samples, lambda f: progress(f / 2))
         x = self._q * self._space.weights
         edges = np.ptp(self._box, axis=1)[self._moving] * self._space.weights[self._moving]
         volume = max(self._good, 1) / max(self._tried, 1) * float(np.prod(edges))
         radius = _radius(len(x), int(self._moving.sum()), volume)
-        near = cKDTree(x).query_ball_point(x, radius, return_sorted=True)
-        rows = self._grow(x, [np.array(i) for i in near], lambda f: progress((1 + f) / 2))
+        near = neighbours(x, radius)
+        way = [self.cost(np.broadcast_to(self._q[i], (len(n), len(self._box))), self._q[n]) for i, n in enumerate(near)]
+        self._tree = near, way
+        rows = self._grow(near, way, lambda f: progress((1 + f) / 2))[0]
         return None if rows is None else self._q[rows]
+
+    def reached(self) -> tuple[int, int]:
+        """Return how many samples of the last `path`, which found none, are connected with start and goal."""
+        near, way = self._tree
+        return self._grow(near, way)[1], self._grow(near, way, ends=(1, 0))[1]
+
+    def inform(self, corners: Array) -> None:
+        """From now on, use only samples through which a path can be shorter than the path along corners (k, n).
+
+        J. D. Gammell, S. S. Srinivasa, T. D. Barfoot, "Informed RRT*", IROS 2014: such points are in an ellipsoid whose
+        foci are start and goal. Only for the length as cost; the connections tested so far stay known.
+        """
+        x = corners * self._space.weights
+        self._most = float(np.linalg.norm(np.diff(x, axis=0), axis=1).sum())
+        keep = self._useful(self._q)
+        keep[:2] = True
+        rows = np.flatnonzero(keep)
+        new = {int(old): k for k, old in enumerate(rows)}
+        self._known = {(new[a], new[b]): f for (a, b), f in self._known.items() if a in new and b in new}
+        self._good -= int((~keep).sum())
+        self._q = self._q[rows]
+
+    def _useful(self, q: Array) -> np.ndarray:
+        """Return (k,) bool: whether a path through q (k, n) can be shorter than the path of `inform`."""
+        x, ends = q * self._space.weights, self._q[:2] * self._space.weights
+        return sum(np.linalg.norm(x - end, axis=1) for end in ends) <= self._most
 
     def block(self, corners: Array) -> bool:
         """Exclude the connections along a path that are not free when tested whole; return whether there are any."""
@@ -87,56 +147,78 @@ class Search:
     def _draw(self, samples: int, progress: Progress) -> None:
         first = self._tried
         while self.count < samples and self._tried - first < _TRIES * samples:
-            size = min(max(2 * (samples - self.count), 16), 256)
+            size = min(max(2 * (samples - self.count), 16), 2048)
             block = self._rng.uniform(self._box[:, 0], self._box[:, 1], (size, len(self._box)))
-            good = block[self._space.free(block)]
-            self._tried, self._good = self._tried + size, self._good + len(good)
+            self._tried += size
+            block = block[self._useful(block)]
+            good = block[self._space.free(block, exact=False)]
+            self._good += len(good)
             self._q = np.concatenate([self._q, good[: samples - self.count]])
             progress(min(max(self.count / samples, (self._tried - first) / (_TRIES * samples)), 1.0))
 
-    def _grow(self, x: Array, near: list[np.ndarray], progress: Progress) -> list[int] | None:
-        """Grow the tree from sample 0; return the rows of the path to sample 1, None if the tree does not reach it."""
-        waiting, front = np.ones(len(x), bool), np.zeros(len(x), bool)
-        waiting[0], front[0] = False, True
-        cost, parent = np.full(len(x), np.inf), np.full(len(x), -1)
-        cost[0] = 0.0
-        heap, z = [(0.0, 0)], 0
-        while z != 1:
+    def _grow(
+        self,
+        near: list[np.ndarray],
+        way: list[Array],
+        progress: Progress = lambda fraction: None,
+        ends: tuple[int, int] = (0, 1),
+    ) -> tuple[list[int] | None, int]:
+        """Grow a tree between the samples `ends`; return the rows of the path, None if there is none, and its size.
+
+        `near` are the neighbours of each sample, `way` the costs of the connections. Tests of many connections together
+        are much faster than one after the other, so those that the next nodes of the front will probably need are
+        added.
+        """
+        count = len(near)
+        waiting, cost, parent = np.ones(count, bool), np.full(count, np.inf), np.full(count, -1)
+        front = cost.copy()  # the cost of a node of the front; infinite for all others
+        root, target = ends
+        waiting[root], cost[root], front[root] = False, 0.0, 0.0
+        heap, z = [(0.0, root)], root
+
+        def best(i: int) -> int:
+            """Return the node of the front through which the path to sample i would be shortest."""
+            return int(near[i][np.argmin(front[near[i]] + way[i])])
+
+        while z != target:
             to = near[z][waiting[near[z]]]
-            best = np.zeros(len(to), int)
-            costs = np.zeros(len(to))
-            for k, i in enumerate(to):
-                others = near[i][front[near[i]]]
-                off = x[others] - x[i]
-                through = cost[others] + np.sqrt(np.einsum("ki,ki->k", off, off))
-                least = int(np.argmin(through))
-                best[k], costs[k] = others[least], through[least]
-            free = self._free(best, to)
-            parent[to[free]], cost[to[free]] = best[free], costs[free]
-            waiting[to[free]], front[to[free]] = False, True
-            front[z] = False
+            pairs = [(best(i), i) for i in to.tolist()]
+            if any(p not in self._known for p in pairs):
+                coming = np.concatenate([near[i] for _, i in heapq.nsmallest(_AHEAD, heap)])
+                coming = np.unique(coming[waiting[coming]])
+                self._test([*pairs, *((best(i), i) for i in coming.tolist())])
+            front[z] = np.inf
             heapq.heappop(heap)
-            for i in to[free]:
-                heapq.heappush(heap, (float(cost[i]), int(i)))
+            for j, i in pairs:
+                if self._known[j, i]:
+                    k = int(np.searchsorted(near[i], j))
+                    parent[i], cost[i] = j, cost[j] + way[i][k]
+                    waiting[i], front[i] = False, cost[i]
+                    heapq.heappush(heap, (float(cost[i]), i))
             progress(1 - float(waiting.mean()))
             if not heap:
-                return None
+                return None, count - int(waiting.sum()) - 1
             z = heap[0][1]
-        rows = [1]
-        while rows[-1] != 0:
+        rows = [target]
+        while rows[-1] != root:
             rows.append(int(parent[rows[-1]]))
-        return rows[::-1]
+        return rows[::-1], count - int(waiting.sum()) - 1
 
-    def _free(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-        """Return (k,) bool: whether the connections of samples a (k,) and b (k,) are free; each is tested once."""
-        pairs = list(zip(a.tolist(), b.tolist(), strict=True))
-        new = [p for p in pairs if p not in self._known]
-        if new:
-            rows = np.array(new)
-            self.checks += len(new)
-            for pair, free in zip(new, self._space.free_each(self._q[rows[:, 0]], self._q[rows[:, 1]]), strict=True):
-                self._known[pair] = self._known[pair[::-1]] = bool(free)
-        return np.array([self._known[p] for p in pairs], bool)
+    def _test(self, pairs: list[tuple[int, int]]) -> None:
+        """Test the connections of pairs of samples, each once."""
+        new = [p for p in dict.fromkeys(pairs) if p not in self._known]
+        rows = np.array(new)
+        self.checks += len(new)
+        for pair, free in zip(new, self._space.free_each(self._q[rows[:, 0]], self._q[rows[:, 1]]), strict=True):
+            self._known[pair] = self._known[pair[::-1]] = bool(free)
+
+
+def neighbours(x: Array, radius: float) -> list[np.ndarray]:
+    """Return the rows of all points nearer than the radius to each point of x (k, n), in order."""
+    pairs = cKDTree(x).query_pairs(radius, output_type="ndarray")
+    a, b = np.concatenate([pairs, pairs[:, ::-1]]).T
+    order = np.lexsort((b, a))
+    return np.split(b[order], np.cumsum(np.bincount(a, minlength=len(x)))[:-1])
 
 
 def _radius(count: int, n: int, volume: float) -> float:

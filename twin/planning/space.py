@@ -51,8 +51,8 @@ class Space(Interface):
         """(n,) bool: whether each joint can move the tool; others stay where they are if start and goal agree."""
         ...
 
-    def free(self, q: Array) -> np.ndarray:
-        """Return (k,) bool: whether joint values q (k, n) are free of collisions."""
+    def free(self, q: Array, *, exact: bool = True) -> np.ndarray:
+        """Return (k,) bool: whether joint values q (k, n) are free of collisions; not `exact`: whether they seem so."""
         ...
 
     def steer(self, a: Array, b: Array) -> Path:
@@ -80,4 +80,8 @@ class Space(Interface):
 
     def why(self, q: Array) -> str:
         """Return why joint values q (n,) are not free, with values and limits; "" if they are free."""
+        ...
+
+    def named(self, q: Array) -> str:
+        """Return joint values q (n,) as text, with names and units as in a waypoint of a protocol."""
         ...

@@ -2,22 +2,28 @@
 
 One surface is covered by balls; of the other, lower bounds of the distance are stored on a grid in its own frame. The
 distance of the surfaces is at least the smallest stored value at a ball's centre minus the ball's radius, and at most
-this value plus both errors, because each ball contains a part of its surface. A look-up takes a fraction of a
-microsecond, a distance of two meshes up to a millisecond.
+this value plus both errors, because each ball contains a part of its surface. A look-up takes nanoseconds (`lookup`), a
+distance of two meshes up to a millisecond. Grids and balls depend on the surface only and are kept on disk.
 """
 
 from __future__ import annotations
 
+import contextlib
+import hashlib
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from heapq import heappop, heappush
-from itertools import count, product
+from io import BytesIO
+from zipfile import BadZipFile
 
 import numpy as np
 
+from twin.core.atomic import atomic_folder, cache_folder
+from twin.core.errors import OutputError
 from twin.core.spatial import Array
 from twin.core.units import MM
+from twin.reference.lookup import BALL, GRID, PAIR, look_up
 
-_NODES = 200_000
+_NODES = 400_000
 """Number of grid nodes in the bounding box of a surface, on which the edge of a cell depends."""
 
 _CELL = (0.15 * MM, 6 * MM)
@@ -26,17 +32,20 @@ _CELL = (0.15 * MM, 6 * MM)
 _BAND = 3
 """Width in cells of the band around the surface in which stored distances are accurate."""
 
-_BALLS = 12
-"""Number of balls of the first level, and of balls of the next level within each ball."""
+_DEPTH = 12
+"""Maximum number of halvings of a surface into balls."""
 
-_LEVELS = 2
-"""Number of levels of balls."""
+_SMALL = 1 / 250
+"""Radius of the smallest balls, relative to the extent of the surface."""
 
-_BLOCK = 4_000
-"""Maximum number of poses treated at once; more do not fit into the processor's cache."""
-
-_PIECES = 400_000
+_PIECES = 1_500_000
 """Maximum number of triangles after division; beyond, they stay larger and the bounds are wider, but valid."""
+
+_KEPT = 512
+"""Maximum number of files in the cache; the oldest files are removed first."""
+
+_VERSION = 3
+"""Number of the method by which grids and balls are made; files in the cache that have another number are not used."""
 
 
 def divided(triangles: Array, edge: float) -> Array:
@@ -59,150 +68,216 @@ def divided(triangles: Array, edge: float) -> Array:
     return np.concatenate(done)
 
 
-@dataclass(frozen=True)
-class Level:
-    """Balls that cover a surface; each contains a part of it.
+def balls(triangles: Array) -> Array:
+    """Return balls (n, 5) that cover the surface of triangles (k, 3, 3), each of which contains a part of it.
 
-    Attributes:
-        centres, radii: (n, 3) and (n,) in m, in the frame of the surface.
-        first: (m + 1,) where the balls begin that cover the same part as each of the m balls of the level before.
+    A ball's part of the surface is halved for two smaller balls. The rows are in the order of a depth-first search:
+    centre (3) in m, radius in m, number of the row that follows the ball and all balls of its part.
     """
-
-    centres: Array
-    radii: Array
-    first: np.ndarray
-
-
-def balls(triangles: Array) -> list[Level]:
-    """Return levels of ever smaller balls that cover the surface of triangles (k, 3, 3)."""
     extent = float(np.ptp(triangles.reshape(-1, 3), axis=0).max())
-    pieces = divided(triangles, max(extent / 40, 0.25 * MM))
-    parts, levels = [np.arange(len(pieces))], []
-    for _ in range(_LEVELS):
-        split = [_split(pieces, rows, _BALLS) for rows in parts]
-        found = [ball for part in split for ball in part]
-        first = np.cumsum([0, *(len(part) for part in split)])
-        levels.append(Level(np.array([b[1] for b in found]), np.array([b[2] for b in found]), first))
-        parts = [b[0] for b in found]
-    return levels
+    small = max(extent * _SMALL, 0.1 * MM)
+    sides = triangles[:, 1:] - triangles[:, :1]
+    area = float(np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1).sum()) / 2
+    pieces = divided(triangles, max(2 * small, np.sqrt(area / 2**_DEPTH)))  # not smaller than the balls can be
+    number, made = np.ones(len(pieces), np.int64), {}
+    for depth in range(_DEPTH + 1):
+        order = np.argsort(number, kind="stable")
+        pieces, number = pieces[order], number[order]
+        parts, first, sizes = np.unique(number, return_index=True, return_counts=True)
+        low, high = np.minimum.reduceat(pieces.min(axis=1), first), np.maximum.reduceat(pieces.max(axis=1), first)
+        middle, of = (low + high) / 2, np.repeat(np.arange(len(parts)), sizes)
+        off = np.linalg.norm(pieces - middle[of][:, None], axis=2).max(axis=1)
+        radii = np.maximum.reduceat(off, first)
+        for part, centre, radius in zip(parts.tolist(), middle, radii, strict=True):
+            made[part] = (*centre, radius * (1 + 1e-9))
+        open_ = ((radii > small) & (sizes > 1))[of] if depth < _DEPTH else np.zeros(len(pieces), bool)
+        if not open_.any():
+            break
+        axis = np.argmax(high - low, axis=1)
+        places = np.take_along_axis(pieces.mean(axis=1), axis[of][:, None], axis=1)[:, 0]
+        least, most = np.minimum.reduceat(places, first), np.maximum.reduceat(places, first)
+        side = places > ((least + most) / 2)[of]
+        even = (least == most)[of]  # all in one place: halved by number
+        side[even] = (np.arange(len(pieces)) - first[of] >= (sizes[of] + 1) // 2)[even]
+        pieces, number = pieces[open_], (2 * number + side)[open_]
+    rows: list[tuple[float, ...]] = []
+    after, waiting = [], [(1, -1)]
+    while waiting:
+        part, closes = waiting.pop()
+        if closes >= 0:
+            after[closes] = len(rows)
+            continue
+        waiting.append((0, len(rows)))
+        rows.append(made[part])
+        after.append(0)
+        waiting += [(child, -1) for child in (2 * part + 1, 2 * part) if child in made]
+    return np.column_stack([np.array(rows), after])
 
 
-def _split(pieces: Array, rows: np.ndarray, most: int) -> list[tuple[np.ndarray, Array, float]]:
-    """Return at most `most` parts of the triangles `rows`: (rows, centre (3,) and radius of a ball around them)."""
-    number = count()
-
-    def ball(rows: np.ndarray) -> tuple[float, int, np.ndarray, Array]:
-        points = pieces[rows].reshape(-1, 3)
-        middle = (points.min(axis=0) + points.max(axis=0)) / 2
-        off = points - middle
-        return -float(np.sqrt(np.einsum("ki,ki->k", off, off).max())), next(number), rows, middle
-
-    heap = [ball(rows)]
-    while len(heap) < most and len(heap[0][2]) > 1:
-        rows = heappop(heap)[2]
-        corners = pieces[rows, 0]
-        low, high = corners.min(axis=0), corners.max(axis=0)
-        axis = int(np.argmax(high - low))
-        side = corners[:, axis] > (low[axis] + high[axis]) / 2
-        if not side.any():
-            side[: len(side) // 2] = True
-        heappush(heap, ball(rows[side]))
-        heappush(heap, ball(rows[~side]))
-    return [(rows, middle, -radius) for radius, _, rows, middle in heap]
-
-
+@dataclass(frozen=True)
 class Grid:
     """Lower bounds of the distance from a surface on a grid.
 
     Attributes:
-        error: in m, largest difference between the distance from the surface and the result of `at`, where this result
-            is below `known`; elsewhere the result may be smaller by more.
+        values: (x, y, z) float32 in m.
+        start: (3,) first node in m.
+        cell: edge of a cell in m.
+        low, high: (3,) corners of the bounding box of the surface in m.
+        error: in m, largest difference between the distance of a node from the surface and its value, where the value
+            is below `known`; elsewhere the value may be smaller by more.
         known: in m, see `error`.
     """
 
-    def __init__(self, triangles: Array) -> None:
+    values: np.ndarray
+    start: Array
+    cell: float
+    low: Array
+    high: Array
+    error: float
+    known: float
+    far: float
+
+    @staticmethod
+    def of(triangles: Array) -> Grid:
+        """Return the grid of the surface of triangles (k, 3, 3)."""
         from scipy.ndimage import distance_transform_edt
         from scipy.spatial import cKDTree
 
         points = triangles.reshape(-1, 3)
-        self._low, self._high = points.min(axis=0), points.max(axis=0)
-        self._cell = cell = float(np.clip((np.prod(self._high - self._low + _CELL[0]) / _NODES) ** (1 / 3), *_CELL))
+        low, high = points.min(axis=0), points.max(axis=0)
+        cell = float(np.clip((np.prod(high - low + _CELL[0]) / _NODES) ** (1 / 3), *_CELL))
         pieces = divided(triangles, cell)
         middles = pieces.mean(axis=1)
         spread = float(np.linalg.norm(pieces - middles[:, None], axis=2).max())
-        self._start = self._low - (_BAND + 1) * cell
-        shape = np.ceil((self._high - self._low) / cell).astype(int) + 2 * _BAND + 3
+        start = low - (_BAND + 1) * cell
+        shape = np.ceil((high - low) / cell).astype(int) + 2 * _BAND + 3
         marked = np.ones(shape, bool)
-        marked[tuple(self._nodes(middles).T)] = False
+        marked[tuple(np.rint((middles - start) / cell).astype(np.intp).T)] = False
         steps = np.asarray(distance_transform_edt(marked), float)
         # a middle is within half a diagonal of its marked node, and a point of the surface within `spread` of a middle
         values = np.maximum(steps * cell - np.sqrt(3) / 2 * cell - spread, 0.0)
+        # near the surface: at most the distance of the nearest middle, which is a point of the surface, less `spread`
         near = np.argwhere(steps <= _BAND)
-        found = cKDTree(middles, balanced_tree=False, compact_nodes=False).query(self._start + near * cell, workers=1)[
-            0
-        ]
-        values[tuple(near.T)] = np.maximum(found - spread, 0.0)
-        self._shape, self._values = shape, values.astype(np.float32).ravel() * np.float32(1 - 1e-6)
-        # a stored value is off by a diagonal and two spreads, a look-up by a diagonal more
-        self.error, self.known = 2 * spread + 2 * np.sqrt(3) * cell + 1e-6, _BAND * cell
+        tree = cKDTree(middles, balanced_tree=False, compact_nodes=False)
+        values[tuple(near.T)] = np.maximum(tree.query(start + near * cell, workers=1)[0] - spread, 0.0)
+        # values of nodes beyond the band are at least `known`
+        known = max(_BAND * cell - np.sqrt(3) / 2 * cell - spread, 0.0)
+        far = np.sqrt(3) * cell + spread + 1e-6
+        return Grid(values.astype(np.float32) * np.float32(1 - 1e-6), start, cell, low, high, spread + 1e-6, known, far)
 
-    def _nodes(self, points: Array) -> np.ndarray:
-        return np.rint((points - self._start) / self._cell).astype(np.intp)
 
-    def at(self, points: Array) -> Array:
-        """Return lower bounds (k,) in m of the distance of points (k, 3) from the surface, from the nearest nodes."""
-        last = self._start + (self._shape - 1) * self._cell
-        node = self._nodes(np.clip(points, self._start, last))
-        beyond = np.maximum(np.maximum(self._low - points, points - self._high), 0.0)
-        return np.maximum(self._from(node, points), np.sqrt(np.einsum("ki,ki->k", beyond, beyond)))
+def grid_of(triangles: Array) -> Grid:
+    """Return `Grid.of(triangles)`, from the cache if it is there."""
 
-    def sharp(self, points: Array) -> Array:
-        """Return larger lower bounds (k,) in m than `at`, from the eight nodes around each point (k, 3)."""
-        out = self.at(points)
-        low = np.clip(np.floor((points - self._start) / self._cell).astype(np.intp), 0, self._shape - 2)
-        for corner in product((0, 1), repeat=3):
-            np.maximum(out, self._from(low + corner, points), out=out)
-        return out
+    def make() -> dict[str, np.ndarray]:
+        grid = Grid.of(triangles)
+        rest = np.concatenate([grid.start, [grid.cell], grid.low, grid.high, [grid.error, grid.known, grid.far]])
+        return {"values": grid.values, "rest": rest}
 
-    def _from(self, node: np.ndarray, points: Array) -> Array:
-        """Return the bounds (k,) that nodes (k, 3) give for points (k, 3): a distance changes by at most the way."""
-        place = (node[:, 0] * self._shape[1] + node[:, 1]) * self._shape[2] + node[:, 2]
-        off = points - (self._start + node * self._cell)
-        return self._values[place] - np.sqrt(np.einsum("ki,ki->k", off, off))
+    found = _kept("grid", triangles, make)
+    rest = found["rest"]
+    return Grid(found["values"], rest[:3], rest[3], rest[4:7], rest[7:10], rest[10], rest[11], rest[12])
+
+
+def balls_of(triangles: Array) -> Array:
+    """Return `balls(triangles)`, from the cache if they are there."""
+    return _kept("balls", triangles, lambda: {"balls": balls(triangles)})["balls"]
+
+
+def _kept(kind: str, triangles: Array, make: Callable[[], dict[str, np.ndarray]]) -> dict[str, np.ndarray]:
+    """Return named arrays from the user's cache folder, or make them and keep them there.
+
+    The key is a hash of the triangles. A file that cannot be read is made again; a cache that cannot be written is not
+    an error.
+    """
+    digest = hashlib.sha256(f"{kind} {_VERSION} {triangles.shape}\n".encode())
+    digest.update(np.ascontiguousarray(triangles, np.float64))
+    folder, name = cache_folder("distances"), f"{digest.hexdigest()}.npz"
+    with contextlib.suppress(OSError, ValueError, KeyError, EOFError, BadZipFile):
+        # numpy would not close a damaged file
+        with np.load(BytesIO((folder / name).read_bytes()), allow_pickle=False) as file:
+            out = dict(file)
+        if hashlib.sha256(b"".join(out[k].tobytes() for k in sorted(out) if k != "sum")).digest() == bytes(out["sum"]):
+            return out
+    out = make()
+    total = hashlib.sha256(b"".join(out[k].tobytes() for k in sorted(out))).digest()
+    with contextlib.suppress(OSError, OutputError):
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        for old in sorted(folder.glob("*.npz"), key=lambda p: p.stat().st_mtime)[:-_KEPT]:
+            old.unlink()
+        with atomic_folder(folder) as work:
+            np.savez(work / name, allow_pickle=False, **out, sum=np.frombuffer(total, np.uint8))
+    return out
 
 
 class Bounds:
-    """Bounds of the distance between two surfaces: `grid` of the one, `levels` of balls of the other."""
+    """Bounds of the distances of pairs of surfaces: each pair has a grid of the one and balls of the other."""
 
-    def __init__(self, grid: Grid, levels: list[Level]) -> None:
-        self._grid, self._levels = grid, levels
+    def __init__(self, triangles: Sequence[Array], pairs: np.ndarray) -> None:
+        """Define the pairs; grids and balls are made, or loaded from the cache, when they are required.
 
-    def at(self, Ts: Array, enough: Array) -> tuple[Array, Array]:
-        """Return bounds (k,) from below and (k,) from above in m of the distance, for poses T_grid_balls (k, 4, 4).
-
-        Where large balls prove less than `enough` (k,) in m, smaller ones are looked up; where they prove more, the
-        upper bound is infinite.
+        Args:
+            triangles: (k, 3, 3) of each shape, in its own frame.
+            pairs: (pairs, 2) numbers of the shape with the grid and of the shape with the balls.
         """
-        low, high = np.full(len(Ts), np.inf), np.full(len(Ts), np.inf)
-        for start in range(0, len(Ts), _BLOCK):
-            here = slice(start, start + _BLOCK)
-            state = np.arange(len(Ts[here]))
-            parent = np.zeros(len(state), np.intp)
-            for number, level in enumerate(self._levels):
-                counts = level.first[parent + 1] - level.first[parent]
-                before = np.concatenate([[0], np.cumsum(counts)[:-1]])
-                ball = np.repeat(level.first[parent] - before, counts) + np.arange(int(counts.sum()))
-                state = np.repeat(state, counts)
-                points = np.einsum("kij,kj->ki", Ts[here, :3, :3][state], level.centres[ball]) + Ts[here, :3, 3][state]
-                values, radii, last = self._grid.at(points), level.radii[ball], number == len(self._levels) - 1
-                close = values - radii < enough[here][state]
-                if last:
-                    values[close] = self._grid.sharp(points[close])
-                    known = values < self._grid.known
-                    np.minimum.at(high[here], state[known], (values + radii)[known] + self._grid.error)
-                proven = np.ones(len(close), bool) if last else ~close
-                np.minimum.at(low[here], state[proven], (values - radii)[proven])
-                state, parent = state[~proven], ball[~proven]
-                if not len(state):
-                    break
-        return np.maximum(low, 0.0), high
+        self._triangles, self._pairs, self._ready = triangles, pairs, np.zeros(len(pairs), bool)
+        self._grid: dict[int, int] = {}
+        self._cover: dict[int, tuple[int, int]] = {}
+        self._grids, self._balls = np.zeros((0, GRID)), np.zeros((0, BALL))
+        self._values = np.zeros(0, np.float32)
+        self._table = np.zeros((len(pairs), PAIR), np.int64)
+
+    def _require(self, pairs: np.ndarray) -> None:
+        new = np.unique(pairs[~self._ready[pairs]])
+        for n in (int(n) for n in np.unique(self._pairs[new, 0]) if int(n) not in self._grid):
+            grid = grid_of(self._triangles[n])
+            self._grid[n], shape = len(self._grids), np.array(grid.values.shape)
+            parts = (
+                *(grid.start, [grid.cell, 1 / grid.cell], shape - 1),
+                *(
+                    [shape[1] * shape[2], shape[2], len(self._values)],
+                    grid.low,
+                    grid.high,
+                    [grid.error, grid.known, grid.far],
+                ),
+            )
+            self._grids = np.concatenate([self._grids, np.concatenate(parts)[None]])
+            self._values = np.concatenate([self._values, grid.values.ravel()])
+        for n in (int(n) for n in np.unique(self._pairs[new, 1]) if int(n) not in self._cover):
+            cover, first = balls_of(self._triangles[n]), len(self._balls)
+            self._cover[n] = first, first + len(cover)
+            self._balls = np.concatenate([self._balls, cover + np.array([0, 0, 0, 0, first])])
+        for pair in new:
+            a, b = (int(n) for n in self._pairs[pair])
+            self._table[pair] = len(self._triangles), a, b, self._grid[a], *self._cover[b]
+        self._ready[new] = True
+
+    def at(
+        self,
+        poses: Array,
+        states: np.ndarray,
+        pairs: np.ndarray,
+        enough: Array,
+        reject: Array | None = None,
+        fine: float = 0.0,
+    ) -> tuple[Array, Array]:
+        """Return bounds (n,) from below and (n,) from above in m of distances of `pairs` (n,) in `states` (n,).
+
+        Args:
+            poses: (k, shapes, 4, 4) T_base_shape in each state.
+            states: (n,) rows of `poses`.
+            pairs: (n,) numbers of the pairs.
+            enough: (n,) in m; a larger lower bound is not required, and the upper bound may then be infinite.
+            reject: (n,) in m; where the upper bound is below it, the lower bound is 0. None: 0.
+            fine: in m; balls with this radius are not replaced by smaller ones.
+        """
+        if not self._ready[pairs].all():
+            self._require(pairs)
+        none = np.zeros(len(states))
+        return look_up(
+            *(poses, states, pairs, enough, none if reject is None else reject, none + fine),
+            table=self._table,
+            grids=self._grids,
+            values=self._values,
+            balls=self._balls,
+        )

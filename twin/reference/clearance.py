@@ -15,7 +15,6 @@ from twin.core.spatial import Array
 from twin.core.units import MM
 from twin.model.body import Mesh
 from twin.model.mechanism import Mechanism
-from twin.reference.bounds import Grid, Level, balls
 
 TOUCHING = 0.05 * MM
 """Largest distance in m at which two parts of jointed bodies mate in the CAD (pin and bore, washer and eye)."""
@@ -62,16 +61,6 @@ class Shape:
     def hull(self) -> coal.Convex:
         """Convex hull of the mesh."""
         return _hull(self._vertices)
-
-    @cached_property
-    def grid(self) -> Grid:
-        """Lower bounds of the distance from the mesh on a grid."""
-        return Grid(self.triangles)
-
-    @cached_property
-    def balls(self) -> list[Level]:
-        """Levels of balls that cover the mesh."""
-        return balls(self.triangles)
 
     def corners_in(self, Ts_base_body: Array) -> Array:
         """Return the corners (k, 8, 3) of the bounding box in base, for body poses (k, 4, 4)."""

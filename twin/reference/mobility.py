@@ -46,7 +46,7 @@ class Mobility:
 
 
 def count(A: Array, loops: Loops, passive: Index) -> Mobility:
-    """Return the mobility at one state from the Jacobian (m, nv) of the loop residuals.
+    """Return the mobility at one state.
 
     A (m, nv) is the Jacobian of the loop residuals, with rows as in `Loops.evaluate`; `loops` gives loop and direction
     of each row. `passive` are the velocity indices of the joints that are not driven.

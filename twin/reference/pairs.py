@@ -1,26 +1,31 @@
 """The pairs of bodies that could collide while a mechanism moves among obstacles, with tests of their distance.
 
 Tests from cheap to expensive: boxes along the axes of base; bounds from balls and a grid of distances (`bounds`), for
-many states at once; convex hulls; the meshes, by coal, which decides where the bounds do not.
+many states at once; convex hulls; the meshes, by coal, for pairs that the bounds do not decide.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import coal  # pyright: ignore[reportMissingImports] - installed beside site-packages
 import numpy as np
 
-from twin.core.spatial import Array, inverse
+from twin.core.spatial import Array
+from twin.core.units import MM
 from twin.model.body import Body
 from twin.reference.bounds import Bounds
 from twin.reference.clearance import TOUCHING, Shape, apart, box_gap, distance_between, placed
 from twin.reference.model import ReferenceModel
-from twin.reference.travel import Reach
+from twin.reference.travel import Levers, Reach
 
 _GJK = 1e-5
-"""Accepted error in m by which a computed hull distance may be too large."""
+"""Maximum error in m by which a computed hull distance is too large."""
+
+SEARCHED = 1 * MM
+"""Radius in m of balls that are small enough for a search; a found path is tested with smaller ones."""
 
 _FEW = 3
 """Largest number of turns between two bodies for which cells are stored."""
@@ -99,7 +104,11 @@ class Pairs:
         self.reach = Reach(self._tree, [(at[a], at[b]) for a, b in self.rows])
         self._half = np.array([s.corners[-1] - s.corners[0] for s in self.shapes]).reshape(-1, 3) / 2
         self._middle = np.array([s.corners[-1] + s.corners[0] for s in self.shapes]).reshape(-1, 3) / 2
-        self._bounds: dict[int, tuple[Bounds, int, int]] = {}
+        self._radii = np.linalg.norm(self._half, axis=1)
+        # the larger shape has the grid
+        larger = np.array([s.max(initial=0.0) for s in self._half])[self.rows]
+        swapped = np.where((larger[:, 0] < larger[:, 1])[:, None], self.rows[:, ::-1], self.rows)
+        self._bounds = Bounds([s.triangles for s in self.shapes], swapped)
         # pairs whose relative pose depends on few turns: (velocity indices, edges of a cell in rad)
         self._turns: dict[int, tuple[np.ndarray, Array]] = {}
         self._cells: dict[tuple[int, ...], bool] = {}
@@ -119,6 +128,25 @@ class Pairs:
         """Return T_base_shape (k, shapes, 4, 4) at configurations (k, nq)."""
         return self._tree.place(X)[:, self._numbers] @ self._Ts
 
+    @cached_property
+    def levers(self) -> Levers | None:
+        """Bounds of motion around a state; None if the tree has other joints than turns and slides."""
+        return Levers(self._tree, self._numbers, self.rows) if Levers.possible(self._tree) else None
+
+    def around(self, X: Array, moved: Array) -> tuple[Array, Array]:
+        """Return (poses as of `poses`, bounds (k, pairs) in m of the relative motion around configurations X (k, nq)).
+
+        Args:
+            X: configurations.
+            moved: (k, nv) in m or rad, largest motion of each coordinate from X.
+        """
+        joints = self._tree.place(X)
+        poses = joints[:, self._numbers] @ self._Ts
+        if self.levers is None:
+            return poses, np.einsum("kj,pj->kp", moved, self.reach.bounds(X, moved.max(axis=0)))
+        centres = np.einsum("ksij,sj->ksi", poses[..., :3, :3], self._middle) + poses[..., :3, 3]
+        return poses, self.levers.bounds(joints, centres, self._radii, moved)
+
     def gaps(self, poses: Array) -> Array:
         """Return lower bounds (k, pairs) in m of the distances, from boxes along the axes of base."""
         c = np.einsum("ksij,sj->ksi", poses[..., :3, :3], self._middle) + poses[..., :3, 3]
@@ -127,29 +155,20 @@ class Pairs:
         a, b = self.rows.T
         return box_gap(low[:, a], high[:, a], low[:, b], high[:, b])
 
-    def bounds(self, poses: Array, states: np.ndarray, pairs: np.ndarray, enough: Array) -> tuple[Array, Array]:
+    def bounds(
+        self,
+        poses: Array,
+        states: np.ndarray,
+        pairs: np.ndarray,
+        enough: Array,
+        reject: Array | None = None,
+        fine: float = 0.0,
+    ) -> tuple[Array, Array]:
         """Return lower and upper bounds (n,) in m of the distances of `pairs` (n,) at rows `states` (n,) of poses.
 
-        `enough` (n,) in m: lower bounds beyond that need not be better.
+        See `Bounds.at` for `enough`, `reject` and `fine`.
         """
-        low, high = np.zeros(len(pairs)), np.full(len(pairs), np.inf)
-        for pair in np.unique(pairs):
-            if int(pair) in self._turns:
-                continue  # too close for these bounds; see `closer`
-            here = np.flatnonzero(pairs == pair)
-            bounds, grid, balls = self._bounds_of(int(pair))
-            T = poses[states[here]]
-            low[here], high[here] = bounds.at(inverse(T[:, grid]) @ T[:, balls], enough[here])
-        return low, high
-
-    def _bounds_of(self, pair: int) -> tuple[Bounds, int, int]:
-        """Return the bounds of a pair, and the indices of the shapes with the grid (the larger one) and the balls."""
-        if pair not in self._bounds:
-            a, b = (int(i) for i in self.rows[pair])
-            if self._half[a].max() < self._half[b].max():
-                a, b = b, a
-            self._bounds[pair] = Bounds(self.shapes[a].grid, self.shapes[b].balls), a, b
-        return self._bounds[pair]
+        return self._bounds.at(poses, states, pairs, enough, reject, fine)
 
     def hulls_apart(self, pair: int, poses: Array) -> float:
         """Return the distance in m of a pair's convex hulls, a lower bound, at shape poses (shapes, 4, 4)."""
@@ -161,7 +180,7 @@ class Pairs:
     def nearer(self, pair: int, poses: Array, margin: float) -> bool:
         """Return whether a pair is nearer than `margin` in m at shape poses (shapes, 4, 4): hulls first, then meshes.
 
-        If two meshes are close everywhere, computing their distance takes coal a tenth of the time of a collision test
+        For two meshes that are close everywhere, coal computes the distance in a tenth of the time of a collision test
         with a margin. For other meshes, the collision test is faster.
         """
         if self.hulls_apart(pair, poses) >= margin:
@@ -214,22 +233,23 @@ class Pairs:
     def near(self, X: Array, *, exact: bool = True) -> np.ndarray:
         """Return (k,) bool: whether any pair is nearer than required at configurations X (k, nq).
 
-        Where the bounds do not decide, exact distances do; without `exact`, the middle between both bounds does.
+        Pairs that the bounds do not decide are decided by the exact distance, or without `exact` by the middle
+        between both bounds.
         """
         out = np.zeros(len(X), bool)
         if not len(self):
             return out
         poses = self.poses(X)
         states, pairs = np.nonzero(self.gaps(poses) < self.required)
-        low, high = self.bounds(poses, states, pairs, self.required[pairs])
-        out[states[high < self.required[pairs]]] = True
-        unknown = low < self.required[pairs]
+        required = self.required[pairs]
+        low, high = self.bounds(poses, states, pairs, required, required, 0.0 if exact else SEARCHED)
+        out[states[high < required]] = True
         if not exact:
-            out[states[(low + high) / 2 < self.required[pairs]]] = True
+            out[states[(low + high) / 2 < required]] = True
+            return out
+        unknown = low < required
         for pair in np.unique(pairs[unknown]):
             k = states[unknown & (pairs == pair)]
             k = k[~out[k]]
-            if not exact and not self.celled(int(pair)):
-                continue
             out[k] = self.closer(int(pair), X[k], poses[k])
         return out

@@ -24,7 +24,7 @@ from twin.core.spatial import Array
 from twin.core.units import DEG, MM
 from twin.reference.model import GAP_TOLERANCE, ReferenceModel
 from twin.reference.newton import minimise
-from twin.reference.pairs import Pairs, Still
+from twin.reference.pairs import SEARCHED, Pairs, Still
 
 _ANGLE = 0.1
 """Length in m that is equivalent to 1 rad in comparisons of paths."""
@@ -50,17 +50,14 @@ _BETWEEN_LOOPS = 1.5
 _SAME = 1 * MM
 """Two assemblies are in the same mode if each body has the same position in both, within this distance in m."""
 
-_FIRST = 5
-"""Number of first halvings in which mesh collisions are tested, because they reject most blocked paths early."""
-
 _NARROW = 3.0
 """Largest margin, in units of the required distance, for which meshes are tested; for larger margins coal is slow."""
 
-_GJK = 1e-5
-"""Accepted error in m by which a computed hull distance may be too large."""
+_SEARCH = 4 * MM
+"""Motion in m of two bodies from the nearest tested state that a search accepts; paths found are tested whole."""
 
-_SEARCH = 8 * MM
-"""Largest relative motion in m of two bodies between the states tested in a search; paths found are tested whole."""
+_FAR = 100 * MM
+"""Distance in m beyond which bounds for a certificate need not be better, as long as no distance is known."""
 
 Keep = Callable[[Array, Array], np.ndarray]
 """Additional test of states: T_base_tool (k, 4, 4), q (k, n) -> (k,) bool: whether each state is allowed."""
@@ -75,7 +72,7 @@ class _Stations:
         s: (k,) values of s at the stations.
         X: (k, nq) configurations at the stations.
         fine: (m,) values of s from 0 to 1.
-        moved: (m, pairs) in m, upper bound of the relative motion of each pair from s = 0 to `fine`.
+        moved: (m, nv) in m or rad, upper bound of the motion of each coordinate, to and fro, from s = 0 to `fine`.
     """
 
     path: Callable[[Array], Array]
@@ -84,8 +81,12 @@ class _Stations:
     fine: Array
     moved: Array
 
-    def moved_until(self, s: Array) -> Array:
-        """Return the upper bound (k, pairs) in m of the relative motion of each pair from 0 to s (k,)."""
+    def ahead(self, s: Array, width: float) -> Array:
+        """Return the largest motion (k, nv) of each coordinate from s (k,) to both ends of an interval around s."""
+        low, middle, high = (self._moved_until(s + part * width) for part in (-0.5, 0.0, 0.5))
+        return np.maximum(high - middle, middle - low)
+
+    def _moved_until(self, s: Array) -> Array:
         i = np.clip(np.searchsorted(self.fine, s, side="right") - 1, 0, len(self.fine) - 2)
         part = (s - self.fine[i]) / (self.fine[i + 1] - self.fine[i])
         return self.moved[i] + part[:, None] * (self.moved[i + 1] - self.moved[i])
@@ -218,8 +219,11 @@ class JointSpace:
                 )
         return limits, np.array([_ANGLE if j.is_angle else 1.0 for j in active])
 
-    def free(self, q: Array) -> np.ndarray:
-        """Return (k,) bool: whether joint values q (k, n) are within limits, with closed loops and the clearance."""
+    def free(self, q: Array, *, exact: bool = True) -> np.ndarray:
+        """Return (k,) bool: whether joint values q (k, n) are within limits, with closed loops and the clearance.
+
+        Without `exact`, the middle between the bounds of a distance decides where they do not; see `Pairs.near`.
+        """
         q = np.asarray(q, float).reshape(-1, len(self.weights))
         ok = self._within(q)
         if self._loops:
@@ -231,7 +235,7 @@ class JointSpace:
         else:
             X = self._placed(q)
         ok[ok] = self._allowed(X[ok], q[ok])
-        ok[ok] = ~self._pairs.near(X[ok])
+        ok[ok] = ~self._pairs.near(X[ok], exact=exact)
         return ok
 
     def steer(self, a: Array, b: Array) -> Callable[..., Array]:
@@ -278,6 +282,14 @@ class JointSpace:
                 if distance <= 0:
                     worst = f"{names} collide (required: {required / MM:.3g} mm apart)"
         return worst
+
+    def named(self, q: Array) -> str:
+        """Return joint values q (n,) as text, with names and units as in a waypoint of a protocol."""
+        names = [
+            f"{j.name}_deg = {x / DEG:.4g}" if j.is_angle else f"{j.name}_mm = {x / MM:.4g}"
+            for j, x in zip(self._model.mechanism.active, q, strict=True)
+        ]
+        return ", ".join(names)
 
     # -- states ---------------------------------------------------------------------------------------
 
@@ -357,8 +369,7 @@ class JointSpace:
         if not self._allowed(X, path(s)).all():
             return None
         cells = factor * np.maximum(speeds[1:], speeds[:-1]) * np.diff(speeds_at)[:, None]
-        bounds = self._pairs.reach.bounds(X, cells.max(axis=0))
-        moved = np.concatenate([np.zeros((1, len(bounds))), np.cumsum(cells @ bounds.T, axis=0)])
+        moved = np.concatenate([np.zeros((1, cells.shape[1])), np.cumsum(cells, axis=0)])
         return _Stations(path, s, X, speeds_at, moved)
 
     def _same(self, x: Array, q: Array) -> bool:
@@ -387,69 +398,88 @@ class JointSpace:
 
     def _clear(self, seen: _Stations) -> bool:
         """Return whether all pairs have the required distance where tested, and half of it along the whole path."""
-        pairs = self._pairs
-        if not len(pairs) or pairs.near(seen.X).any():
-            return not len(pairs)
-        pair, place, level = np.arange(len(pairs)), np.zeros(len(pairs), int), 0
-        while len(pair):
+        if len(self._pairs) and self._pairs.near(seen.X).any():
+            return False
+
+        ok = self._clear_each(1, lambda path, s: self._at(seen, s), lambda path, s, width: seen.ahead(s, width))
+        return bool(ok[0])
+
+    def _clear_each(
+        self,
+        count: int,
+        at: Callable[[np.ndarray, Array], Array | None],
+        ahead: Callable[[np.ndarray, Array, float], Array],
+        *,
+        exact: bool = True,
+    ) -> np.ndarray:
+        """Return (count,) bool: whether all pairs have the required distance where tested, and half of it elsewhere.
+
+        Without `exact`, the middle between both bounds of a distance decides where the bounds do not.
+
+        Args:
+            count: number of paths.
+            at: function of path (k,) and s (k,): configurations (k, nq), or None if loops open.
+            ahead: function of path (k,), s (k,) and width: (k, nv), largest motion of each coordinate from s to both
+                ends of an interval of this width around s.
+            exact: see above.
+        """
+        pairs, ok = self._pairs, np.ones(count, bool)
+        # items: one pair in one interval of one path
+        path, pair = np.divmod(np.arange(count * len(pairs)), max(len(pairs), 1))
+        place, level = np.zeros(len(path), int), 0
+        while len(path):
             width = 0.5**level
-            places, row = np.unique(place, return_inverse=True)
-            X = self._at(seen, (places + 0.5) * width)
+            keys, row = np.unique(path * 2**level + place, return_inverse=True)
+            paths, s = keys >> level, ((keys & (2**level - 1)) + 0.5) * width
+            X = at(paths, s)
             if X is None:
-                return False
-            poses, required = pairs.poses(X), pairs.required[pair]
-            low, middle, high = (seen.moved_until((places + part) * width) for part in (0.0, 0.5, 1.0))
-            ahead = np.maximum(high - middle, middle - low)[row, pair]
-            margin = np.maximum(required, required / 2 + ahead)
+                return np.zeros(count, bool)
+            poses, ways = pairs.around(X, ahead(paths, s, width))
+            required, way = pairs.required[pair], ways[row, pair]
+            margin = np.maximum(required, required / 2 + way)
             left = np.flatnonzero(pairs.gaps(poses)[row, pair] < margin)
-            least, most = pairs.bounds(poses, row[left], pair[left], margin[left])
-            if (most < required[left]).any():
-                return False
-            left, least = left[least < margin[left]], least[least < margin[left]]
-            halved = []
-            for i, bound in zip(left, least, strict=True):
-                p, T, c = int(pair[i]), poses[row[i]], float(required[i])
-                last = margin[i] <= c
-                if (
-                    (last or (level < _FIRST and not pairs.celled(p)))
-                    and bound < c
-                    and pairs.closer(p, X[row[i]][None], T[None])[0]
-                ):
-                    return False
-                if not last and (margin[i] > _NARROW * c or pairs.celled(p) or pairs.nearer(p, T, float(margin[i]))):
+            least, most = pairs.bounds(
+                *(poses, row[left], pair[left], margin[left], required[left]), 0.0 if exact else SEARCHED
+            )
+            blocked = most if exact else (least + most) / 2
+            ok[path[left[blocked < required[left]]]] = False
+            left = left[(least < margin[left]) & ok[path[left]]]
+            # where the bounds do not decide and the interval is short, exact distances do
+            halved = [] if exact else left[way[left] > _SEARCH]
+            for i in left if exact else ():
+                if not ok[path[i]]:
+                    continue
+                p, T = int(pair[i]), poses[row[i]]
+                if margin[i] <= required[i]:
+                    ok[path[i]] = not pairs.closer(p, X[row[i]][None], T[None])[0]
+                elif margin[i] > _NARROW * required[i] or pairs.celled(p) or pairs.nearer(p, T, float(margin[i])):
                     halved.append(i)
-            pair = np.repeat(pair[halved], 2)
+            halved = np.array([i for i in halved if ok[path[i]]], int)
+            path, pair = np.repeat(path[halved], 2), np.repeat(pair[halved], 2)
             place = np.column_stack([2 * place[halved], 2 * place[halved] + 1]).ravel()
             level += 1
-        return True
+        return ok
 
     def free_each(self, a: Array, b: Array) -> np.ndarray:
         """Return (m,) bool: whether the straight paths from a (m, n) to b (m, n), with free ends, seem free.
 
-        States are tested between which no pair of bodies moves by more than `_SEARCH`, for all paths at once, by bounds
-        of distances (`Pairs.near`).
+        As `free_between`, for all paths at once, but by bounds of distances only, unless the mechanism has loops.
         """
         a, b = np.asarray(a, float), np.asarray(b, float)
         if self._coupled is None or not len(a):
             return np.array([self.free_between(p, q) for p, q in zip(a, b, strict=True)], bool)
         ok = self._within(a) & self._within(b)
-        if not len(self._pairs):
-            return ok & self._allowed_between(a, b)
-        G = self._coupled[0]
-        rho = self._pairs.reach.bounds(self._placed(np.concatenate([a, b])), np.zeros(len(G)))
-        counts = np.ceil((np.abs((b - a) @ G.T) @ rho.T).max(axis=1) / _SEARCH).astype(int)
-        # the middle and the quarters of all paths first, then the rest: most blocked paths are found early
-        levels = np.ceil(np.log2(np.maximum(counts, 1))).astype(int)
-        for first, last in ((1, 2), (3, int(levels.max()))):
-            path, s = [np.zeros(0, int)], [np.zeros(0)]
-            for level in range(first, last + 1):
-                rows, places = np.flatnonzero(ok & (levels >= level)), np.arange(1, 2**level, 2) / 2**level
-                path.append(np.repeat(rows, len(places)))
-                s.append(np.tile(places, len(rows)))
-            at, along = np.concatenate(path), np.concatenate(s)
-            X = self._placed(a[at] + along[:, None] * (b - a)[at])
-            ok[at[self._pairs.near(X, exact=False)]] = False
         ok[ok] = self._allowed_between(a[ok], b[ok])
+        first, step = a[ok], (b - a)[ok]
+        if not len(self._pairs) or not len(first):
+            return ok
+        moved = np.abs(step @ self._coupled[0].T)
+        ok[ok] = self._clear_each(
+            len(first),
+            lambda path, s: self._placed(first[path] + s[:, None] * step[path]),
+            lambda path, s, width: width / 2 * moved[path],
+            exact=False,
+        )
         return ok
 
     def _allowed_between(self, a: Array, b: Array) -> np.ndarray:
@@ -494,13 +524,14 @@ class JointSpace:
             X = self._at(seen, (places + 0.5) * width)
             if X is None:
                 raise MechanismError("the loops of the mechanism do not close along the path")
-            poses = pairs.poses(X)
-            low, middle, high = (seen.moved_until((places + part) * width) for part in (0.0, 0.5, 1.0))
-            ahead = np.maximum(high - middle, middle - low)[row, pair]
+            poses, ways = pairs.around(X, seen.ahead((places + 0.5) * width, width))
+            ahead = ways[row, pair]
             bound, halved = pairs.gaps(poses)[row, pair], []
-            for i in np.argsort(bound, kind="stable"):
-                if bound[i] - ahead[i] < least - within:
-                    bound[i] = pairs.hulls_apart(int(pair[i]), poses[row[i]])
+            near = np.flatnonzero(bound - ahead < least - within)
+            # what is needed to leave a pair out; a first guess, as nothing is found yet, is a large distance
+            wanted = np.minimum(least, _FAR) - within + ahead[near]
+            bound[near] = np.maximum(bound[near], pairs.bounds(poses, row[near], pair[near], wanted)[0])
+            for i in np.argsort(bound - ahead, kind="stable"):
                 if bound[i] - ahead[i] < least - within:
                     bound[i] = pairs.distance(int(pair[i]), poses[row[i]])
                     if bound[i] < least:

@@ -145,7 +145,7 @@ class Tree:
     def update(self, X: Array, *, closing_only: bool = False) -> tuple[Array, Array]:
         """Compute joint poses and Jacobians at configurations X (k, nq).
 
-        X (k, nq) are configurations. With `closing_only`, only the poses used by loops, named points and tool are
+        With `closing_only`, only the poses used by loops, named points and tool are
         computed (half the time).
 
         Returns:
@@ -173,16 +173,16 @@ class Tree:
         kinds = [self.model.joints[n].shortname() for n in range(1, self.model.njoints)]
         if not set(kinds) <= {"JointModelRZ", "JointModelPZ"}:
             return self.update(X)[0]
-        poses = np.broadcast_to(np.eye(4), (len(X), self.model.njoints, 4, 4)).copy()
+        poses = np.zeros((len(X), self.model.njoints, 4, 4))
+        poses[:, 0] = np.eye(4)
         for n, kind in enumerate(kinds, 1):
-            x, moved = X[:, self.model.joints[n].idx_q], np.broadcast_to(np.eye(4), (len(X), 4, 4)).copy()
+            x, T = X[:, self.model.joints[n].idx_q, None], poses[:, n]
+            np.matmul(poses[:, self.model.parents[n]], self.model.jointPlacements[n].homogeneous, out=T)
             if kind == "JointModelPZ":
-                moved[:, 2, 3] = x
+                T[:, :, 3] += x * T[:, :, 2]
             else:
-                moved[:, 0, 0] = moved[:, 1, 1] = np.cos(x)
-                moved[:, 1, 0] = np.sin(x)
-                moved[:, 0, 1] = -moved[:, 1, 0]
-            poses[:, n] = poses[:, self.model.parents[n]] @ (self.model.jointPlacements[n].homogeneous @ moved)
+                c, s = np.cos(x), np.sin(x)
+                T[:, :, 0], T[:, :, 1] = c * T[:, :, 0] + s * T[:, :, 1], c * T[:, :, 1] - s * T[:, :, 0]
         return poses
 
     def drift(self, X: Array, V: Array) -> tuple[Array, Array]:

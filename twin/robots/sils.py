@@ -109,7 +109,7 @@ def eq2_corrected(X_S1, Y_S1, Z_S1, X_S2, Y_S2, Z_S2, X_S3, Y_S3, Z_S3, q1, q2, 
     "printed",
     of=eq2_corrected,
     why="The radicals are corrected: all terms are under the root. Their sum, (l_1+l_2)^2 - (rho-l_0)^2, is negative if "
-    "the bar does not reach. The odd rows are as printed: each odd carriage is where the even one should be, and the "
+    "the bar does not reach. The odd rows are as printed: each odd carriage is at the place of its even carriage, and the "
     "struts have lengths of 244 to 396 mm instead of l_1.",
 )
 def eq2_printed(Z_S1, Y_S2, Z_S3, q1, q2, q3, q4, q5, q6, l_1, l_2):

@@ -1,8 +1,8 @@
 """Judge published equations of motion in closed form (A) against the dynamics of the mechanism (B), term by term.
 
-Compared at random states of the published joints, all other joints at zero and at rest: each element of the mass
-matrix, the Coriolis and centrifugal effort and the effort of gravity of each joint. Rotors and friction are not part of
-the published equations and are left out of B. Two properties are judged on A alone: M is symmetric and positive
+Each element of the mass matrix, and the Coriolis and centrifugal effort and the effort of gravity of each joint, are
+compared at random states of the published joints; all other joints are at zero and at rest. Rotors and friction are not
+part of the published equations and are left out of B. Two properties are judged on A alone: M is symmetric and positive
 definite, and dM/dt - 2 C is skew-symmetric, so that the power balance holds (R. M. Murray, Z. Li, S. S. Sastry, A
 Mathematical Introduction to Robotic Manipulation, CRC Press 1994, lemma 4.2).
 

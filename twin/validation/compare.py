@@ -31,7 +31,6 @@ COARSE = 10
 
 Progress = Callable[[str, float], None]
 
-
 _FORWARD = Kind("tool.forward", "disagreement", word="tolerance")
 _NOT_RIGID = Kind("points.not_rigid", "disagreement", word="")
 

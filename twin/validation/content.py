@@ -1,7 +1,7 @@
 """Compare the mechanism read back from a USD stage with the CAD's mechanism item by item, beyond the tool pose.
 
 If the build did not compute a mass, it is estimated from the CAD's meshes and densities by a sum over tetrahedra. This
-method is independent of the build's. For a coarse mesh the estimate is a few per cent too low.
+method differs from the method of the build. For a coarse mesh the estimate is a few per cent too low.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from twin.model.mechanism import Mechanism
 from twin.validation.masses import solid
 
 SINGLE = 1e-5
-"""Relative difference explained by single precision."""
+"""Maximum relative difference that single precision can cause."""
 
 COARSE_MASS, COARSE_SIZE = 0.15, 0.04
 """(relative tolerance of a mass, tolerance of a mass centre relative to the body's size), for estimates from coarse
@@ -34,7 +34,6 @@ meshes."""
 COARSE_MOMENT = 0.4
 """Relative tolerance of an estimated principal moment; it is large, because moments vary with the fourth power of
 size."""
-
 
 _AGAIN = "rebuild the stage with `twin build`"
 _CONTENT = Kind("stage.content", "disagreement", _AGAIN, word="CAD and description")

@@ -34,14 +34,12 @@ _PACKAGES = ("numpy", "casadi", "pin", "coal", "usd-core", "cascadio", "toppra")
 
 Progress = Callable[[str, float], None]
 
-
 _NO_EQUATIONS = info(
     "equations.none",
     "formula.py",
     "the robot has no equations: only mechanism, stage and motion are checked",
     suggestion="write `inverse` or `forward` there",
 )
-
 
 _STAGE = Kind("stage.differs", "disagreement", "rebuild the stage with `twin build`", word="tolerance")
 

@@ -18,7 +18,6 @@ from twin.validation.rows import Clock
 SINGULAR = 1e-6
 """Conditioning below which a Jacobian of the mechanism counts as singular in double precision."""
 
-
 _SINGULAR = Kind(
     "singularity.mechanism",
     "disagreement",

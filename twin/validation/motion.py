@@ -39,7 +39,6 @@ MIDDLE = 4
 TIME = 1e-6
 """Tolerance in s of time codes."""
 
-
 _DIFFERS = Kind("baked.differs", "disagreement", word="tolerance")
 _CONTACT = Kind("clearance.contact", "disagreement", "change the parts, or the protocol", word="")
 

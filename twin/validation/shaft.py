@@ -32,7 +32,6 @@ phases)."""
 _INSIDE = np.linspace(0.0, 1.0, 9)[1:-1]
 """Positions (0 to 1) within an interval at which the distance is measured; a parabola refines the maximum."""
 
-
 _BETWEEN = Kind(
     "rcm.between",
     "disagreement",

@@ -34,7 +34,6 @@ STANDINS = ("serial", "mimic")
 _STILL = 1e-9
 """Change (m, rad, or quaternion component) below which a coordinate counts as constant."""
 
-
 _TOOL = Kind("stroke.tool", "disagreement", "`twin explain` finds the edit that makes them agree", word="tolerance")
 
 

@@ -17,7 +17,6 @@ from twin.validation.rows import Clock, row
 SINGLE = 1e-6
 """Tolerance in m of a position stored in single precision."""
 
-
 _TROCAR = Kind(
     "rcm.trocar", "disagreement", "correct the frames of the trocar's joints or of the instrument", word="tolerance"
 )

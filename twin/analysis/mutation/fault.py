@@ -25,8 +25,8 @@ MEANING: dict[Family, str] = {
 }
 
 State = Literal["caught", "warned", "missed", "equivalent"]
-"""caught: the verdict changes. warned: there is a new warning. equivalent: the fault has no effect. missed: none of
-these."""
+"""caught: the verdict changes. warned: there is a new warning. equivalent: the fault has no effect. missed: the
+validator reports nothing, although the fault has an effect."""
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,6 @@ packet that the state names: only what the arms do differently counts, not the w
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 
 import numpy as np
@@ -92,8 +91,8 @@ class Modelled(Block):
             f"{name}.q": measured,
             f"{name}.encoder": m.q if alone else measured,
             f"{name}{MODEL}.q": m.q,
-            f"{name}.model": np.array([float(m.plc.level), _size(self._speeds[1]), float(m.held)]),
-            f"{name}.deviation": np.array([_size(self._dp), _size(self._speeds[0])]),
+            f"{name}.model": np.array([m.plc.level, float(np.linalg.norm(self._speeds[1])), m.held]),
+            f"{name}.deviation": np.array([float(np.linalg.norm(v)) for v in (self._dp, self._speeds[0])]),
             f"{name}.apart": self._apart,
             f"{name}.cue": force,
         }
@@ -111,7 +110,3 @@ class Modelled(Block):
         self._speeds[0] += share * (moved[0] - self._speeds[0])
         self._dv = self._dv + share * (moved[1] - moved[0] - self._dv)
         self._dp = self._tips[1] - self._tips[0]
-
-
-def _size(v: Array) -> float:
-    return math.hypot(*v.tolist())

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 from twin.core.spatial import Array
 from twin.simulation.machine.itp import pack
@@ -27,7 +27,7 @@ class Outbox(Block):
             self._packets[name].append(pack(self._number, arm, signals.now[f"{name}.packet"], version))
         return {}
 
-    def take(self) -> Mapping[str, Sequence[bytes]]:
+    def take(self) -> dict[str, list[bytes]]:
         """Return the packets since the last call, by robot."""
         taken, self._packets = self._packets, {n: [] for n in self._packets}
         return taken

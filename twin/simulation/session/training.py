@@ -1,4 +1,4 @@
-"""Measures of a session with machines: what separates machine and model, and what became of a rehearsal."""
+"""Measures of a session with machines: the deviation between machine and model, and the result of a rehearsal."""
 
 from __future__ import annotations
 

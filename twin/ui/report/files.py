@@ -53,8 +53,8 @@ def write_report(report: Report, folder: Path, formats: Iterable[str] = FORMATS)
     return out
 
 
-_PICTURES = ("console", "operate", "procedure", "scene", "session", "stroke", "study", "sweep", "tolerance", "track")
-_PICTURES += ("workspace",)
+_PICTURES = ("console", "hazards", "operate", "procedure", "scene", "session", "stroke", "study", "sweep", "tolerance")
+_PICTURES += ("track", "trends", "workspace")
 """Kinds of results with a picture; the module with the same name draws it with `figure(result)`."""
 
 

@@ -66,9 +66,8 @@ _STUCK = 30.0
 _WALL = (0.5 * MM, 1 * DEG)
 """Minimum distance in m and angle in rad between goal and tool at which a joint limit is reported."""
 
-
 _NICE = 10
-"""Increase of the nice value of the process that makes a report: the World shall keep its pace."""
+"""Increase of the nice value of the process that makes a report: a lower priority keeps the World in real time."""
 
 MakeReport = Callable[[str, str], bytes]
 """Function at the top level of a module: (session file, scene file) -> page of the report, HTML."""

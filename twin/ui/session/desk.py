@@ -298,7 +298,7 @@ class Desk:
             return out
 
     def _why(self, dragged: Dragged) -> str:
-        """Return a text on the reason why the motion stopped."""
+        """Return the reason, as text, why the motion stopped."""
         reasons = [self._bound(b) for b in dragged.stops]
         if dragged.singular:
             reasons.append(_ended(dragged.singular))
@@ -321,7 +321,7 @@ class Desk:
         return "rad" if self.mechanism.actuator(bound.name).is_angle else "m"
 
     def _stopped(self, number: int, value: float, dragged: Dragged) -> str:
-        """Return a text on the reason why a joint did not reach a value in m or rad."""
+        """Return the reason, as text, why a joint did not reach a value in m or rad."""
         joint, (low, high) = self.joints[number], self.mechanism.limits[number]
         q = self.assembly.q.copy()
         q[number] = value

@@ -1,4 +1,4 @@
-"""A twin that mirrors a machine: its measured joints solid, its desired joints as a ghost, and their deviation."""
+"""A twin that mirrors a machine: the measured joints as a solid robot, the desired joints as a ghost."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _TICK = 1 / 60
 
 
 class Source(Protocol):
-    """Where the states of a machine come from: `StateReader` or `JointPackets`."""
+    """Source of the states of a machine: `StateReader` or `JointPackets`."""
 
     @property
     def newest(self) -> State | None: ...  # noqa: D102
@@ -46,11 +46,11 @@ class _Shown(Block):
 
 
 class Mirror:
-    """One robot that follows a machine, in a World.
+    """A World with one robot that follows a machine.
 
     Attributes:
         robot: the robot.
-        name, ghost: names in the World of the machine, and of its desired joints.
+        name, ghost: names in the World of the robot at the measured joints, and of the robot at the desired joints.
         world: the World.
     """
 
@@ -72,7 +72,7 @@ class Mirror:
         self.links = self.world.link_poses()
 
     def step(self) -> None:
-        """Take the newest state of the machine."""
+        """Set the robots to the newest state of the machine."""
         state = self._source.newest
         self._states.give(state if self._source.answers else None)
         self.world.step()
@@ -80,21 +80,21 @@ class Mirror:
 
     @property
     def deviation(self) -> dict[str, Any]:
-        """The distance of the tips in m, and the desired minus the measured joints (n,), rad or m."""
+        """Distance of both tips in m (`tip`), and desired minus measured joints (n,) in rad or m (`joints`)."""
         body, T = self._tool
         tips = [(self.links[n][body] @ T)[:3, 3] for n in (self.name, self.ghost)]
         return {"tip": float(np.linalg.norm(tips[1] - tips[0])), "joints": self.world.signals[f"{self.name}.apart"]}
 
     @property
     def level(self) -> str | None:
-        """The run level of the machine; None: it does not answer."""
+        """Run level of the machine; None: the machine does not answer."""
         run = self.world.signals[f"{self.name}.run"]
         return Level(int(run[LEVEL])).name if run[ANSWERS] > 0.5 else None
 
     @property
     def problem(self) -> str:
-        """Why the machine is not followed; "" while it is."""
-        return self._source.problem or ("" if self.level else "no state comes: is the machine running?")
+        """Reason why the robot does not follow the machine; "" while the robot follows."""
+        return self._source.problem or ("" if self.level else "no state of the machine arrives: start the machine")
 
     def close(self) -> None:
         """End the connection."""

@@ -1,4 +1,4 @@
-"""The soft organs of a scene in the pages: they give way to the robots as these are displayed."""
+"""The soft organs of a scene in the pages, deformed by the displayed robots."""
 
 from __future__ import annotations
 
@@ -60,5 +60,5 @@ class OrganFeed:
         return moved
 
     def at(self, t: float) -> Frame:
-        """Return the present vertices, at a time in s."""
+        """Return the present vertices as a frame of time `t` in s."""
         return Frame(t, {}, self._fields)

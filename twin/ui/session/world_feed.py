@@ -1,4 +1,4 @@
-"""The deformables of a World in the pages: organs and vessels of a procedure, as the World has moved them."""
+"""The deformables of a World in the pages: organs and vessels of a procedure, at the vertices computed by the World."""
 
 from __future__ import annotations
 

@@ -62,7 +62,7 @@ def with_distance(mechanism: Mechanism, joint: str, other: str, distance: float)
         partners = sorted({d.other if d.joint == joint else d.joint for d in _of(mechanism, joint)})
         raise MechanismError(
             f"{mechanism.name}: joints '{joint}' and '{other}' {what}, so they have no distance; "
-            f"'{joint}' has one to: {', '.join(partners) or 'none'}"
+            f"'{joint}' has a distance to: {', '.join(partners) or 'none'}"
         )
     where = f"{mechanism.name}: distance of '{joint}' from '{other}' on '{shared[0]}'"
     if not (np.isfinite(distance) and distance > _SAME):

@@ -22,7 +22,7 @@ class FieldNodes:
         self.broken = ""
 
     def follow(self, links: Callable[[str], Mapping[str, Array]], passed: float) -> bool:
-        """Let deformables that follow the links give way to them; return whether they moved.
+        """Deform the organs that follow the links, with the present poses of the links; return whether they moved.
 
         `links` returns T_world_link (4, 4) by link for the name of a robot; `passed` is the time in s since the last
         call.

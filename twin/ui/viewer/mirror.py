@@ -19,11 +19,11 @@ _SECONDS, _EVERY = 12.0, 0.1
 
 
 class MirrorFront(Loop):
-    """The page.
+    """The page of a twin that mirrors a machine.
 
     Attributes:
         mirror: the twin.
-        nodes: scene nodes of the machine, and of its desired joints.
+        nodes: scene nodes of the solid robot and of the ghost.
     """
 
     def __init__(

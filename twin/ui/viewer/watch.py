@@ -24,7 +24,7 @@ from twin.ui.viewer.room import OUTSIDE, corners, furnish
 
 
 class Stream(Protocol):
-    """What a running server shows.
+    """Data that a page shows of a running server.
 
     Attributes:
         surfaces: triangles and colours of the deformables, by name.

@@ -30,7 +30,6 @@ from twin.validation.explain.truth import Truth
 
 STAGES: tuple[Stage, ...] = ("inverse", "forward", "helper")
 
-
 Residuals = dict[Place, Array]
 """Residuals (k, entries) by row: differences from the mechanism in units of the tolerance."""
 

@@ -1,0 +1,34 @@
+"""Protocols led around obstacles: which phases change, what they keep, and refusals."""
+
+from __future__ import annotations
+
+import pytest
+
+import twin
+from twin.core.errors import ProtocolError
+from twin.planning.protocol import Free, Home, Joints, Positioning, avoiding
+
+
+@pytest.mark.parametrize("name", ["sils", "pa10", "davinci_psm"])
+def test_only_motions_outside_the_patient_change_and_keep_their_waypoints(name):
+    protocol = twin.load(name).protocol(None)
+    changed = avoiding(protocol, "vsrs", 0.002, 3)
+    for before, after in zip(protocol.phases, changed.phases, strict=True):
+        if isinstance(before, (Joints, Positioning, Home)):
+            assert isinstance(after, Free)
+            assert (after.name, after.to, after.clearance, after.seed, after.scene) == (
+                *(before.name, before.to, 0.002, 3, "vsrs"),
+            )
+            assert changed.limits["free"].tip_speed <= protocol.limits[before.type].tip_speed
+        else:
+            assert after == before
+    assert "go around what is in the way" in changed.findings[-1].message
+
+
+@pytest.mark.parametrize(
+    ("clearance", "seed", "words"),
+    [(0.0, 0, "is 0 m; give more than 0"), (float("nan"), 0, "is nan m"), (0.005, -1, "is -1; give at least 0")],
+)
+def test_impossible_numbers_are_refused(clearance, seed, words):
+    with pytest.raises(ProtocolError, match=words):
+        avoiding(twin.load("sils").protocol(None), "", clearance, seed)

@@ -1,0 +1,50 @@
+"""Costs of straight connections for a search: length, acceleration, and both weighted.
+
+The Raven paper's eq. (1) is eta1 c(path) + eta2 (integral of |tip acceleration|^2 dt), with eta1 = 0.1 and eta2 = 0.5.
+It gives no time law, without which a path with corners has no finite acceleration. ASSUMED: each connection is passed
+from rest to rest at a constant acceleration a and the same deceleration, in the time 2 sqrt(l / a) for a length l, so
+that the integral is 2 a^(3/2) sqrt(l); l is the weighted length in joint space. Both terms obey the triangle
+inequality. With this law, ever shorter connections cost ever more in total: the second term does not converge as the
+number of samples grows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from twin.core.spatial import Array
+
+Cost = Callable[[Array, Array], Array]
+"""Function of joint values a (k, n) and b (k, n): the cost (k,) of the straight connections, at least 0."""
+
+ACCELERATION = 0.24
+"""Acceleration in m/s2 of a connection; ASSUMED, the limit of the tip in the protocol of the dome."""
+
+
+def length(weights: Array) -> Cost:
+    """Return the cost that is the length in m, with `weights` (n,) in m per unit of each joint."""
+
+    def cost(a: Array, b: Array) -> Array:
+        off = (b - a) * weights
+        return np.sqrt(np.einsum("ki,ki->k", off, off))
+
+    return cost
+
+
+def acceleration(weights: Array, most: float = ACCELERATION) -> Cost:
+    """Return the cost that is the integral of the squared acceleration in m2/s3, from rest to rest."""
+    way = length(weights)
+    return lambda a, b: 2 * most**1.5 * np.sqrt(way(a, b))
+
+
+def weighted(weights: Array, eta1: float = 0.1, eta2: float = 0.5, most: float = ACCELERATION) -> Cost:
+    """Return the cost of eq. (1): eta1 times `length` plus eta2 times `acceleration`."""
+    way, bend = length(weights), acceleration(weights, most)
+    return lambda a, b: eta1 * way(a, b) + eta2 * bend(a, b)
+
+
+def total(cost: Cost, corners: Array) -> float:
+    """Return the cost of a path along corners (k, n)."""
+    return float(cost(corners[:-1], corners[1:]).sum())

@@ -1,0 +1,35 @@
+"""The nearest configuration without collisions, for messages about one that has some."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from twin.core.spatial import Array
+from twin.planning.space import Space
+
+_AROUND, _SAMPLES = (0.01, 0.03, 0.1, 0.3, 1.0), 200
+"""Half the edges of the boxes that are searched, relative to the joint range, in order; samples in each."""
+
+_HALVINGS = 8
+"""Number of halvings of the part between the best sample and the configuration."""
+
+
+def nearest_free(space: Space, q: Array, seed: int = 0) -> Array | None:
+    """Return a free configuration (n,) near q (n,): the nearest of random ones, moved towards q; None: none found."""
+    rng, limits = np.random.default_rng(seed), space.limits
+    inside = np.clip(q, limits[:, 0], limits[:, 1])
+    if space.free(inside[None])[0]:
+        return inside
+    for part in _AROUND:
+        block = inside + rng.uniform(-part, part, (_SAMPLES, len(q))) * np.ptp(limits, axis=1)
+        block = np.clip(block, limits[:, 0], limits[:, 1])
+        block = block[space.free(block)]
+        if len(block):
+            best = block[np.argmin(np.linalg.norm((block - inside) * space.weights, axis=1))]
+            low, high = 0.0, 1.0  # parts of the way from best to inside: free, perhaps not free
+            for _ in range(_HALVINGS):
+                middle = (low + high) / 2
+                free = space.free((best + middle * (inside - best))[None])[0]
+                low, high = (middle, high) if free else (low, middle)
+            return best + low * (inside - best)
+    return None
