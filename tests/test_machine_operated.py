@@ -97,6 +97,7 @@ def test_a_twin_follows_a_machine_process():
         command = [sys.executable, "-m", "twin", "follow", "raven_left", *option, "--port", "0", "--no-browser"]
         with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) as process:
             try:
+                assert process.stdout
                 lines = iter(process.stdout.readline, "")
                 url = next(m[0] for line in lines if (m := re.search(r"http://127[.]0[.]0[.]1:[0-9]+", line)))
                 with urllib.request.urlopen(f"{url}/scene.json", timeout=60) as page:
