@@ -5,11 +5,12 @@
 PYTHON ?= python3
 UV := $(shell command -v uv 2>/dev/null || echo .venv-uv/bin/uv)
 RUN := $(UV) run --frozen --no-sync
+WORKERS := $(shell expr $$(nproc) + 1)
 export UV_PYTHON_DOWNLOADS ?= never
 # Where it is set, every process compiles all that it imports anew, and the suites start hundreds.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test test-slow test-pages test-long witnesses check cad-check usd-check bench bench-check lock-check clean
+.PHONY: demo test test-slow test-pages test-alone test-long witnesses check cad-check usd-check bench bench-check lock-check clean
 
 demo: .venv/.synced
 	$(UV) run --frozen --no-sync twin run sils
@@ -17,11 +18,15 @@ demo: .venv/.synced
 test: .venv/.synced-dev
 	$(RUN) pytest -n auto --dist loadfile
 
+# One worker more than processors: its tests often wait for a network, a server, another process.
 test-slow: .venv/.synced-dev  ## what the default suite leaves out
-	$(RUN) pytest -n auto --dist loadfile -m "slow or wheel" --durations 20
+	$(RUN) pytest -n $(WORKERS) --dist loadfile -m "(slow or wheel) and not alone" --durations 20
 
 test-pages: .venv/.synced-dev  ## the pages of twin view and twin serve in Chromium
-	$(RUN) pytest -m browser --durations 25
+	$(RUN) pytest -n auto --dist loadfile -m "browser and not alone" --durations 25
+
+test-alone: .venv/.synced-dev  ## what measures a rate or a time, of pages too; nothing else may run
+	$(RUN) pytest -m alone
 
 test-long: .venv/.synced-dev  ## a whole procedure by gamepad in Chromium, in real time
 	$(RUN) pytest -m long -s

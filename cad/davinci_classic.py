@@ -44,10 +44,7 @@ def places(d):
     """Return the origin of each body of the linkage in the world in mm."""
     p = pivots(d)
     at = {"crank1": "B", "crank2": "B2", "coupler1": "A", "coupler2": "A2", "rail": "C"}
-    return {
-        "yaw": (0, 0, 0),
-        **{k: (0, *p[v]) for k, v in at.items()},
-    }
+    return {"yaw": (0, 0, 0), **{k: (0, *p[v]) for k, v in at.items()}}
 
 
 # ---- pins: seat on the parent, flange on the child ---------------------------------

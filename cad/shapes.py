@@ -4,12 +4,26 @@ At a joint, the parent has a bore, a shoulder face perpendicular to it, and a fl
 The child has a journal, a flange face, and a flat.
 """
 
-from math import cos, hypot, sin, sqrt
+from math import cos, hypot, radians, sin, sqrt
 
 import numpy as np
 from build123d import Axis, Edge, Face, Location, Plane, Solid, Vector, Wire
 
 X, Y, Z = (1, 0, 0), (0, 1, 0), (0, 0, 1)
+
+METAL_AND_PLASTIC = {  # sRGB, density in kg/m3
+    "steel": ((0.66, 0.69, 0.72), 7850),
+    "dark_steel": ((0.26, 0.28, 0.31), 7850),
+    "aluminium": ((0.80, 0.82, 0.84), 2700),
+    "blue_aluminium": ((0.17, 0.36, 0.55), 2700),
+    "grey_aluminium": ((0.45, 0.49, 0.54), 2700),
+    "bronze": ((0.78, 0.57, 0.27), 8800),
+    "copper": ((0.80, 0.45, 0.28), 8960),
+    "plastic": ((0.13, 0.14, 0.16), 1200),
+    "white_plastic": ((0.91, 0.91, 0.89), 1200),
+    "orange_plastic": ((0.89, 0.42, 0.12), 1200),
+    "glass": ((0.35, 0.62, 0.78), 2500),
+}
 
 
 def cyl(at, axis, r, h):
@@ -27,26 +41,44 @@ def pipe(at, axis, inner, outer, h):
     return cyl(at, axis, outer, h) - cyl(at, axis, inner, h)
 
 
+def box(x0, x1, y0, y1, z0, z1, radius=0.0, axis=Axis.Z):
+    """Return a box between two corners; its edges parallel to `axis` are rounded by a radius."""
+    solid = Solid.make_box(x1 - x0, y1 - y0, z1 - z0, Plane(origin=(x0, y0, z0)))
+    return rounded(solid, radius, axis) if radius else solid
+
+
+def rounded(solid, radius, axis):
+    """Round all edges parallel to an axis."""
+    return solid.fillet(radius, solid.edges().filter_by(axis))
+
+
+def prism(points, height, plane=Plane.XY):
+    """Return a polygon extruded along the normal of its plane."""
+    points = [Vector(*p, 0) for p in points]
+    edges = [Edge.make_line(p, q) for p, q in zip(points, [*points[1:], points[0]], strict=True)]
+    return Solid.extrude(Face(Wire(edges)), Vector(0, 0, height)).moved(Location(plane))
+
+
 def hull(circles, plane, height, chamfer=0.0):
-    """Return the convex hull of two circles (x, y, r) in a plane, extruded along its normal."""
-    (xa, ya, ra), (xb, yb, rb) = circles
-    dx, dy = xb - xa, yb - ya
-    d = hypot(dx, dy)
-    u, s = (dx / d, dy / d), (ra - rb) / d
-    c = sqrt(1 - s * s)
-    right, left = (u[0] * s + u[1] * c, u[1] * s - u[0] * c), (u[0] * s - u[1] * c, u[1] * s + u[0] * c)
+    """Return the convex hull of circles (x, y, r) in a plane, extruded along its normal.
+
+    Each circle touches the hull; their order is counter-clockwise.
+    """
+    normals, following = [], [*circles[1:], circles[0]]
+    for (xa, ya, ra), (xb, yb, rb) in zip(circles, following, strict=True):
+        dx, dy = xb - xa, yb - ya
+        d = hypot(dx, dy)
+        u, s = (dx / d, dy / d), (ra - rb) / d
+        c = sqrt(1 - s * s)
+        normals.append((u[0] * s + u[1] * c, u[1] * s - u[0] * c))
     edges = []
-    for (x, y, r), (x2, y2, r2), before, after in (
-        ((xa, ya, ra), (xb, yb, rb), left, right),
-        ((xb, yb, rb), (xa, ya, ra), right, left),
-    ):
+    for k, ((x, y, r), (x2, y2, r2)) in enumerate(zip(circles, following, strict=True)):
+        before, after = normals[k - 1], normals[k]
         a = np.arctan2(before[1], before[0])
         b = a + (np.arctan2(after[1], after[0]) - a) % (2 * np.pi)
         arc = [Vector(x + r * cos(w), y + r * sin(w), 0) for w in (a, (a + b) / 2, b)]
-        edges += [
-            Edge.make_three_point_arc(*arc),
-            Edge.make_line(arc[2], Vector(x2 + r2 * after[0], y2 + r2 * after[1], 0)),
-        ]
+        foot = Vector(x2 + r2 * after[0], y2 + r2 * after[1], 0)
+        edges += [Edge.make_three_point_arc(*arc), Edge.make_line(arc[2], foot)]
     solid = Solid.extrude(Face(Wire(edges)), Vector(0, 0, height))
     if chamfer:
         rims = solid.edges().group_by(Axis.Z)
@@ -108,15 +140,21 @@ def cap(at, axis, r, h):
     return soft(solid, group, min(h, r) * 0.6, -1 if axis in (Y, Z) else 0)
 
 
+def polar(r, degrees, z=0.0):
+    """Return the point at a radius, an angle about z and a height."""
+    return (r * cos(radians(degrees)), r * sin(radians(degrees)), z)
+
+
 def location(matrix):
     """Return the location with a pose (4, 4)."""
     return Location(Plane(origin=tuple(matrix[:3, 3]), x_dir=tuple(matrix[:3, 0]), z_dir=tuple(matrix[:3, 2])))
 
 
-def box(x0, x1, y0, y1, z0, z1, radius=0.0, axis=Axis.Z):
-    """Return a box between two corners; its edges parallel to `axis` are rounded by a radius."""
-    solid = Solid.make_box(x1 - x0, y1 - y0, z1 - z0, Plane(origin=(x0, y0, z0)))
-    return solid.fillet(radius, solid.edges().filter_by(axis)) if radius else solid
+def joint(at, axis, long, offset=(0, 0), tilt=0.0):
+    """Return the location of a joint axis (z = axis, x = long), shifted and tilted by the errors of one part."""
+    about = list(tilt) if isinstance(tilt, (list, tuple)) else [tilt, 0.0]
+    nominal = Location(Plane(origin=at, x_dir=long, z_dir=axis))
+    return nominal * Location((offset[0], offset[1], 0), (about[0], about[1], 0))
 
 
 def cannula(d):

@@ -15,6 +15,8 @@ from twin.model.scene import SceneTable
 from twin.planning.protocol.tables import ProtocolTable
 from twin.schema import json_schema
 from twin.schema.track import Track
+from twin.simulation.hazards.campaign import CampaignTable
+from twin.simulation.machine.settings import Settings
 from twin.simulation.session.file import Head as SessionHead
 from twin.simulation.world.recording import Head
 
@@ -27,9 +29,12 @@ MODELS: dict[str, type[BaseModel]] = {
     "world": Head,
     "session": SessionHead,
     "scene": SceneTable,
+    "machine": Settings,
+    "campaign": CampaignTable,
 }
 """By the name of the file: cad/<robot>/<robot>.toml, trajectories/<robot>/<protocol>.toml, an export's tracks/, the
-first lines of a recording of a World and of a session at a console, cad/<scene>/scene.toml."""
+first lines of a recording of a World and of a session at a console, cad/<scene>/scene.toml, cad/<robot>/machine.toml,
+cad/<robot>/campaigns/<name>.toml."""
 
 
 def schemas() -> dict[Path, str]:

@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import gc
 import hashlib
+import os
 import pickle
 import re
 import tomllib
 from pathlib import Path
 
-import numpy as np
 import pytest
+
+# As the command line does: a second thread only waits for the first one, and the processors have work.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+import numpy as np
 
 SILS = Path(__file__).parents[1] / "cad/sils/sils.toml"
 

@@ -7,10 +7,11 @@ equal but for numbers, and these within a nanometre.
 from __future__ import annotations
 
 import re
-import subprocess
 import sys
 import tempfile
 from pathlib import Path
+
+from made.drawing import draw
 
 ROOT = Path(__file__).parents[1]
 NUMBER = re.compile(r"-?\d+\.\d*(?:E[-+]?\d+)?")
@@ -34,7 +35,7 @@ def main() -> int:
         name = model.parent.name if model.parent.name != "cad" else model.parents[1].name
         with tempfile.TemporaryDirectory() as folder:
             out = Path(folder) / f"{name}.step"
-            subprocess.run([sys.executable, model, "--out", out], check=True)
+            draw(model, "--out", out)
             current = same(out.read_bytes(), (model.parent / f"{name}.step").read_bytes())
         print(f"{name}.step {'is what model.py draws' if current else f'DIFFERS: python {model.relative_to(ROOT)}'}")
         failed |= not current

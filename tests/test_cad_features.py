@@ -108,7 +108,7 @@ def test_two_faces_that_are_equally_near_are_refused():
         find(wanted("plane", (0, 0, 0), direction=(0, 0, 1)), *both)
     assert str(caught.value) == (
         "feature 'thing' of body 'bar': two plane faces are equally near, on 'a' at (0.00, 0.00, 1.00) mm and on 'b' "
-        "at (0.00, 0.00, -1.00) mm. Move near_mm towards the intended one, or name its `part`."
+        "at (0.00, 0.00, -1.00) mm. Move near_mm towards the intended face, or name its `part`."
     )
 
 

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from made.drawing import draw
 from twin.cad.build import read_mechanism
 from twin.cad.mesh import inertia
 from twin.cad.step import MASS_TOLERANCE, read_step
@@ -228,6 +229,7 @@ def test_the_drawing_knows_neither_twin_nor_the_equations(file):
         "build123d",
         "OCP",
         "drawing",
+        "shapes",
     }
     assert "robots/" not in text
     assert "casadi" not in text
@@ -319,8 +321,7 @@ def test_a_short_tool_moves_its_tip_only(redrawn, cad):
 def test_an_override_in_the_dimension_file_draws_the_defect(tmp_path):
     extra = "\n[part.l3]\nbore_d_offset_mm = [0.016, -0.012]\n"
     (tmp_path / "dimensions.toml").write_text((SHER / "dimensions.toml").read_text() + extra)
-    command = [sys.executable, SHER / "model.py", "--dimensions", tmp_path / "dimensions.toml"]
-    subprocess.run([*command, "--out", tmp_path / "sher.step"], check=True, capture_output=True, timeout=300)
+    draw(SHER / "model.py", "--dimensions", tmp_path / "dimensions.toml", "--out", tmp_path / "sher.step")
     (tmp_path / "sher.toml").write_text((SHER / "sher.toml").read_text())
     found = read_mechanism(tmp_path / "sher.toml", with_mass=False).findings
     assert [(f.where, f.code) for f in found] == [("e_d", "cad.meeting")]

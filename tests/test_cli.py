@@ -433,14 +433,6 @@ def test_run_goes_from_cad_to_report(run, tmp_path):
     assert not any(b".twin-" in t for t in texts), "the folder it was made in is nobody's business"
 
 
-@pytest.mark.slow
-def test_run_sils(run, tmp_path):
-    result = run("run", "sils", "--json")
-    assert result.code == 0
-    assert result.json["verdict"] == "agree"
-    assert {"usd/sils_table2.usda", "table2/report.html"} <= files_below(tmp_path / "twin-out/sils")
-
-
 # ----------------------------------------------------------------------------------------------------- doctor
 
 

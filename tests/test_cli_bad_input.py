@@ -325,7 +325,7 @@ def test_formula_imports_what_is_not_there(robot, refused):
 
 def test_formula_is_not_defined(robot, refused):
     robot.change(robot.formula, "FORMULA = Formula(", "FORMEL = Formula(")
-    assert f"{robot.formula}: it defines neither FORMULA nor plain functions" in refused()
+    assert f"{robot.formula}: it defines no FORMULA and no plain functions" in refused()
 
 
 def test_formula_is_something_else(robot, refused):

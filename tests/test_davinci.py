@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import os
-import subprocess
-import sys
 from dataclasses import replace
 from itertools import product
 from pathlib import Path
@@ -14,6 +12,7 @@ import numpy as np
 import pytest
 
 import twin
+from made.drawing import draw
 from made.lanes import one_of_a_kind
 from twin.cad.build import read_mechanism
 from twin.cad.lengths import measure
@@ -119,8 +118,7 @@ def drawn(robot, folder, errors):
     source = ROOT / "cad" / robot.name
     parts = [f"\n[part.{b}]\n" + "".join(f"{k} = {v:.9f}\n" for k, v in e.items()) for b, e in errors.items()]
     (folder / "dimensions.toml").write_text((source / "dimensions.toml").read_text() + "".join(parts))
-    draw = [sys.executable, source / "model.py", "--dimensions", folder / "dimensions.toml"]
-    subprocess.run([*draw, "--out", folder / f"{robot.name}.step"], check=True, capture_output=True, timeout=300)
+    draw(source / "model.py", "--dimensions", folder / "dimensions.toml", "--out", folder / f"{robot.name}.step")
     (folder / f"{robot.name}.toml").write_text((source / f"{robot.name}.toml").read_text())
     return read_mechanism(folder / f"{robot.name}.toml", with_mass=False)
 

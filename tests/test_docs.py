@@ -49,11 +49,18 @@ EXIT_1 = (
 
 ELSEWHERE = {
     "twin export davinci": "tests/witness/test_scene.py",
+    "twin export davinci_ecm": "twin export sils; tests/witness/bundles.py exports every robot",
+    "twin export davinci_psm": "twin export sils; tests/witness/bundles.py exports every robot",
+    "twin export davinci_psm_si": "twin export sils; tests/witness/bundles.py exports every robot",
     "twin operate davinci --task camera": "test_the_command_writes_the_measures_of_another_seed",
     "twin operate davinci --task pegboard": "test_four_rings_by_the_command",
+    "twin follow raven_left --packets 0": "tests/test_machine_operated.py",
+    "twin operate raven": "tests/test_machine_operated.py",
+    "twin operate raven --trials 2": "tests/test_machine_operated.py",
     "twin plan raven_left trajectories/raven_left/around/dome.toml": "tests/test_planning_bounds.py",
-    "twin run davinci_psm_si": "twin run davinci_psm; twin validate davinci_psm_si --all-protocols",
-    "twin run sher": "twin run davinci_ecm; twin validate sher --all-protocols",
+    "twin run davinci_psm": "twin run davinci_ecm; twin validate davinci_psm --all-protocols",
+    "twin run davinci_psm_si": "twin run davinci_ecm; twin validate davinci_psm_si --all-protocols",
+    "twin run sher": "twin run davinci_ecm; tests/test_sher.py, each protocol",
     "twin run sils": "make demo",
     "twin run vsrs": "test_three_robots_work_without_meeting",
     "twin selftest sils --count 10": ".ci/run seeds 59",
@@ -61,14 +68,19 @@ ELSEWHERE = {
     "twin serve davinci": "tests/test_headset_page_console.py",
     "twin serve davinci --packets 9870": "tests/test_headset_page_packets.py",
     "twin serve davinci --task camera": "tests/test_headset_page_camera.py",
+    "twin serve raven": "tests/test_headset_page_machine.py",
     "twin serve sils": "tests/test_headset_page.py",
     "twin track pa10": "twin track pa10 circle, which is its default protocol",
-    "twin validate sher --protocol phantom": "twin validate sher --all-protocols",
+    "twin validate sher --all-protocols": "tests/test_sher.py, each protocol; twin validate lapbot --all-protocols",
+    "twin validate sher --protocol phantom": "tests/test_sher.py, each protocol",
+    "twin validate sher --variant tilt_inverse=drawn": "tests/test_sher.py, by twin.validate",
     "twin validate sils": "make demo",
     "twin validate sils --all-protocols": "test_validate_all_protocols_of_sils",
     "twin validate sils --protocol table2_printed": "test_validate_of_the_printed_poses",
+    "twin validate sils --variant eq1=printed": "test_validate_of_one_printed_equation, on a short protocol",
+    "twin validate sils --variant eq2=printed": "test_bare_variant_judges_each_alone_and_all_together, likewise",
 }
-"""Commands of the documentation that are run as they stand, by whom."""
+"""Commands of the documentation that others run, or what each of them does: who."""
 
 
 def commands():

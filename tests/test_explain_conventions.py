@@ -10,6 +10,7 @@ from casadi import cos, pi, sin, sqrt, vertcat
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from made.formulas import replaced
 from twin import api
 from twin.core import spatial
 from twin.formula import symbolic
@@ -76,13 +77,13 @@ def eq1_mirrored(X_E, Y_E, Z_E, psi, theta, phi, l_p):
 
 def test_degrees(sils):
     formula, truth = sils
-    found = conventions(Judge(formula, None, truth, replaced={"eq1": eq1_degrees}))
+    found = conventions(Judge(replaced(formula, "eq1", eq1_degrees), None, truth))
     assert any(c.kind == "unit" and "degrees" in c.message for c in found)
 
 
 def test_a_left_handed_frame(sils):
     formula, truth = sils
-    found = conventions(Judge(formula, None, truth, replaced={"eq1": eq1_mirrored}))
+    found = conventions(Judge(replaced(formula, "eq1", eq1_mirrored), None, truth))
     hand = next(c for c in found if c.kind == "handedness")
     assert "y = -y" in hand.message
     assert "x = x" in hand.message
@@ -125,7 +126,7 @@ def test_the_form_of_a_row_is_recognised():
 
 def test_a_table_multiplied_in_the_other_form(pa10):
     formula, truth = pa10
-    found = conventions(Judge(formula, None, truth, replaced={"table1": table1_standard}))
+    found = conventions(Judge(replaced(formula, "table1", table1_standard), None, truth))
     (dh,) = [c for c in found if c.kind == "dh"]
     assert "standard Denavit-Hartenberg form" in dh.message
     assert dh.rows == ("table1.T_base_tool",)
@@ -133,7 +134,7 @@ def test_a_table_multiplied_in_the_other_form(pa10):
 
 def test_a_base_that_lies_on_its_side(pa10):
     formula, truth = pa10
-    found = conventions(Judge(formula, None, truth, replaced={"table1": table1_turned}))
+    found = conventions(Judge(replaced(formula, "table1", table1_turned), None, truth))
     assert any(c.kind == "axes" and "base axes" in c.message for c in found)
 
 

@@ -9,8 +9,6 @@ from __future__ import annotations
 import os
 import re
 import shutil
-import subprocess
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 from types import SimpleNamespace
@@ -19,6 +17,7 @@ import numpy as np
 import pytest
 
 import twin
+from made.drawing import draw
 from twin.analysis.mutation.cad import drawn_anew
 from twin.cad import frames
 from twin.core.units import MM
@@ -81,8 +80,8 @@ def _redrawn(case: Changed, delta: float, folder: Path) -> twin.Robot:
     changed, count = re.subn(pattern, lambda m: f"{m[1]}{float(m[2]) + delta!r}", nominal)
     assert count == 1
     (folder / "dimensions.toml").write_text(changed, encoding="utf-8")
-    command = [sys.executable, source / "model.py", "--dimensions", folder / "dimensions.toml"]
-    subprocess.run([*command, "--out", folder / f"cad/{case.robot}.step"], check=True, capture_output=True)
+    out = folder / f"cad/{case.robot}.step"
+    draw(source / "model.py", "--dimensions", folder / "dimensions.toml", "--out", out)
     return twin.load(folder)
 
 

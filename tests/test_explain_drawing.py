@@ -137,5 +137,5 @@ def test_info_with_a_disagreement_on_the_screen_does_not_exit_0(tmp_path, capsys
     x = json.loads(capsys.readouterr().out)
     (part,) = x["parts"]
     assert (part["joints"], part["part"], part["told_by"], part["others"]) == (["port"], "base", "rows", [])
-    assert "the numbers that place port on it" in part["message"]
+    assert "the numbers for the position of port on this body" in part["message"]
     assert [f["code"] for f in x["findings"]] == ["cad.meeting"]

@@ -12,8 +12,7 @@ from pxr import Sdf, Usd, UsdPhysics
 from made.loops import ALONG_X, mechanism
 from twin.core import spatial
 from twin.core.errors import SourceError
-from twin.exchange.audit.compare_physics import compare_physics
-from twin.exchange.audit.couplings import solved
+from twin.exchange.audit.compare_physics import compare_physics, solved
 from twin.exchange.audit.motion import Content
 from twin.exchange.audit.physics_truth import mechanism_physics
 from twin.exchange.audit.physics_usd import stage_physics

@@ -9,25 +9,29 @@ import subprocess
 import sys
 import time
 from collections import Counter
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import twin
-from twin.api.hazards import FILE, Share, hazards, outcomes
+from twin.api.hazards import FILE, Share, campaign_file, hazards, outcomes
 from twin.api.machine import machine_parts
 from twin.core.errors import DescriptionError, OutputError
-from twin.simulation.hazards.attacked import Arena
+from twin.simulation.hazards.attacked import Arena, Session
 from twin.simulation.hazards.campaign import FREE, load
+from twin.simulation.hazards.detection import Adaptive
 from twin.simulation.hazards.fault import Fault
 from twin.simulation.hazards.log import Log
+from twin.simulation.hazards.roc import curves
 from twin.simulation.hazards.summary import Hazards
-from twin.simulation.machine.itp import FIELDS
+from twin.simulation.hazards.trainee import Reaction
+from twin.simulation.hazards.trends import trends
+from twin.simulation.machine.machine import LOCATIONS
+from twin.ui.report.files import write_result
 
 TABLE = Path(__file__).parents[1] / "cad/raven_left/campaigns/table1.toml"
-MOTORS = tuple(f"motor_{n}" for n in ("shoulder", "elbow", "insertion", "roll", "wrist", "jaw1", "jaw2"))
-PLACES = {"packet": FIELDS, "encoder": MOTORS, "dac": MOTORS}
 HEAD = {"log": "twin-hazards", "version": 1, "robot": "r", "campaign": "c"}
 
 
@@ -38,11 +42,22 @@ def parts():
 
 @pytest.fixture(scope="module")
 def arena(parts):
-    return Arena(parts)
+    return Arena(parts, Adaptive(1e-4, 3.3e-3))
 
 
-def test_a_campaign_is_drawn_by_its_seed_and_within_its_ranges():
-    plan, again = load(TABLE, PLACES), load(TABLE, PLACES)
+@pytest.fixture(scope="module")
+def plan(parts):
+    return load(TABLE, parts.places)
+
+
+def session(*faults, length, start=320, **more):
+    """A session in which faults (signal, operation, value, more) act from packet `start` on."""
+    made = [partial(Fault, n, start, start + length, op, value, counts=True, **kw) for n, op, value, kw in faults]
+    return Session(lambda: [m() for m in made], start, length, **more)
+
+
+def test_a_campaign_is_drawn_by_its_seed_and_within_its_ranges(plan, parts):
+    again = load(TABLE, parts.places)
     drawn = [plan.draw(i) for i in range(len(plan))]
     assert [again.draw(i) for i in (7, 3, 2050)] == [drawn[i] for i in (7, 3, 2050)]
     assert len(drawn) >= 2100
@@ -57,15 +72,42 @@ def test_a_campaign_is_drawn_by_its_seed_and_within_its_ranges():
         assert {d.operation for d in mine} == set(c.operations)
         assert {d.target for d in mine} == {" ".join(t) for t in c.targets}
     assert all(0.9 <= d.mass <= 1.1 and 0.7 <= d.friction <= 1.3 and d.start >= 300 for d in drawn)
+    assert {d.scale for d in drawn} == set(plan.table.scales)
     (fault,) = plan.faults(next(d for d in drawn if d.target == "motor_elbow" and d.signal == "dac"))
     assert fault.target == [1]
+    locations = Counter(LOCATIONS[d.signal] for d in drawn if d.kind != FREE)
+    assert set(locations) == {"network", "USB read", "USB write", "control state"}
+    assert min(locations.values()) > 200
+
+
+def test_the_scenarios_are_those_of_the_paper(plan):
+    """Table 1: three hazards, with the numbers of the reports."""
+    incidents = {s.name: s.incidents for s in plan.table.scenario}
+    assert incidents == {
+        "temporarily unavailable": ["MAUDE 3293519"],
+        "permanently unavailable": ["MAUDE 2663924", "MAUDE 3275500"],
+        "sudden jump": ["MAUDE 1590517", "MAUDE 2120175"],
+    }
+    for scenario in incidents:
+        assert any(c.scenario == scenario for c in plan.table.class_)
+
+
+@pytest.mark.parametrize("name", ["raven_right", "pa10"])
+def test_every_campaign_that_comes_with_twin_is_valid(name):
+    robot = twin.load(name)
+    assert len(load(campaign_file(robot, "table1"), machine_parts(robot).places)) == 2100
 
 
 @pytest.mark.parametrize(
     ("before", "after", "message"),
     [
         ('targets = [["grasp"]]', 'targets = [["grsap"]]', r"target of packet 'grsap'. Did you mean 'grasp'"),
+        ('targets = [["motor_shoulder"], ["motor_elbow"]]', 'targets = [["motor_5"]]', r"target of dac 'motor_5'"),
         ('signal = "dac"', 'signal = "adc"', "signal"),
+        ('scenario = "sudden jump"', 'scenario = "jump"', r"scenario 'jump'"),
+        ('responses = ["slow down"', 'responses = ["run away"', "responses"),
+        ('operations = ["overwrite", "add", "hold"]', 'operations = ["skip"]', "skip and duplicate are for packets"),
+        ("trained = 200", "trained = -1", "trained"),
         ('name = "wrong grasp"', 'name = "wrong pedal"', "'wrong pedal' is there twice"),
         ("value = [-200, 200]", "value = [200, -200]", "the range"),
         ("whole = true\n", "", "a delay needs whole = true"),
@@ -73,17 +115,17 @@ def test_a_campaign_is_drawn_by_its_seed_and_within_its_ranges():
         ("mass = [0.9, 1.1]", "mass = [0, 1.1]", "mass"),
     ],
 )
-def test_a_wrong_campaign_is_refused(tmp_path, before, after, message):
+def test_a_wrong_campaign_is_refused(parts, tmp_path, before, after, message):
     text = TABLE.read_text()
     assert before in text
     (tmp_path / "mine.toml").write_text(text.replace(before, after, 1))
     with pytest.raises(DescriptionError, match=message):
-        load(tmp_path / "mine.toml", PLACES)
+        load(tmp_path / "mine.toml", parts.places)
 
 
-def test_an_unknown_campaign_is_named():
+def test_an_unknown_campaign_is_named(parts):
     with pytest.raises(DescriptionError, match=r"table2\.toml: the file does not exist; campaigns .*: table1"):
-        load(TABLE.with_name("table2.toml"), PLACES)
+        load(TABLE.with_name("table2.toml"), parts.places)
 
 
 def test_a_log_goes_on_after_a_line_that_was_cut(tmp_path):
@@ -117,45 +159,176 @@ def test_another_log_is_refused_and_kept(tmp_path, text, message):
 
 
 def test_a_jump_is_felt_in_the_tick_after_3_mm(arena):
-    fault = Fault("dac", 320, 420, "overwrite", 2500.0, target=0, counts=True)
-    found = arena.run([fault], 320, 100, 1.0, 1.0)
+    found = arena.run(session(("dac", "overwrite", 2500.0, {"target": 0}), length=100))
     assert found.peak > 3
     assert 0 < found.harm < found.beyond <= found.cue <= found.beyond + 2
+    assert found.jump is not None
+    assert 0 < found.adaptive < found.harm
     assert 80 < found.beyond < 110  # 92 ms on the motion of the published table
 
 
 def test_a_fault_that_a_check_sees_stops_the_arm_before_harm(arena):
-    fault = Fault("packet", 320, 321, "add", [5000.0, *[0.0] * 8], counts=True)
-    found = arena.run([fault], 320, 1, 1.0, 1.0)
+    found = arena.run(session(("packet", "add", [5000.0, *[0.0] * 8], {}), length=1))
     assert found.stop is not None
     assert found.harm is None
     assert "counts of the DAC (limit 20000)" in found.check
+    assert found.noticeable
 
 
-def test_without_a_fault_there_is_no_cue(arena):
+def test_without_a_fault_there_is_no_cue_and_nothing_to_notice(arena):
     for mass, friction in ((0.9, 1.3), (1.1, 0.7)):
-        found = arena.run([], 320, 100, mass, friction)
-        assert (found.cue, found.beyond, found.stop) == (None, None, None)
+        found = arena.run(session(length=100, mass=mass, friction=friction))
+        assert (found.cue, found.beyond, found.stop, found.jump, found.noticeable) == (None,) * 4 + (False,)
         assert 0 < found.peak < 1
+        assert 0 < found.ratio < 1
 
 
-def test_the_summary_counts_by_class():
-    none = {"harm": None, "beyond": None, "cue": None, "stop": None, "peak": 0.1}
+def test_an_arm_that_only_stays_behind_has_not_jumped(arena):
+    """Half a second without packets: behind the model on its path, by 3 mm at 6 mm/s, then aside of it."""
+    found = arena.run(session(("wire", "skip", 0.0, {}), length=300))
+    assert 100 < found.harm < 300
+    assert found.jump is None or found.jump >= 300
+    assert found.refused == 1  # the first packet after the gap, as released
+
+
+def test_a_failed_read_hides_the_deviation_from_the_cue(arena):
+    """The software keeps its old encoder counts, so true and measured deviation part."""
+    found = arena.run(session(("usb", "overwrite", -19.0, {}), length=400, mass=1.1))
+    assert found.beyond is not None
+    assert found.cue is None or found.cue >= 400
+    assert found.seen < 1.5
+
+
+def test_a_trainee_slows_down_and_releases_the_pedal(arena):
+    """A fault of half a second that the cue shows: he acts after his reaction time, and the arm follows again."""
+    fault = ("packet", "overwrite", [30.0, *[0.0] * 8], {"target": [0]})
+    found = arena.respond(session(fault, length=1500), Reaction(0.3, 0.5, 0.2))
+    assert found.acted == found.noticed + 300
+    assert found.responses[:4] == ["slow down", "release pedal", "troubleshoot", "restart"]
+    alone = arena.run(session(fault, length=1500))
+    assert found.noticed == pytest.approx(alone.cue, abs=2)
+    assert found.response_peak < 0.7 * alone.peak
+
+
+def test_a_trainee_restarts_after_a_stop_and_converts_after_the_second(arena):
+    fault = ("packet", "add", [5000.0, *[0.0] * 8], {})
+    found = arena.respond(session(fault, length=1), Reaction(0.3, 0.5, 0.2))
+    assert (found.noticed, found.acted) == (pytest.approx(0, abs=4), pytest.approx(500, abs=5))
+    assert found.responses == ["release pedal", "troubleshoot", "restart", "report"]
+    assert found.works
+    assert not found.response_harm
+    again = arena.respond(session(fault, length=9000), Reaction(0.3, 0.5, 0.2))
+    assert again.responses == ["release pedal", "troubleshoot", "restart", "convert", "report"]
+    assert not again.works
+
+
+def test_a_trainee_without_an_event_does_nothing(arena):
+    assert arena.respond(session(length=10), Reaction(0.3, 0.5, 0.2)) is None
+
+
+def row(index, kind, **more):
+    none = dict.fromkeys(("harm", "jump", "beyond", "cue", "adaptive", "stop", "response"))
+    scores = {"peak": 0.1, "residual": 0.1, "ratio": 0.2, "seen": 0.1, "seen_ratio": 0.2}
+    return {"index": index, "kind": kind} | scores | none | more
+
+
+@pytest.fixture
+def table(plan):
+    first = plan.table.class_[0]
+    classes = [first.model_copy(update={"name": "a"}), first.model_copy(update={"name": "b"})]
+    return plan.table.model_copy(update={"class_": classes})
+
+
+def test_the_summary_counts_by_class(table):
+    response = {"noticed": 11, "acted": 300, "responses": ["troubleshoot", "restart", "report"]}
+    response |= {"response_peak": 3.0, "response_harm": True, "works": True}
+    felt = {"harm": 5, "jump": 6, "beyond": 9, "cue": 11, "adaptive": 3, "peak": 4.0, "seen": 0.9, "seen_ratio": 2.0}
     rows = [
-        {"index": 0, "kind": "a", **none},
-        {"index": 1, "kind": "a", **none, "harm": 5, "beyond": 9, "cue": 11, "peak": 4.0},
-        {"index": 2, "kind": FREE, **none},
+        row(0, "a"),
+        row(1, "a", **felt, response=response),
+        row(2, "a", stop=2, seen_ratio=0.5),
+        row(3, FREE),
     ]
-    found = Hazards("r", "c", 3, rows, {"a": "jump", "b": "-", FREE: "no fault"}, [])
+    found = Hazards("r", table, 4, rows, [])
     assert found.verdict == "agree"
     first = found.classes[0]
-    assert (first.sessions, first.harmed, first.beyond, first.felt, first.stopped) == (2, 1, 1, 1, 0)
-    assert (first.peak_max, first.delay) == (4.0, 2.0)
+    assert (first.sessions, first.harmed, first.beyond, first.felt, first.stopped) == (3, 1, 1, 1, 1)
+    assert (first.peak_max, first.delay, first.location) == (4.0, 2.0, "network")
+    assert (first.jumped, first.unseen_checks, first.unseen_fixed, first.unseen_adaptive) == (1, 1, 1, 0)
+    assert (first.danger, first.in_time, first.seen_adaptive, first.early) == (2, 1, 1, 1)
     assert [c.kind for c in found.classes] == ["a", FREE]
-    (unfinished,) = Hazards("r", "c", 4, rows, {}, []).findings
+    (trained,) = found.responses
+    assert (trained.noticed, trained.acted, trained.peak, trained.peak_alone) == (11, 300, 3.0, 4.0)
+    assert trained.trained == pytest.approx(2 / 3)  # the scenario asks for the release of the pedal too
+    (unfinished,) = Hazards("r", table, 5, rows, []).findings
     assert (unfinished.code, unfinished.severity) == ("hazards.unfinished", "warning")
-    false = [*rows[:2], rows[2] | {"cue": 3}]
-    assert Hazards("r", "c", 3, false, {}, []).verdict == "disagree"
+    false = [*rows[:3], rows[3] | {"cue": 3}]
+    assert Hazards("r", table, 4, false, []).verdict == "disagree"
+
+
+def test_a_roc_curve_has_known_points():
+    """Two dangerous sessions with scores 0.5 and 2, one of them stopped in time; false scores 0.1, 0.1, 0.8, 0.1."""
+    rows = [row(0, "a", harm=3, seen=0.5), row(1, "a", stop=4, seen=2.0), row(2, "a", residual=0.8), row(3, FREE)]
+    fixed, _, checked, _ = curves(rows, 3.0)
+    assert fixed.at(3.0) == (0, 0)
+    assert fixed.at(1.0) == (0.5, 0)
+    assert fixed.at(0.6) == (0.5, 0.25)
+    assert fixed.at(0.3) == (1, 0.25)
+    assert fixed.area == pytest.approx(0.5 * 0.25 + 0.75)
+    assert checked.at(3.0) == (0.5, 0)
+    assert curves([row(0, FREE)], 3.0) == []
+
+
+def test_the_adaptive_limit_grows_with_the_speed():
+    tips = np.outer(np.arange(1000) * 1e-3 * 0.01, [1.0, 0, 0])  # 10 mm/s
+    limits = Adaptive(1e-4, 0.02).limits(tips)
+    assert limits[0] == pytest.approx(1e-4)
+    assert limits[-1] == pytest.approx(1e-4 + 0.02 * 0.01)
+    assert (np.diff(limits) >= -1e-15).all()
+
+
+# ------------------------------------------------------------------------------------- the paper's experiments, pages
+
+
+@pytest.fixture
+def brief(monkeypatch):
+    """Short forms of both experiments: one second without a fault, two faults of 300 cycles."""
+    short = {"_FREE": 600, "_EVERY": 700, "_TIMES": 2, "_WATCHED": 300, "_SHARES": (0.0, 1.0), "SCALES": (0.05, 0.2)}
+    for name, value in short.items():
+        monkeypatch.setattr(f"twin.simulation.hazards.trends.{name}", value)
+
+
+def test_the_trends_of_the_paper(parts, brief):
+    found = trends("raven_left", parts, lambda text, fraction: None)
+    assert found.grows
+    assert [r.counts for r in found.stuck] == [0, 2500]
+    calm, strong = found.stuck
+    assert calm.stopped is None
+    assert all(p < 3 for p in calm.peaks)
+    assert strong.peaks[0] > 5
+    assert "trends, not numbers" in next(found.text())
+
+
+def test_the_pages_of_campaign_and_trends(parts, table, brief, tmp_path):
+    response = {"noticed": 11, "acted": 300, "responses": ["restart"], "works": True}
+    response |= {"response_peak": 3.0, "response_harm": True}
+    rows = [row(0, "a", harm=5, jump=5, seen=0.9, response=response), row(1, "b", stop=0), row(2, FREE)]
+    found = Hazards("r", table, 3, rows, ["  ASSUMED x = 1"])
+    assert write_result(found, tmp_path) == ["hazards.html", "hazards.png"]
+    page = (tmp_path / "hazards.html").read_text()
+    assert "MAUDE 1590517" in page
+    assert "ASSUMED x" in page
+    data = json.loads((tmp_path / "hazards.json").read_text())
+    assert data["schema"] == "twin/hazards/1"
+    assert [d["name"] for d in data["detectors"]] == [
+        "fixed limit",
+        "adaptive limit",
+        "fixed limit or checks",
+        "adaptive limit or checks",
+    ]
+    write_result(Hazards("r", table, 3, [], []), tmp_path)  # nothing done yet
+    shown = write_result(trends("raven_left", parts, lambda text, fraction: None), tmp_path)
+    assert shown == ["trends.html", "trends.png"]
 
 
 # ------------------------------------------------------------------------------------------- several processes
@@ -165,6 +338,7 @@ def test_the_summary_counts_by_class():
 def short(tmp_path):
     """A campaign of 12 sessions."""
     text = TABLE.read_text().replace("faults = 2000", "faults = 10").replace("free = 100", "free = 2")
+    text = text.replace("2500, 25000]", "300]").replace("trained = 200", "trained = 3")
     path = tmp_path / "short.toml"
     path.write_text(text)
     return path

@@ -50,6 +50,7 @@ def desk(chromium, server, robot):
 # -- the desk ------------------------------------------------------------------------------------------
 
 
+@pytest.mark.alone
 def test_the_first_picture_comes_soon_and_the_page_says_what_it_is(chromium, server, robot):
     figures = []
     while len(figures) < 6 and min(figures, default=9.0) >= 3.0:  # the machine may be busy with something else

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from made import headset_page as headset
-from made.console_page import PAD, console, joints, let_go, tips
+from made.console_page import PAD, console, joints, let_go, rest, tips
 
 pytestmark = pytest.mark.browser
 SCENE = "vsrs"
@@ -29,6 +29,7 @@ def serving():
 @pytest.fixture(scope="module")
 def page(browser, serving):
     with console(browser, serving.url, size=(1200, 700), scripts=(PAD,)) as page:
+        page.draws(False)
         yield page
 
 
@@ -129,6 +130,7 @@ def test_tools_are_chosen_for_each_instrument_and_say_what_they_do(page, arms):
 def test_the_fulcrum_is_switched_by_button_and_key_and_turns_the_motion_round(page, arms):
     def goes(fulcrum):
         page.until(f"twin.app.model.console.fulcrum === '{fulcrum}'", fulcrum)
+        rest(page)  # on a busy machine the tip still follows the key of before
         x = tips(page)["left"][0]
         page.page.keyboard.down("d")
         try:
@@ -158,8 +160,10 @@ def test_three_windows_are_on_the_page_and_do_not_overlap(page, arms):
     page.page.keyboard.press("v")
 
 
+@pytest.mark.alone
 def test_the_organs_are_streamed_beside_the_hands(page, arms):
     """Frames with organs arrive at 50 Hz or more while an instrument presses the liver."""
+    page.draws(True)
     page.page.keyboard.down("q")
     page.until("twin.app.model.console.hands.left.follows", "the hand leads")
     time.sleep(0.5)

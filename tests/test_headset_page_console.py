@@ -28,6 +28,7 @@ def serving():
 @pytest.fixture(scope="module")
 def opened(browser, serving):
     with console(browser, serving.url, size=(900, 520), scripts=(PAD,)) as page:
+        page.draws(False)
         yield page
 
 
@@ -184,6 +185,8 @@ def test_the_pictures_swap(page):
     assert page("twin.app.console.views.large") == "scope"
     page.id("inset").click()
     assert page("twin.app.console.views.large") == "room"
+    page.draws(True)
+    page("twin.app.world.touch()")
     page.until("!twin.app.world.dirty", "a picture")
     page.page.keyboard.press("v")
     assert page("twin.app.console.views.large") == "scope"

@@ -24,6 +24,7 @@ def page():
     for browser in headset.chromium():
         server = headset.Serving("davinci")
         with console(browser, server.url, size=(1000, 600), scripts=(PAD,)) as page:
+            page.draws(False)
             yield page
         server.stop()
 

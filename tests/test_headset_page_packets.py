@@ -33,6 +33,7 @@ def page(browser, broker):
         with headset.shown(browser, server.url, size=(1280, 900)) as page:
             page.until("twin.app.model.console?.packets.port", "the console's state")
             page.port = port
+            page.draws(False)
             yield page
     finally:
         server.stop()

@@ -32,6 +32,7 @@ def serving():
 def page(browser, serving):
     with console(browser, serving.url, size=(700, 440), scripts=(STEER,)) as page:
         page.until("twin.app.loaded && twin.app.fields.vertices('cystic_duct').length > 0", "the vessels")
+        page.draws(False)
         yield page
 
 
@@ -115,6 +116,40 @@ def test_a_cut_without_clips_is_shown_as_failed_checks(page, player):
         headset.until(lambda s=said: s in page.id("score").inner_text(), "the board shows it")
     rings = player.vertices(DUCT).reshape(-1, 2, 9, 3)
     assert (np.ptp(rings[:, :, -1], axis=1).max(axis=1) < 1e-6).any(), "the page draws the gap of the cut"
+
+
+BOXES = """
+(() => {
+  const box = (what) => document.querySelector(what).getBoundingClientRect().toJSON();
+  const lines = [...document.querySelectorAll('.score tr, .score li')].filter((o) => !o.hidden && o.offsetHeight);
+  return {...Object.fromEntries(['.score', '.inset', '.help', '.foot', '.side', '.heading'].map((w) => [w, box(w)])),
+    lowest: Math.max(...lines.map((o) => o.getBoundingClientRect().bottom))};
+})()
+"""
+
+
+@pytest.mark.browser
+@pytest.mark.parametrize("size", [(1280, 800), (1000, 700)])
+def test_no_panel_covers_another(page, size):
+    again(page)
+    before = page.page.viewport_size
+    page.page.set_viewport_size({"width": size[0], "height": size[1]})
+
+    def apart():
+        b = page(BOXES)
+        board, bar, side = b[".score"]["bottom"], b[".foot"]["top"], b[".side"]["left"]
+        return (
+            b["lowest"] <= board <= b[".inset"]["top"]
+            and b[".inset"]["bottom"] < bar
+            and b[".help"]["bottom"] <= bar
+            and b[".help"]["top"] >= b[".side"]["bottom"]
+            and b[".heading"]["right"] <= side
+        )
+
+    try:
+        headset.until(apart, f"the panels stand apart at {size}", 20)
+    finally:
+        page.page.set_viewport_size(before)
 
 
 @pytest.mark.long

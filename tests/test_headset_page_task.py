@@ -33,6 +33,7 @@ def serving():
 def page(browser, serving):
     with console(browser, serving.url, size=(1000, 640), scripts=(PAD,)) as page:
         page.until("twin.app.loaded", "the scene")
+        page.draws(False)
         yield page
 
 

@@ -144,8 +144,8 @@ def test_both_lenses_are_shown_side_by_side_and_in_red_and_cyan(opened):
     for mode in ("side", "red-cyan", "one"):
         page.id("stereo").select_option(mode)
         page("twin.app.world.touch()")
-        drawn = page("twin.app.console.views.pace.begun")
-        page.until(f"twin.app.console.views.pace.begun > {drawn} && !twin.app.world.dirty", "a picture")
+        drawn = page("twin.app.world.pace.begun")
+        page.until(f"twin.app.world.pace.begun > {drawn} && !twin.app.world.dirty", "a picture")
         pictures[mode] = page.image()
     right, bottom = page("twin.app.world.free()")
     half = int(right / 2)

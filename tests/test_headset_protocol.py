@@ -147,6 +147,7 @@ BAD = [
     '{"type": "hands"}', '{"type": "hands", "number": 1, "right": null, "left": null, "clutch": false}',
     '{"type": "scale", "value": 0}', '{"type": "scale", "value": 1.5}',
     '{"type": "task", "do": "again"}', '{"type": "task"}',
+    '{"type": "training", "mode": "play"}', '{"type": "button"}',
     '{"type": "haptics", "on": "maybe"}', '{"type": "haptics"}',
     '{"type": "fulcrum", "mode": "outer"}', '{"type": "tool", "hand": "third", "name": "scissors"}',
     '{"type": "tool", "hand": "right"}',

@@ -123,5 +123,5 @@ def test_the_study_of_a_robot_is_that_of_its_folder(recomputed):
     study = twin.study("pa10")
     assert (study.data["rows"], list(study.findings)) == ([r.as_dict() for r in rows], found)
     assert (study.verdict, study.exit_code) == ("disagree", 1)
-    with pytest.raises(TwinError, match="lapbot has neither a study file nor published inertia tables"):
+    with pytest.raises(TwinError, match="lapbot has no study file and no published inertia tables"):
         twin.study("lapbot")

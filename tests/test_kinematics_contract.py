@@ -90,7 +90,7 @@ def test_broken_row_is_located(tmp_path, row, message):
     [
         ("import casadi\n\nx = = 1\n", r"formula\.py:3: SyntaxError"),
         ("import casadi\n\n\nraise ValueError('oh')\n", r"formula\.py:4: ValueError: oh"),
-        ("x = 1\n", "defines neither FORMULA"),
+        ("x = 1\n", "defines no FORMULA"),
         ("FORMULA = 3\n", "must be a twin.kinematics.Formula, not int"),
     ],
 )
@@ -128,7 +128,7 @@ def changed(formula, equation, **values):
         (lambda f: replace(f, joints=(*f.joints, f.joints[0])), "two joint entries are named 'q1'"),
         (lambda f: replace(f, joints=(ActiveJoint("Q-1", "prismatic"),)), "not an identifier"),
         (lambda f: replace(f, joints=(ActiveJoint("q1", "screw"),)), "prismatic or revolute"),
-        (lambda f: replace(f, equations=()), "neither an inverse nor a forward"),
+        (lambda f: replace(f, equations=()), "no inverse and no forward"),
         (lambda f: changed(f, "eq1", default="nope"), "default variant 'nope'"),
         (lambda f: changed(f, "eq1", reasons={}), "has no reason"),
         (lambda f: changed(f, "eq1", stage="sideways"), "not one of inverse, forward, helper"),
@@ -200,7 +200,7 @@ def test_pose_that_is_not_rigid_is_refused(sils):
     T[:3, 3] = 0.38, 0.28, 0.185
     kin.inverse(T)
     T[0, 0] = 1.001
-    with pytest.raises(KinematicsError, match="Check that it is a rigid pose in metres"):
+    with pytest.raises(KinematicsError, match="Check that the pose is rigid and in metres"):
         kin.inverse(T)
     assert np.isnan(kin.inverse_many(T[None])).all()
     with pytest.raises(KinematicsError, match="the Jacobian does not exist at this pose"):

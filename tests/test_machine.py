@@ -236,10 +236,10 @@ def test_overdrive(parts, policy, stops):
     error = 1.05 * servo.limit / servo.counts / np.array([m.kp / m.gear for m in parts.settings.motor])
     rest = np.zeros(7)
     first = servo.counts_of(error, rest, rest)
-    assert servo.violations == 7
+    assert servo.counted == 7
     assert (np.abs(first) > servo.limit).all() == (policy == "none")
     second = servo.counts_of(error, rest, rest)
-    assert servo.violations == 14
+    assert servo.counted == 14
     assert bool(servo.stop) == stops
     assert second.any() != stops
     assert "14 commands above the limit of mode moderate (at most 10)" in servo.stop or not stops
@@ -277,7 +277,7 @@ def test_operations_of_a_fault():
     assert [v[0] for v in values("add_once", 5)] == [0, 10, 25, 35, 45, 55]
     assert [v[0] for v in values("delay", 2)] == [0, 10, 0, 10, 40, 50]
     assert values("add", 5, target=1)[2] == [20, 6]
-    assert [Fault("x", 2, 4, "skip").lost(t) for t in range(6)] == [False, False, True, True, False, False]
+    assert [Fault("x", 2, 4, "skip").copies(t) for t in range(6)] == [1, 1, 0, 0, 1, 1]
 
 
 @pytest.mark.parametrize(
@@ -299,7 +299,7 @@ def test_an_unknown_signal_of_a_fault_is_refused(parts):
 
 
 def test_only_packets_can_be_lost(parts):
-    with pytest.raises(WorldError, match="skip loses packets; give hold"):
+    with pytest.raises(WorldError, match="skip is for packets; give hold"):
         machine(parts, faults=[Fault("dac", 0, 1, "skip")])
 
 

@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 import ast
-import dataclasses
 import os
 import warnings
 from functools import cache
@@ -16,7 +15,8 @@ import numpy as np
 import pytest
 from casadi import sqrt
 
-from made.lanes import thinned
+from made.formulas import replaced
+from made.lanes import designs, thinned
 
 FAULTS = int(os.environ.get("TWIN_MARGINS", "7"))
 SEEDED = {"sher": ("margins",), "pa10": ("margins",), "lapbot": ("margins",)}
@@ -47,21 +47,7 @@ def judged(formula, model, run):
     return {(r.name, r.kind): r for r in Boundary(model, rows_of(formula, model, run), run.x).judge()}
 
 
-def replaced(formula, equation, function):
-    """The formula with another function for an equation."""
-    out = {e.name: e for e in formula.equations}
-    old = out[equation]
-    out[equation] = dataclasses.replace(old, variants={**old.variants, old.default: function})
-    return dataclasses.replace(formula, equations=tuple(out.values()))
-
-
-def names():
-    import twin
-
-    return twin.names()
-
-
-@pytest.mark.parametrize("name", thinned(names(), every=4))
+@pytest.mark.parametrize("name", thinned(designs(), every=4))
 def test_no_row_of_a_correct_robot_is_accused(name):
     found = judged(*setting(name))
     assert found, name
@@ -220,7 +206,7 @@ class _Rewritten(ast.NodeTransformer):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", names())
+@pytest.mark.parametrize("name", designs())
 def test_the_same_rows_written_otherwise_are_not_accused(name, tmp_path):
     from twin import robots
     from twin.robots import load_formula
@@ -294,7 +280,7 @@ def test_explain_counts_what_was_judged_and_locates_a_wrong_measure(tmp_path):
 # -- the machinery ------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", names())
+@pytest.mark.parametrize("name", designs())
 def test_motions_keep_the_loops_closed_and_degeneracy_is_one_at_usual_states(name):
     from twin.reference.degeneracy import Degeneracy
 

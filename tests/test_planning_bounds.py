@@ -10,9 +10,10 @@ import pytest
 
 import twin
 from made.arm import DENSE, arm, clearances, post, space_of
+from made.lanes import designs
 from made.mechanisms import box
 from twin.api.standing import standing
-from twin.core import assets, spatial
+from twin.core import spatial
 from twin.core.units import MM
 from twin.model.body import Mesh
 from twin.planning.around import around
@@ -102,7 +103,7 @@ def test_levers_bound_how_far_bodies_approach():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", assets.names())
+@pytest.mark.parametrize("name", designs())
 def test_bounds_of_every_robot_hold_at_random_configurations(name):
     model = ReferenceModel(twin.load(name).mechanism)
     pairs, rng = Pairs(model, (), 5 * MM), np.random.default_rng(0)

@@ -107,7 +107,7 @@ SEEDS = {
     "gravity": (edited(lambda M, C, g: (M, C, -g)), "the sign of gravity", {"gravity shoulder"}),
     "one sign": (edited(turned), "the sign of gravity of elbow", {"gravity elbow"}),
     "one term": (edited(dropped), "the term inertia shoulder-elbow", {"inertia shoulder-elbow"}),
-    "transposed": (edited(lambda M, C, g: (M, C.T, g)), "C is not that of M", {"Coriolis elbow"}),
+    "transposed": (edited(lambda M, C, g: (M, C.T, g)), "C is inconsistent with M", {"Coriolis elbow"}),
 }
 
 

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import shutil
-import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,6 +10,7 @@ import numpy as np
 import pytest
 
 import twin
+from made.drawing import draw
 from twin.core import spatial
 from twin.core.units import DEG, MM
 from twin.planning.plan import plan
@@ -157,8 +156,8 @@ def test_a_pin_twenty_micrometres_off_is_found_on_its_link(tmp_path):
     shutil.copy(ROOT / "twin/robots/sher.py", tmp_path / "formula.py")
     nominal = (ROOT / "cad/sher/dimensions.toml").read_text(encoding="utf-8")
     (tmp_path / "dimensions.toml").write_text(f"{nominal}\n[part.l2]\nlength_mm = 78.52\n", encoding="utf-8")
-    command = [sys.executable, ROOT / "cad/sher/model.py", "--dimensions", tmp_path / "dimensions.toml"]
-    subprocess.run([*command, "--out", tmp_path / "cad/sher.step"], check=True, capture_output=True)
+    out = tmp_path / "cad/sher.step"
+    draw(ROOT / "cad/sher/model.py", "--dimensions", tmp_path / "dimensions.toml", "--out", out)
     report = twin.validate(twin.load(tmp_path), protocol="sclerotomy")
     assert report.exit_code == 1
     wrong = {(f.code, f.where) for f in report.findings if f.severity == "disagreement"}

@@ -108,4 +108,4 @@ def test_bad_files_are_told_with_their_line(tmp_path, capsys):
     with pytest.raises(DescriptionError, match=r"bad\.toml:\d+.*5 users, but `physical` has 2"):
         load(file)
     assert main(["study", "sils"]) == 2
-    assert "sils has neither a study file nor published inertia tables" in capsys.readouterr().err
+    assert "sils has no study file and no published inertia tables" in capsys.readouterr().err

@@ -91,7 +91,7 @@ def test_organs_in_the_viewer_follow_the_displayed_links():
 
 def test_feed_of_organs_dents_them_and_lets_them_return():
     rods = made.Rods(made.abdomen())
-    feed = OrganFeed(rods.tissues, {t.name: [made.rod()] for t in rods.tissues})
+    feed = OrganFeed(rods.tissues, rods.links)
     assert set(feed.surfaces) == {t.name for t in rods.tissues}
 
     def links(depth):
@@ -115,7 +115,7 @@ class Pressed(OrganFeed):
 
     def __init__(self):
         self.rods = made.Rods(made.abdomen())
-        super().__init__(self.rods.tissues, {t.name: [made.rod()] for t in self.rods.tissues})
+        super().__init__(self.rods.tissues, {t.name: [made.rod(made.SHORT)] for t in self.rods.tissues})
         self.touching = {}
         self.t = 0.0
 
@@ -126,6 +126,7 @@ class Pressed(OrganFeed):
 
 
 @pytest.mark.slow
+@pytest.mark.alone
 def test_two_pages_get_all_organs_at_60_hz_whole_and_in_time():
     scene = api.load_scene("vsrs")
     robots, props = scenes.content(scene)

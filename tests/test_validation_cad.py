@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
 import twin
+from made.drawing import draw
 
 ROOT = Path(__file__).parents[1]
 
@@ -28,8 +27,8 @@ def judge(tmp_path_factory):
         shutil.copy(ROOT / "twin/robots/sils.py", folder / "formula.py")
         nominal = (ROOT / "cad/sils/dimensions.toml").read_text(encoding="utf-8")
         (folder / "dimensions.toml").write_text(f"{nominal}\n{defect}\n", encoding="utf-8")
-        command = [sys.executable, ROOT / "cad/sils/model.py", "--dimensions", folder / "dimensions.toml"]
-        subprocess.run([*command, "--out", folder / "cad/sils.step"], check=True, capture_output=True)
+        out = folder / "cad/sils.step"
+        draw(ROOT / "cad/sils/model.py", "--dimensions", folder / "dimensions.toml", "--out", out)
         return twin.validate(twin.load(folder), protocol="table2")
 
     return drawn

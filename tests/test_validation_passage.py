@@ -12,6 +12,7 @@ from twin.core import spatial
 from twin.core.units import DEG, MM
 from twin.planning.plan import plan
 from twin.validation import consistent, margins, shaft, timing
+from twin.validation.compare import Comparison
 from twin.validation.rows import Clock
 
 
@@ -177,14 +178,16 @@ def test_samples_that_are_right_can_hide_a_path_that_is_not(sils, planned):
     _, trajectory = planned
     coarse = thinned(trajectory, 100)
     clock = Clock(coarse.t, ())
-    rows, found = shaft.between_samples(sils.reference(), coarse, 0.01 * MM, clock)
-    at = {r.name.split(",")[0]: r.worst for r in rows}
+    out = Comparison()
+    shaft.between_samples(sils.reference(), coarse, 0.01 * MM, out, clock)
+    at = {r.name.split(",")[0]: r.worst for r in out.residuals}
     assert max(at["sweep"], at["straighten"]) > 0.01 * MM
-    assert "rcm.between" in codes(found)
+    assert "rcm.between" in codes(out.findings)
     sampled = {p.phase: p.at_samples for p in shaft.passages(sils.reference(), coarse)}
     assert max(sampled["sweep"], sampled["straighten"]) < 1e-9
     finer = thinned(trajectory, 10)
-    assert shaft.between_samples(sils.reference(), finer, 0.01 * MM, Clock(finer.t, ()))[1] == []
+    shaft.between_samples(sils.reference(), finer, 0.01 * MM, out := Comparison(), Clock(finer.t, ()))
+    assert out.findings == []
 
 
 def test_the_maximum_between_samples_is_that_of_a_dense_look(sils, planned):

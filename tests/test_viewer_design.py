@@ -101,8 +101,8 @@ def test_an_oblique_shift_opens_the_loop_by_its_part_along_the_axis(sils):
     [
         ("j9", "j1", 0.1, "there is no joint 'j9'"),
         ("j1", "j9", 0.1, "there is no joint 'j9'"),
-        ("j1", "j1", 0.1, "joints 'j1' and 'j1' are one, so they have no distance; 'j1' has one to: j2"),
-        ("j1", "j3", 0.1, "joints 'j1' and 'j3' share no body, so they have no distance; 'j1' has one to: j2"),
+        ("j1", "j1", 0.1, "joints 'j1' and 'j1' are one, so they have no distance; 'j1' has a distance to: j2"),
+        ("j1", "j3", 0.1, "joints 'j1' and 'j3' share no body, so they have no distance; 'j1' has a distance to: j2"),
         ("j2", "j1", 0.0, "distance of 'j2' from 'j1' on 'upper': 0 mm is not possible; give a length above 0.001 mm"),
         ("j2", "j1", -0.3, "-300 mm is not possible"),
         ("j2", "j1", float("nan"), "nan mm is not possible"),
@@ -124,7 +124,7 @@ def test_joints_that_share_two_bodies_have_no_one_distance():
     double = replace(m.joints[1], name="j2b", active=False, T_parent_joint=spatial.pose(p=[0.3, 0, 0.05]))
     m = replace(m, joints=(*m.joints, double))
     with pytest.raises(
-        MechanismError, match="share lower and upper, so they have no distance; 'j2' has one to: j1, j3"
+        MechanismError, match="share lower and upper, so they have no distance; 'j2' has a distance to: j1, j3"
     ):
         with_distance(m, "j2", "j2b", 0.1)
     assert ("j2", "j2b") not in [(d.joint, d.other) for d in distances(m)]

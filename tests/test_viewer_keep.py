@@ -386,7 +386,7 @@ def test_an_empty_session_lasts_no_time(robots, tmp_path):
     mechanism = robots["pa10"].mechanism
     session = Session.of(mechanism)
     assert session.duration == 0
-    with pytest.raises(TwinError, match="nothing is recorded"):
+    with pytest.raises(TwinError, match="the session is empty"):
         session.at(0)
     session.save(tmp_path / "s.json")
     assert Session.load(tmp_path / "s.json", mechanism).moments == []

@@ -57,19 +57,9 @@ def assembly(path):
     d, parts = cad.Dimensions(path, {}), cad.parts(HERE)
     at = {j: location(T) for j, T in table(d).items()}
     solids = {}
-    for body in BODIES:
-        carries = {
-            "lift": 2,
-            "upper_arm": 3,
-            "forearm": 4,
-            "bracket": 5,
-            "yoke": 6,
-            "carrier": 7,
-            "shaft": 8,
-            "wrist": 9,
-        }
+    for k, body in enumerate(BODIES, 1):
         draw = getattr(parts, body)
-        solids[body] = draw(d, at[carries[body]]) if body in carries else draw(d)
+        solids[body] = draw(d, at[k]) if 2 <= k <= 9 else draw(d)  # the seat of the next joint
     return cad.build(BODIES, solids, placements(d), parts.MATERIALS)
 
 

@@ -27,11 +27,7 @@ def base(d):
     """Draw the base: foot with castors, column at the back, two rails, and the motor of the lift on top."""
     foot = box(-d.back - 60, 130, -150, 150, 30, 70, 40)
     foot = foot.chamfer(12, None, foot.edges().group_by(Axis.Z)[-1])
-    castors = [
-        Solid.make_cylinder(15, 24, Plane(origin=(x, y - 12, 15), z_dir=Y))
-        for x in (-d.back - 25, 95)
-        for y in (-105, 105)
-    ]
+    castors = [cyl((x, y - 12, 15), Y, 15, 24) for x in (-d.back - 25, 95) for y in (-105, 105)]
     column = box(-d.back - 45, -d.back, -60, 60, 70, d.column_high - 20, 18)
     rails = [cyl((-d.back + d.rail_gap, s * d.rail_apart, 70), Z, d.rail, d.column_high - 90) for s in (1, -1)]
     head = box(-d.back - 45, -d.back + 40, -60, 60, d.column_high - 20, d.column_high, 14)
@@ -143,9 +139,7 @@ def carrier(d, seat7):
     """Draw the carrier: housing of the roll motor around the outer point, and seat of joint 7."""
     foot = flange((0, 0, d.o6), Z, d.r6, d.j6, d.seat5, d.deep5)
     stub = cyl((0, 0, d.o6 + d.seat5), Z, d.r6 - 2, -d.o6 - d.seat5)
-    house = Solid.make_cylinder(
-        d.house, d.o7 - d.seat5 + d.house_top, Plane(origin=(0, d.house_top, 0), z_dir=(0, -1, 0))
-    )
+    house = cyl((0, d.house_top, 0), (0, -1, 0), d.house, d.o7 - d.seat5 + d.house_top)
     ring = seat((0, 0, d.o7), Z, d.r7, d.j7, d.seat5).moved(seat7)
     house -= Solid.make_cylinder(d.j7 + 1, 20, Plane(origin=(0, -d.o7 + d.seat5 - 1 + 12, 0), z_dir=(0, -1, 0)))
     return [("flange6", foot, "dark"), ("housing", house + stub, "cover"), ("seat7", ring, "dark")]

@@ -5,7 +5,6 @@
 Each body is one sub-assembly with one part, <body>_tissue.  All shapes are written in world coordinates.
 """
 
-import importlib.util
 import sys
 from pathlib import Path
 
@@ -15,22 +14,15 @@ HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE.parent))
 import drawing as cad
 
-BODIES = ["liver", "gallbladder", "stomach"]
-
-
-def drawing():
-    """Load parts.py beside this file; late, because build123d takes seconds."""
-    if "organs_parts" not in sys.modules:
-        spec = importlib.util.spec_from_file_location("organs_parts", HERE / "parts.py")
-        sys.modules["organs_parts"] = importlib.util.module_from_spec(spec)
-        spec.loader.exec_module(sys.modules["organs_parts"])
-    return sys.modules["organs_parts"]
+ORGANS = ["liver", "gallbladder", "stomach"]
+BODIES = [*ORGANS, "wall"]
 
 
 def assembly(path):
     """Return the drawn organs of a dimension file: ({body: [(name, shape, rgb)]}, mass in kg)."""
-    d, parts = cad.Dimensions(path, {}), drawing()
-    solids = {name: parts.organ(getattr(d, name), name) for name in BODIES}
+    d, parts = cad.Dimensions(path, {}), cad.parts(HERE)
+    solids = {name: parts.organ(getattr(d, name), name) for name in ORGANS}
+    solids["wall"] = parts.wall(d)
     return cad.build(BODIES, solids, dict.fromkeys(BODIES, np.eye(4)), parts.MATERIALS)
 
 

@@ -6,10 +6,8 @@ the next link is between the two cheeks of a fork of the previous link; the chee
 Every function returns a list of ``(part name, solid, material)``.
 """
 
-from math import cos, radians, sin
-
 from build123d import Axis, Plane, Solid
-from shapes import X, Y, Z, bolts, cone, cyl, flange, flat, hull, seat
+from shapes import X, Y, Z, bolts, cone, cyl, flange, flat, hull, polar, seat, soft
 
 BACK = (0, -1, 0)
 MATERIALS = {  # sRGB, density in kg/m3
@@ -23,11 +21,6 @@ MATERIALS = {  # sRGB, density in kg/m3
 
 
 # ---- shapes -----------------------------------------------------------------
-def rims(solid, axis, end, radius):
-    """Round all edges at one end of a solid; the ends are those along an axis."""
-    return solid.fillet(radius, solid.edges().group_by(axis)[end])
-
-
 def slot(half, low, high, long, radius):
     """Return the gap of a fork, to be subtracted: `half` width along y, z from low to high, lower edges rounded."""
     block = Solid.make_box(2 * long, 2 * half, high - low, Plane(origin=(-long, -half, low)))
@@ -45,7 +38,7 @@ def fork(d, n, z, foot, r_foot, height, deep):
     wide = half + thick
     block = hull([(0, 0, r), (0, z - foot, waist)], Plane(origin=(0, -wide, z), x_dir=X, z_dir=Y), 2 * wide)
     for end in (0, -1):
-        block = rims(block, Axis.Y, end, thick / 4)
+        block = soft(block, Axis.Y, thick / 4, end)
     grown, rise = 1.45 * wide, 0.8 * (low - foot) + 0.35 * thick
     block &= cone((0, 0, foot), Z, r_foot, grown, rise) + cyl((0, 0, foot + rise), Z, grown, z + r + 1 - foot - rise)
     block -= slot(half, low, z + r + 1, wide + r, thick / 2)
@@ -56,7 +49,7 @@ def fork(d, n, z, foot, r_foot, height, deep):
 
 
 def drum(d, n, z, tube, height, deep, err):
-    """Return three parts of joint n at height z: (disc with journal, drum joined to the `tube`, opposite disc).
+    """Return (disc with journal, drum joined to the `tube`, opposite disc) of joint n at height z.
 
     Where the tube is wider than the drum, it is cut out around the discs so that they can rotate.
     """
@@ -68,13 +61,13 @@ def drum(d, n, z, tube, height, deep, err):
     for at, way in ((height - half, BACK), (end - height, Y)):
         tube -= cyl((0, at, z), way, r + d.gap, 2 * height)
     disc = cyl((0, end - height, z), Y, r, height) + cyl((0, end - 1, z), Y, journal, deep)
-    return (f"flange{n}", foot, "cap"), body + tube, (f"disc{n}", disc, "cap")
+    return foot, body + tube, disc
 
 
 def cover(name, at, axis, r, h):
     """Draw the motor cover of a joint on the outside of a cheek: a disc with a dome, and six bolts."""
     disc = cyl(at, axis, r, 0.3 * h)
-    dome = rims(cyl(at, axis, 0.78 * r, h), Axis.Y, -1 if axis == Y else 0, 0.55 * h)
+    dome = soft(cyl(at, axis, 0.78 * r, h), Axis.Y, 0.55 * h, -1 if axis == Y else 0)
     top = [at[i] + 0.3 * h * axis[i] for i in range(3)]
     heads = bolts(top, axis, 0.89 * r, 6, 0.055 * r, 0.05 * r)
     return [(name, disc + dome, "cap"), *((f"{name}_bolt{k}", b, "steel") for k, b in enumerate(heads, 1))]
@@ -90,11 +83,6 @@ def stem(low, high, r0, r1, collar):
     """Return the tube on the flange of a roll joint; it begins with a cone from radius `collar` to r0."""
     rise = 1.2 * (collar - r0)
     return cone((0, 0, low), Z, collar, r0, rise) + cone((0, 0, low + rise), Z, r0, r1, high - low - rise)
-
-
-def polar(r, degrees, z):
-    """Return the point at a radius and an angle about the axis of the arm."""
-    return (r * cos(radians(degrees)), r * sin(radians(degrees)), z)
 
 
 def roll_seat(d, n, height, err):
@@ -119,13 +107,13 @@ def roll_flange(d, n, height, deep, err):
 def base(d, err):
     """Draw the base: mounting plate with bolts, conical column with a cable socket, and seat of joint 1."""
     low, high = -d.shoulder_high, d.hub1
-    plate = rims(cyl((0, 0, low), Z, d.base_radius, d.plate), Axis.Z, -1, 4)
+    plate = soft(cyl((0, 0, low), Z, d.base_radius, d.plate), Axis.Z, 4)
     foot, collar = low + d.plate, high - d.seat - d.rib
     body = cone((0, 0, foot), Z, d.column, d.r1 - 4, collar - foot) + cyl((0, 0, collar), Z, d.r1 - 4, d.rib)
     z = foot + d.plug_high
     body += cyl((0, 0, z), (-1, 0, 0), d.plug + 5, d.column + 4)
     body -= cyl((0, 0, high - d.seat - d.deep), Z, d.j1 + 1, d.deep + 2)
-    plug = rims(cyl((-d.column - 4, 0, z), (-1, 0, 0), d.plug, 12), Axis.X, 0, 3)
+    plug = soft(cyl((-d.column - 4, 0, z), (-1, 0, 0), d.plug, 12), Axis.X, 3, 0)
     heads = bolts((0, 0, foot), Z, (d.column + d.base_radius) / 2 - 1, 8, 5, 5)
     return [
         ("plate", plate, "grey"),
@@ -147,69 +135,58 @@ def link1(d, err):
     ]
 
 
-def link2(d, err):
-    """Draw the lower half of the upper arm: the drum of joint 2 and a tube up to joint 3."""
-    tube = cone((0, 0, 0), Z, d.tube2, d.tube2 - 3, d.hub3 - d.seat)
-    foot, body, disc = drum(d, 2, 0.0, tube, d.seat, d.deep, err)
-    body -= cyl((0, 0, d.hub3 - d.seat - d.deep), Z, d.j3 + 1, d.deep + 1)
+def lower(d, err, n, name, z, tube, height, deep):
+    """Draw the link of pitch joint n at height z: its drum, and a tube up to the seat of the next roll joint."""
+    foot, body, disc = drum(d, n, z, tube, height, deep, err)
+    hole = getattr(d, f"hub{n + 1}") - height - deep
+    body -= cyl((0, 0, hole), Z, getattr(d, f"j{n + 1}") + 1, deep + 1)
     return [
-        foot,
-        ("arm", body, "cast"),
-        disc,
-        ("seat3", roll_seat(d, 3, d.seat, err), "cap"),
+        (f"flange{n}", foot, "cap"),
+        (name, body, "cast"),
+        (f"disc{n}", disc, "cap"),
+        (f"seat{n + 1}", roll_seat(d, n + 1, height, err), "cap"),
     ]
+
+
+def upper(d, err, n, name, z, height, deep, cap):
+    """Draw the link of roll joint n: its flange, a tube, and the fork of the next pitch joint at height z."""
+    low, waist = z - getattr(d, f"foot{n + 1}"), getattr(d, f"waist{n + 1}") - 1
+    body = fork(d, n + 1, z, low, waist, height, deep)
+    body += stem(getattr(d, f"hub{n}") + d.seat, low, getattr(d, f"tube{n}"), waist, getattr(d, f"r{n}") - 2)
+    return [
+        (f"flange{n}", roll_flange(d, n, d.seat, d.deep, err), "grey"),
+        (name, body, "cast"),
+        (f"seat{n + 1}", pitch_seat(d, n + 1, z, height, err), "cap"),
+        *covers(d, n + 1, z, cap),
+    ]
+
+
+def link2(d, err):
+    """Draw the lower half of the upper arm."""
+    tube = cone((0, 0, 0), Z, d.tube2, d.tube2 - 3, d.hub3 - d.seat)
+    return lower(d, err, 2, "arm", 0.0, tube, d.seat, d.deep)
 
 
 def link3(d, err):
-    """Draw the upper half of the upper arm: the flange of joint 3, a tube, and the fork of joint 4."""
-    z, low = d.elbow, d.elbow - d.foot4
-    body = fork(d, 4, z, low, d.waist4 - 1, d.seat, d.deep)
-    body += stem(d.hub3 + d.seat, low, d.tube3, d.waist4 - 1, d.r3 - 2)
-    return [
-        ("flange3", roll_flange(d, 3, d.seat, d.deep, err), "grey"),
-        ("upper_arm", body, "cast"),
-        ("seat4", pitch_seat(d, 4, z, d.seat, err), "cap"),
-        *covers(d, 4, z, 18),
-    ]
+    """Draw the upper half of the upper arm."""
+    return upper(d, err, 3, "upper_arm", d.elbow, d.seat, d.deep, 18)
 
 
 def link4(d, err):
-    """Draw the lower half of the forearm: the drum of joint 4 and a tube up to joint 5."""
+    """Draw the lower half of the forearm."""
     tube = cyl((0, 0, d.elbow), Z, d.tube4, d.hub5 - d.seat - d.elbow)
-    foot, body, disc = drum(d, 4, d.elbow, tube, d.seat, d.deep, err)
-    body -= cyl((0, 0, d.hub5 - d.seat - d.deep), Z, d.j5 + 1, d.deep + 1)
-    return [
-        foot,
-        ("arm", body, "cast"),
-        disc,
-        ("seat5", roll_seat(d, 5, d.seat, err), "cap"),
-    ]
+    return lower(d, err, 4, "arm", d.elbow, tube, d.seat, d.deep)
 
 
 def link5(d, err):
-    """Draw the upper half of the forearm: the flange of joint 5, a tube, and the fork of joint 6."""
-    z, low = d.wrist, d.wrist - d.foot6
-    body = fork(d, 6, z, low, d.waist6 - 1, d.seat6, d.deep6)
-    body += stem(d.hub5 + d.seat, low, d.tube5, d.waist6 - 1, d.r5 - 2)
-    return [
-        ("flange5", roll_flange(d, 5, d.seat, d.deep, err), "grey"),
-        ("forearm", body, "cast"),
-        ("seat6", pitch_seat(d, 6, z, d.seat6, err), "cap"),
-        *covers(d, 6, z, 9),
-    ]
+    """Draw the upper half of the forearm."""
+    return upper(d, err, 5, "forearm", d.wrist, d.seat6, d.deep6, 9)
 
 
 def link6(d, err):
     """Draw the wrist: the drum of joint 6 with the neck of joint 7."""
     tube = cyl((0, 0, d.wrist), Z, d.r7 - 3, d.hub7 - d.seat6 - d.wrist)
-    foot, body, disc = drum(d, 6, d.wrist, tube, d.seat6, d.deep6, err)
-    body -= cyl((0, 0, d.hub7 - d.seat6 - d.deep6), Z, d.j7 + 1, d.deep6 + 1)
-    return [
-        foot,
-        ("wrist", body, "cast"),
-        disc,
-        ("seat7", roll_seat(d, 7, d.seat6, err), "cap"),
-    ]
+    return lower(d, err, 6, "wrist", d.wrist, tube, d.seat6, d.deep6)
 
 
 def link7(d, err):
@@ -224,13 +201,13 @@ def link7(d, err):
 def instrument(d, err):
     """Draw the instrument: adapter, jaw drive, rotation ring, nose, shaft, and a grasper along the last axis."""
     z, tip = d.flange_high, d.flange_high + d.tool_length + err("tip_mm", 0.0)
-    adapter = rims(cyl((0, 0, z), Z, d.adapter_radius, d.adapter), Axis.Z, -1, 3)
+    adapter = soft(cyl((0, 0, z), Z, d.adapter_radius, d.adapter), Axis.Z, 3)
     adapter -= cyl((0, 0, z - 1), Z, d.pin + 0.02, d.pin_high + 3)
     adapter = flat(adapter, (0, 0, z), Z, d.adapter_radius, d.adapter)
     foot = z + d.adapter
     heads = bolts((0, 0, foot), Z, (d.adapter_radius + d.housing) / 2 - 1, 6, 2.2, 2.2)
     ring = foot + d.housing_long
-    housing = rims(cyl((0, 0, foot), Z, d.housing, d.housing_long), Axis.Z, 0, 2)
+    housing = soft(cyl((0, 0, foot), Z, d.housing, d.housing_long), Axis.Z, 2, 0)
     knob = cyl((0, 0, ring), Z, d.knob, d.knob_long)
     knob = knob.chamfer(2, None, [*knob.edges().group_by(Axis.Z)[0], *knob.edges().group_by(Axis.Z)[-1]])
     for k in range(12):
@@ -239,7 +216,7 @@ def instrument(d, err):
     cap = cone((0, 0, nose), Z, d.housing - 3, 2.2 * d.shaft, d.nose)
     start, hinge = nose + d.nose, tip - d.jaw - d.clevis
     shaft = cyl((0, 0, start), Z, d.shaft, hinge - start)
-    clevis = rims(cyl((0, 0, hinge), Z, d.shaft, d.clevis), Axis.Z, 0, 0.4)
+    clevis = soft(cyl((0, 0, hinge), Z, d.shaft, d.clevis), Axis.Z, 0.4, 0)
     both = cone((0, 0, tip - d.jaw), Z, d.shaft - 0.2, d.jaw_end, d.jaw)
     jaws = [
         both & Solid.make_box(10, 5, 2 * d.jaw, Plane(origin=(-5, side, tip - 1.5 * d.jaw)))

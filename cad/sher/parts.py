@@ -12,92 +12,16 @@ Body frames (mm):
 Every function returns a list of ``(part name, solid, material)``.
 """
 
-from math import cos, hypot, radians, sin, sqrt
+from math import cos, radians, sin
 
 import numpy as np
-from build123d import Axis, Edge, Face, Location, Plane, Solid, Vector, Wire
+from build123d import Axis, Location, Plane, Solid
+from shapes import METAL_AND_PLASTIC, X, Y, Z, box, cyl, hull, joint, pipe, polar
 
-X, Y, Z = (1, 0, 0), (0, 1, 0), (0, 0, 1)
-MATERIALS = {  # sRGB, density in kg/m3
-    "steel": ((0.66, 0.69, 0.72), 7850),
-    "dark_steel": ((0.26, 0.28, 0.31), 7850),
-    "aluminium": ((0.80, 0.82, 0.84), 2700),
-    "blue_aluminium": ((0.17, 0.36, 0.55), 2700),
-    "grey_aluminium": ((0.45, 0.49, 0.54), 2700),
-    "bronze": ((0.78, 0.57, 0.27), 8800),
-    "copper": ((0.80, 0.45, 0.28), 8960),
-    "plastic": ((0.13, 0.14, 0.16), 1200),
-    "white_plastic": ((0.91, 0.91, 0.89), 1200),
-    "orange_plastic": ((0.89, 0.42, 0.12), 1200),
-    "glass": ((0.35, 0.62, 0.78), 2500),
-}
+MATERIALS = METAL_AND_PLASTIC
 
 
 # ---- shapes -----------------------------------------------------------------
-def cyl(at, axis, r, h):
-    """Return a cylinder of radius r that starts at `at` and has length h along `axis`."""
-    return Solid.make_cylinder(r, h, Plane(origin=at, z_dir=axis))
-
-
-def ring(at, axis, inner, outer, h):
-    """Return a tube with inner and outer radius that starts at `at` and has length h along `axis`."""
-    return cyl(at, axis, outer, h) - cyl(at, axis, inner, h)
-
-
-def box(x0, x1, y0, y1, z0, z1):
-    """Return a box between two corners."""
-    return Solid.make_box(x1 - x0, y1 - y0, z1 - z0, Plane(origin=(x0, y0, z0)))
-
-
-def prism(points, height, plane=Plane.XY):
-    """Return a polygon extruded along the normal of its plane."""
-    points = [Vector(*p, 0) for p in points]
-    edges = [Edge.make_line(p, q) for p, q in zip(points, [*points[1:], points[0]], strict=True)]
-    return Solid.extrude(Face(Wire(edges)), Vector(0, 0, height)).moved(Location(plane))
-
-
-def belt(circles, height, plane=Plane.XY, chamfer=0.0):
-    """Return the extruded convex hull of circles (x, y, r), given in counter-clockwise order."""
-    normals = []
-    for (xa, ya, ra), (xb, yb, rb) in zip(circles, [*circles[1:], circles[0]], strict=True):
-        dx, dy = xb - xa, yb - ya
-        d = hypot(dx, dy)
-        u, s = (dx / d, dy / d), (ra - rb) / d
-        c = sqrt(1 - s * s)
-        normals.append((u[0] * s + u[1] * c, u[1] * s - u[0] * c))
-    edges, count = [], len(circles)
-    for k, (x, y, r) in enumerate(circles):
-        before, after = normals[k - 1], normals[k]
-        a = np.arctan2(before[1], before[0])
-        b = a + (np.arctan2(after[1], after[0]) - a) % (2 * np.pi)
-        arc = [Vector(x + r * cos(w), y + r * sin(w), 0) for w in (a, (a + b) / 2, b)]
-        x2, y2, r2 = circles[(k + 1) % count]
-        foot = Vector(x2 + r2 * after[0], y2 + r2 * after[1], 0)
-        edges += [Edge.make_three_point_arc(*arc), Edge.make_line(arc[2], foot)]
-    solid = Solid.extrude(Face(Wire(edges)), Vector(0, 0, height))
-    if chamfer:
-        rims = solid.edges().group_by(Axis.Z)
-        solid = solid.chamfer(chamfer, None, list(rims[0]) + list(rims[-1]))
-    return solid.moved(Location(plane))
-
-
-def rounded(solid, radius, axis):
-    """Fillet all edges parallel to an axis."""
-    return solid.fillet(radius, solid.edges().filter_by(axis))
-
-
-def joint(at, axis, long, offset=(0, 0), tilt=0.0):
-    """Return the location of a joint axis (z = axis, x = long), shifted and tilted by the errors of one part."""
-    about = list(tilt) if isinstance(tilt, (list, tuple)) else [tilt, 0.0]
-    nominal = Location(Plane(origin=at, x_dir=long, z_dir=axis))
-    return nominal * Location((offset[0], offset[1], 0), (about[0], about[1], 0))
-
-
-def polar(r, degrees, z=0.0):
-    """Return the point at a radius, an angle and a height."""
-    return (r * cos(radians(degrees)), r * sin(radians(degrees)), z)
-
-
 def turned(degrees):
     """Return a rotation about z as a location."""
     return Location((0, 0, 0), (0, 0, degrees))
@@ -106,7 +30,7 @@ def turned(degrees):
 def clip(d, at, z, sign):
     """Return the retaining ring on a pin at `at` (x, y), in front of the face at z on the side `sign` (+1 or -1)."""
     start = z + sign * d.clip_gap
-    return ring((*at, start), (0, 0, sign), d.pin_radius, d.clip_radius, d.clip_height)
+    return pipe((*at, start), (0, 0, sign), d.pin_radius, d.clip_radius, d.clip_height)
 
 
 def pin(d, where, z0, z1):
@@ -118,7 +42,7 @@ def pin(d, where, z0, z1):
 def base(d, eye_at):
     """Draw bench, ring, pillar with the datum, three columns with rail, screw and motor, and the pads of the props."""
     high, low = d.ring_high, d.ring_low
-    plate = ring((0, 0, low), Z, d.ring_inner, d.ring_radius, high - low)
+    plate = pipe((0, 0, low), Z, d.ring_inner, d.ring_radius, high - low)
     plate = plate.chamfer(1.5, None, plate.edges().group_by(Axis.Z)[-1])
     pillar = cyl((0, 0, low), Z, d.datum_radius, -low) - cyl((0, 0, low - 1), Z, d.datum_bore, 2 - low)
     pillar -= box(d.datum_flat, 40, -40, 40, -12, 1)
@@ -134,10 +58,9 @@ def base(d, eye_at):
         wall = box(d.column_at, d.column_at + t, -h, h, high, d.column_top)
         wall = wall.fillet(8, [e for e in wall.edges().filter_by(Axis.X) if e.center().Z > 0])
         slot = Plane(origin=(d.column_at - 1, 0, 0), x_dir=Y, z_dir=X)
-        wall -= belt([(0, 15, 9), (0, 90, 9)], t + 2, slot)
+        wall -= hull([(0, 15, 9), (0, 90, 9)], slot, t + 2)
         under = d.column_top - d.bracket_height
-        bracket = box(d.bracket_front, d.column_at, -d.bracket_half, d.bracket_half, under, d.column_top)
-        bracket = rounded(bracket, 3, Axis.Z)
+        bracket = box(d.bracket_front, d.column_at, -d.bracket_half, d.bracket_half, under, d.column_top, 3)
         for at, r in ((d.rail_at, d.rail_radius), (d.screw_at, d.screw_radius)):
             bracket -= cyl((at, 0, under - 1), Z, r, 40)
         rail = cyl((d.rail_at, 0, high), Z, d.rail_radius, d.column_top - high)
@@ -156,8 +79,7 @@ def base(d, eye_at):
         ]
     plate -= cyl((0, 0, low - 1), Z, d.datum_radius, 100)
     bench_low = d.bench_high - d.bench_thickness
-    bench = box(d.bench_start, d.bench_end, -d.bench_half, d.bench_half, bench_low, d.bench_high)
-    bench = rounded(bench, 12, Axis.Z)
+    bench = box(d.bench_start, d.bench_end, -d.bench_half, d.bench_half, bench_low, d.bench_high, 12)
     for name, x in (("eye_mount", eye_at), ("scope_mount", d.scope_x)):
         pad = cyl((x, 0, d.bench_high), Z, d.mount_radius, d.mount_height)
         pad -= box(x + d.mount_flat, x + 40, -40, 40, d.bench_high - 1, d.bench_high + 20)
@@ -171,8 +93,7 @@ def carriage(d, err):
     """Draw the carriage: bearing block on rail and screw, with a fork that holds two crosses."""
     r, rail, screw = d.base_radius, d.rail_at, d.screw_at
     h, w = d.carriage_half, d.rod_spread
-    block = box(d.carriage_front - r, d.carriage_back - r, -h, h, d.carriage_low, d.carriage_high)
-    block = rounded(block, 3, Axis.Z)
+    block = box(d.carriage_front - r, d.carriage_back - r, -h, h, d.carriage_low, d.carriage_high, 3)
     off = err("rail_bore_offset_mm", (0, 0))
     block -= cyl((rail - r + off[0], off[1], -60), Z, d.rail_radius + d.play, 120)
     block -= cyl((screw - r, 0, -60), Z, d.screw_radius + 0.4, 120)
@@ -181,7 +102,7 @@ def carriage(d, err):
     inner = w - d.ear_gap - d.side_gap
     for y0, y1 in ((-end, -start), (-inner, -inner + d.ear_thickness), (inner - d.ear_thickness, inner), (start, end)):
         plane = Plane(origin=(0, y0, 0), x_dir=Z, z_dir=Y)
-        fork += belt([(d.fork_low + 4, 0, d.ear_radius), (0, 0, d.ear_radius)], y1 - y0, plane)
+        fork += hull([(d.fork_low + 4, 0, d.ear_radius), (0, 0, d.ear_radius)], plane, y1 - y0)
     # the outer ears locate the crosses; there is a gap at the inner ears
     bushes = []
     for side, name in ((w, "a"), (-w, "b")):
@@ -199,7 +120,7 @@ def carriage(d, err):
 def cross(d, err):
     """Draw a cross with two pins: the first along y, the second along z."""
     c, s = d.cross_half, d.cross_shoulder
-    body = rounded(box(-c, c, -c, c, -c, c), 0.4, Axis.X)
+    body = box(-c, c, -c, c, -c, c, 0.4, Axis.X)
     g, t = d.ear_gap, d.ear_thickness
     body += cyl((0, -g, 0), Y, s, 2 * g) + cyl((0, 0, -d.pin2_shoulder), Z, s, 2 * d.pin2_shoulder)
     end = g + t
@@ -257,7 +178,7 @@ def platform(d, err):
     h, b, z = d.housing_half, d.housing_radius, d.d1
     stand = box(-h, h, -b, b, high, z) - cyl((-h - 1, 0, z), X, b - 1, 2 * h + 2)
     stand -= box(-h - 1, h + 1, -10, 10, high + 4, z)  # hollow under the housing
-    tube = ring((-h, 0, z), X, d.bearing_radius + 4, b, 2 * h)
+    tube = pipe((-h, 0, z), X, d.bearing_radius + 4, b, 2 * h)
     tube = tube.chamfer(1, None, tube.edges().group_by(Axis.X)[0])
     for k in range(6):
         y, q, _ = polar(b - 5, 30 + 60 * k)
@@ -267,7 +188,7 @@ def platform(d, err):
     bush -= cyl((-h - 1, off[0], z + off[1]), X, d.bearing_radius + d.play, 2 * h + 2)
     motor = cyl((-h - 3 - d.roll_motor_length, 0, z), X, d.roll_motor, d.roll_motor_length)
     motor = motor.chamfer(2, None, motor.edges().group_by(Axis.X)[0])
-    lid = ring((-h - 3, 0, z), X, d.bearing_radius + 1, b, 3)
+    lid = pipe((-h - 3, 0, z), X, d.bearing_radius + 1, b, 3)
     return [
         ("disc", disc, "blue_aluminium"),
         *out,
@@ -287,8 +208,7 @@ def arm(d, err):
     flange = cyl((face, axis, 0), X, d.hub_radius, d.hub_thickness)
     flange = flange.chamfer(1, None, flange.edges().group_by(Axis.X)[-1])
     start, w = face + d.hub_thickness, d.beam_half
-    beam = box(start, d.beam_end, d.beam_low, d.beam_high, -w, w)
-    beam = rounded(beam, 3, Axis.X)
+    beam = box(start, d.beam_end, d.beam_low, d.beam_high, -w, w, 3, Axis.X)
     for x in (start + 24, start + 50):
         beam -= box(x - 8, x + 8, -33, -17, -20, 20)
     link = box(d.side_start, d.beam_end, d.side_bottom, d.side_top, w, d.side_high)
@@ -306,7 +226,7 @@ def arm(d, err):
     pins = {"a": ((0, 0), d.stem_a, d.link_half, -d.link_half), "b": ((0, d.AB), d.stem_b, 0, d.layer_BC - d.link_half)}
     for name, (at, r, seat, last) in pins.items():
         where = joint((*at, 0), Z, X, err(f"pin_{name}_offset_mm", (0, 0)), err(f"pin_{name}_tilt_deg", 0.0))
-        stem = ring((*at, seat), Z, d.pin_radius, r, low - seat)
+        stem = pipe((*at, seat), Z, d.pin_radius, r, low - seat)
         end -= cyl((0, 0, low - 1), Z, d.pin_radius, 8).moved(where)
         tail = last - d.clip_gap - d.clip_height - 0.5
         out.append((f"stem_{name}", stem, "bronze"))
@@ -351,7 +271,7 @@ def tilt_slider(d, err):
 def link(d, length, layer, r0, r1):
     """Draw a flat link with a boss at each end."""
     low, t = layer - d.link_half, 2 * d.link_half
-    body = belt([(0, 0, d.waist), (length, 0, d.waist)], t, Plane(origin=(0, 0, low)))
+    body = hull([(0, 0, d.waist), (length, 0, d.waist)], Plane(origin=(0, 0, low)), t)
     return body + cyl((0, 0, low), Z, r0, t) + cyl((length, 0, low), Z, r1, t)
 
 
@@ -375,12 +295,12 @@ def l4(d, err):
     h, r, length = d.link_half, d.boss, err("DA_mm", d.DA)
     q = polar(err("AQ_mm", d.AQ), err("phi2_deg", d.phi2))[:2]
     low = Plane(origin=(0, 0, -h))
-    body = belt([(0, 0, r), (length, 0, r)], 2 * h, low)
-    arm = belt([(0, 0, d.crank_waist), (q[0], q[1], d.crank_waist)], 2 * h, low)
+    body = hull([(0, 0, r), (length, 0, r)], low, 2 * h)
+    arm = hull([(0, 0, d.crank_waist), (q[0], q[1], d.crank_waist)], low, 2 * h)
     body = body + arm + cyl((*q, -h), Z, r, 2 * h)
     body -= box(length + d.flat_over, length + 20, -20, 20, -20, 20)
     p = d.pocket_half
-    body -= belt([(14, 0, p), (length - 14, 0, p)], h + 1, Plane(origin=(0, 0, 0)))
+    body -= hull([(14, 0, p), (length - 14, 0, p)], Plane(origin=(0, 0, 0)), h + 1)
     out = []
     pins = {
         "q": (q, -h, d.layer_QR + d.link_half, 1),
@@ -394,7 +314,7 @@ def l4(d, err):
         body -= cyl((0, 0, -h - 1), Z, d.pin_radius, 2 * h + 2).moved(where)
         out += [(f"pin_{name}", shaft, "steel"), (f"clip_{name}", clip(d, at, last, sign), "dark_steel")]
     face = d.layer_CD + d.link_half
-    spacer = ring((length, 0, face), Z, d.pin_radius, d.spacer, -h - face)
+    spacer = pipe((length, 0, face), Z, d.pin_radius, d.spacer, -h - face)
     return [("crank", body, "orange_plastic"), ("spacer_d", spacer, "bronze"), *out]
 
 
@@ -408,7 +328,7 @@ def l2(d, err):
     body = body - bore(d, err, "b", (0, 0)) - cyl((0, 0, low - 1), Z, d.pin_radius, 20).moved(where)
     last, face = d.layer_CD - d.link_half, d.layer_CD + d.link_half
     shaft = pin(d, where, last - d.clip_gap - d.clip_height - 0.5, high)
-    spacer = ring((length, 0, face), Z, d.pin_radius, d.spacer, low - face)
+    spacer = pipe((length, 0, face), Z, d.pin_radius, d.spacer, low - face)
     return [
         ("link", body, "aluminium"),
         ("pin_c", shaft, "steel"),
@@ -425,7 +345,7 @@ def l3(d, err, p, along):
     foot = p - along * (p @ along)
     low, t = d.layer_CD - d.link_half, 2 * d.link_half
     plane = Plane(origin=(0, 0, low))
-    plate = belt([(0, 0, d.boss + 1), (*foot, d.clamp_half), (d.CD, 0, d.boss + 1)], t, plane)
+    plate = hull([(0, 0, d.boss + 1), (*foot, d.clamp_half), (d.CD, 0, d.boss + 1)], plane, t)
     at = -(p @ along)
     half, r = d.clamp_half, d.clamp_outer
     clamp = cyl((0, 0, at - half), Z, r, 2 * half).moved(tool)
@@ -437,7 +357,7 @@ def l3(d, err, p, along):
     body = body - bore(d, err, "d", (0, 0)) - bore(d, err, "c", (d.CD, 0))
     start, end = d.handle_start, d.handle_start + d.handle_length
     for z in (start + 8, start + 12, start + 16, end - 20, end - 12):
-        grip -= ring((0, 0, z), Z, d.handle_radius - 0.6, d.handle_radius + 1, 1.6).moved(tool)
+        grip -= pipe((0, 0, z), Z, d.handle_radius - 0.6, d.handle_radius + 1, 1.6).moved(tool)
     collet = Solid.make_cone(1.0, d.ferrule_radius, start - d.ferrule_start, Plane(origin=(0, 0, d.ferrule_start)))
     shaft = cyl((0, 0, -reach), Z, d.shaft_radius, reach) + cyl((0, 0, 0), Z, d.shaft_thick, d.ferrule_start)
     return [
@@ -467,10 +387,7 @@ def eye_phantom(d, centre, pole, err):
     def shell(outer, inner):
         return (Solid.make_sphere(outer) - Solid.make_sphere(inner)).intersect(half)
 
-    def only(shape):
-        return shape if isinstance(shape, Solid) else shape.solids()[0]
-
-    dome, foil = only(shell(r, r - wall)), only(shell(r - wall, r - wall - d.copper_wall))
+    dome, foil = only_solid(shell(r, r - wall)), only_solid(shell(r - wall, r - wall - d.copper_wall))
     out = []
     for k in range(5):
         a, b = radians(d.hole_polar if k else 0.0), radians(90 * (k - 1))
@@ -478,9 +395,9 @@ def eye_phantom(d, centre, pole, err):
         start = tuple((r - d.grommet_height) * np.array(axis))
         dome -= cyl((0, 0, 0), axis, d.grommet, 30)
         foil -= cyl((0, 0, 0), axis, d.grommet + 0.2, 30)
-        seal = ring(start, axis, d.hole_radius, d.grommet, d.grommet_height)
+        seal = pipe(start, axis, d.hole_radius, d.grommet, d.grommet_height)
         out.append((f"seal{k + 1}", seal.moved(tilted), "orange_plastic"))
-    rim = ring((0, 0, -d.holder_depth), Z, r - wall, r + d.holder_wall, d.holder_depth)
+    rim = pipe((0, 0, -d.holder_depth), Z, r - wall, r + d.holder_wall, d.holder_depth)
     floor = cyl((0, 0, -d.holder_depth - 3), Z, r + d.holder_wall, 3)
     x, z = at[0], d.bench_high + d.mount_height
     neck = cyl((x, 0, z + d.plate_height), Z, d.post_radius, at[2] - z - d.plate_height - d.holder_depth)
@@ -490,7 +407,7 @@ def eye_phantom(d, centre, pole, err):
         ("foil", foil.moved(tilted), "copper"),
         *out,
         ("holder", (rim + floor).moved(tilted), "grey_aluminium"),
-        ("post", only(neck), "grey_aluminium"),
+        ("post", only_solid(neck), "grey_aluminium"),
         ("foot", foot(d, x, d.plate_radius), "dark_steel"),
     ]
 

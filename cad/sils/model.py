@@ -112,18 +112,15 @@ def placements(d, position, angles):
 # ---- drawing ----------------------------------------------------------------
 def draw(d):
     """Draw all bodies in their body frames; return {body: [(part, solid, material)]}."""
-    parts = cad.parts(HERE)
-    out = {"frame": parts.frame(d)}
-    for n in (1, 2, 3):
-        out[f"limb{n}"] = parts.limb(d, n)
-    for k in range(1, 7):
-        out[f"carriage{k}"] = parts.carriage(d, k, d.error(f"carriage{k}"))
-    for n in (1, 2, 3):
-        out[f"strut{n}"] = parts.strut(d, d.error(f"strut{n}"))
-    for n in (1, 2, 3):
-        out[f"bar{n}"] = parts.bar(d, d.error(f"bar{n}"))
-    out["platform"] = parts.platform(d, d.error("platform"))
-    return out
+    parts, numbers = cad.parts(HERE), range(1, 4)
+    return {
+        "frame": parts.frame(d),
+        **{f"limb{n}": parts.limb(d, n) for n in numbers},
+        **{f"carriage{k}": parts.carriage(d, k, d.error(f"carriage{k}")) for k in range(1, 7)},
+        **{f"strut{n}": parts.strut(d, d.error(f"strut{n}")) for n in numbers},
+        **{f"bar{n}": parts.bar(d, d.error(f"bar{n}")) for n in numbers},
+        "platform": parts.platform(d, d.error("platform")),
+    }
 
 
 def assembly(path):

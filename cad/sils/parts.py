@@ -11,83 +11,20 @@ Body frames (mm):
 Every function returns a list of ``(part name, solid, material)``.
 """
 
-from math import cos, hypot, radians, sin, sqrt
+from math import cos, radians, sin, sqrt
 
 import numpy as np
-from build123d import Axis, Edge, Face, Location, Plane, Solid, Vector, Wire
+from build123d import Axis, Location, Plane, Solid
+from shapes import METAL_AND_PLASTIC, X, Y, Z, box, cyl, hull, joint, pipe, prism
 
-X, Y, Z = (1, 0, 0), (0, 1, 0), (0, 0, 1)
-MATERIALS = {  # sRGB, density in kg/m3
-    "steel": ((0.66, 0.69, 0.72), 7850),
-    "dark_steel": ((0.26, 0.28, 0.31), 7850),
-    "aluminium": ((0.80, 0.82, 0.84), 2700),
-    "blue_aluminium": ((0.17, 0.36, 0.55), 2700),
-    "grey_aluminium": ((0.45, 0.49, 0.54), 2700),
-    "bronze": ((0.78, 0.57, 0.27), 8800),
-    "plastic": ((0.13, 0.14, 0.16), 1200),
-    "white_plastic": ((0.91, 0.91, 0.89), 1200),
-    "orange_plastic": ((0.89, 0.42, 0.12), 1200),
-    "glass": ((0.35, 0.62, 0.78), 2500),
-}
+MATERIALS = METAL_AND_PLASTIC
 
 
 # ---- shapes -----------------------------------------------------------------
-def cyl(at, axis, r, h):
-    """Return a cylinder of radius r that starts at `at` and has length h along `axis`."""
-    return Solid.make_cylinder(r, h, Plane(origin=at, z_dir=axis))
-
-
-def ring(at, axis, inner, outer, h):
-    """Return a tube with inner and outer radius that starts at `at` and has length h along `axis`."""
-    return cyl(at, axis, outer, h) - cyl(at, axis, inner, h)
-
-
-def box(x0, x1, y0, y1, z0, z1):
-    """Return a box between two corners."""
-    return Solid.make_box(x1 - x0, y1 - y0, z1 - z0, Plane(origin=(x0, y0, z0)))
-
-
-def prism(points, height, plane=Plane.XY):
-    """Return a polygon extruded along the normal of its plane."""
-    points = [Vector(*p, 0) for p in points]
-    edges = [Edge.make_line(p, q) for p, q in zip(points, [*points[1:], points[0]], strict=True)]
-    return Solid.extrude(Face(Wire(edges)), Vector(0, 0, height)).moved(Location(plane))
-
-
 def hexagon(at, axis, r, h):
     """Return a hexagonal prism; r is half of the width across corners."""
     corners = [(r * cos(radians(60 * k)), r * sin(radians(60 * k))) for k in range(6)]
     return prism(corners, h, Plane(origin=at, z_dir=axis))
-
-
-def belt(circles, height, plane=Plane.XY, chamfer=0.0):
-    """Return the extruded convex hull of circles (x, y, r), given in counter-clockwise order."""
-    normals = []
-    for (xa, ya, ra), (xb, yb, rb) in zip(circles, [*circles[1:], circles[0]], strict=True):
-        dx, dy = xb - xa, yb - ya
-        d = hypot(dx, dy)
-        u, s = (dx / d, dy / d), (ra - rb) / d
-        c = sqrt(1 - s * s)
-        normals.append((u[0] * s + u[1] * c, u[1] * s - u[0] * c))
-    edges, count = [], len(circles)
-    for k, (x, y, r) in enumerate(circles):
-        before, after = normals[k - 1], normals[k]
-        a = np.arctan2(before[1], before[0])
-        b = a + (np.arctan2(after[1], after[0]) - a) % (2 * np.pi)
-        arc = [Vector(x + r * cos(w), y + r * sin(w), 0) for w in (a, (a + b) / 2, b)]
-        x2, y2, r2 = circles[(k + 1) % count]
-        foot = Vector(x2 + r2 * after[0], y2 + r2 * after[1], 0)
-        edges += [Edge.make_three_point_arc(*arc), Edge.make_line(arc[2], foot)]
-    solid = Solid.extrude(Face(Wire(edges)), Vector(0, 0, height))
-    if chamfer:
-        rims = solid.edges().group_by(Axis.Z)
-        solid = solid.chamfer(chamfer, None, list(rims[0]) + list(rims[-1]))
-    return solid.moved(Location(plane))
-
-
-def rounded(solid, radius, axis):
-    """Fillet all edges parallel to an axis."""
-    return solid.fillet(radius, solid.edges().filter_by(axis))
 
 
 def screw(d, at, axis):
@@ -97,18 +34,11 @@ def screw(d, at, axis):
     return head - cyl(tuple(top), axis, d.bolt_socket, d.bolt_socket)
 
 
-def joint(at, axis, long, offset=(0, 0), tilt=0.0):
-    """Return the location of a joint axis (z = axis, x = long), shifted and tilted by the errors of one part."""
-    about = list(tilt) if isinstance(tilt, (list, tuple)) else [tilt, 0.0]
-    nominal = Location(Plane(origin=at, x_dir=long, z_dir=axis))
-    return nominal * Location((offset[0], offset[1], 0), (about[0], about[1], 0))
-
-
 # ---- frame ------------------------------------------------------------------
 def profile(d, side, length, hollow):
     """Return an extruded profile along z, centred in x and y, with a slot in each side."""
     h, w = side / 2, d.profile_slot / 2
-    solid = rounded(box(-h, h, -h, h, 0, length), d.profile_corner, Axis.Z)
+    solid = box(-h, h, -h, h, 0, length, d.profile_corner)
     for k in range(4):
         slot = box(h - d.profile_slot_depth, h + 1, -w, w, -1, length + 1)
         solid -= slot.moved(Location((0, 0, 0), (0, 0, 90 * k)))
@@ -129,20 +59,14 @@ def pillow(d, start, length, thrust, radius):
     back, web = d.portal_front, d.block_web
     body = cyl((0, 0, lower), Z, radius, length)
     body += box(back, 0, -web, web, lower, lower + length)
-    base = rounded(
-        box(back, back + d.block_base_height, -d.block_base, d.block_base, lower, lower + length),
-        d.base_corner,
-        Axis.X,
-    )
-    body += base
+    front, half = back + d.block_base_height, d.block_base
+    body += box(back, front, -half, half, lower, lower + length, d.base_corner, Axis.X)
     for side in (-1, 1):
-        at = (back + d.block_base_height, side * d.bolt_spread, lower + length / 2)
-        body += screw(d, at, X)
+        body += screw(d, (front, side * d.bolt_spread, lower + length / 2), X)
     body -= cyl((0, 0, lower - 1), Z, d.bearing_outer, length + 2)
-    bush = ring((0, 0, lower), Z, d.bearing_bore, d.bearing_outer, length)
+    bush = pipe((0, 0, lower), Z, d.bearing_bore, d.bearing_outer, length)
     if thrust is not None:
-        flange = ring((0, 0, lower + length), Z, d.bearing_bore, d.bearing_flange, d.bearing_flange_height)
-        bush += flange
+        bush += pipe((0, 0, lower + length), Z, d.bearing_bore, d.bearing_flange, d.bearing_flange_height)
     return body, bush
 
 
@@ -160,15 +84,9 @@ def frame(d):
         lying = Location(Plane(origin=(d.foot_back, y, floor + half), x_dir=Y, z_dir=X))
         out.append((f"foot{n}", foot.moved(lying), "aluminium"))
         for m, (x, way) in enumerate(((d.foot_front, 1), (d.foot_back, -1))):
-            cap = box(
-                min(x, x + way * d.cap_thickness),
-                max(x, x + way * d.cap_thickness),
-                y - half,
-                y + half,
-                floor,
-                floor + d.profile,
-            )
-            out.append((f"foot{n}_cap{m}", rounded(cap, d.profile_corner, Axis.X), "plastic"))
+            low, high = sorted((x, x + way * d.cap_thickness))
+            cap = box(low, high, y - half, y + half, floor, floor + d.profile, d.profile_corner, Axis.X)
+            out.append((f"foot{n}_cap{m}", cap, "plastic"))
             at = x - way * d.pad_inset
             stem = cyl((at, y, floor - d.pad_height), Z, d.pad_radius, d.pad_height * 0.45)
             stem += cyl((at, y, floor - d.pad_height), Z, d.stem_radius, d.pad_height)
@@ -177,75 +95,53 @@ def frame(d):
         ahead = Plane(origin=(front, y + t / 2, d.column_foot), x_dir=X, z_dir=(0, -1, 0))
         behind = Plane(origin=(front - d.profile, y - t / 2, d.column_foot), x_dir=(-1, 0, 0), z_dir=Y)
         inward = 1 if y == 0 else -1
-        under = Plane(
-            origin=(mid + inward * t / 2, y + inward * half, beam_low),
-            x_dir=(0, inward, 0),
-            z_dir=(-inward, 0, 0),
-        )
+        corner = (mid + inward * t / 2, y + inward * half, beam_low)
+        under = Plane(origin=corner, x_dir=(0, inward, 0), z_dir=(-inward, 0, 0))
         out.append((f"gusset{n}_front", gusset(d, ahead, d.gusset), "blue_aluminium"))
         out.append((f"gusset{n}_back", gusset(d, behind, d.gusset), "blue_aluminium"))
         out.append((f"gusset{n}_beam", gusset(d, under, d.gusset), "blue_aluminium"))
         back = front - d.profile
         low, width = d.cabinet_low, d.cabinet_width / 2
-        case = rounded(
-            box(back - d.cabinet_depth, back, y - width, y + width, low, low + d.cabinet_height),
-            d.cabinet_corner,
-            Axis.X,
-        )
+        rear, high = back - d.cabinet_depth, low + d.cabinet_height
+        case = box(rear, back, y - width, y + width, low, high, d.cabinet_corner, Axis.X)
         out.append((f"cabinet{n}", case, "white_plastic"))
         for k in range(3):
             at = (back - d.cabinet_depth / 2, y + (k - 1) * width / 2, low - d.cabinet_gland_length)
             gland = cyl(at, Z, d.cabinet_gland, d.cabinet_gland_length)
             out.append((f"cabinet{n}_gland{k + 1}", gland, "plastic"))
-        rear, m = back - d.cabinet_depth, d.door_margin
-        door = box(rear - d.door_thickness, rear, y - width + m, y + width - m, low + m, low + d.cabinet_height - m)
-        door = rounded(door, d.cabinet_corner, Axis.X)
-        knob = (
-            rear - d.door_thickness - d.knob_height,
-            y + inward * (width - 2 * m),
-            low + d.cabinet_height / 2,
-        )
+        m, face = d.door_margin, rear - d.door_thickness
+        door = box(face, rear, y - width + m, y + width - m, low + m, high - m, d.cabinet_corner, Axis.X)
+        knob = (face - d.knob_height, y + inward * (width - 2 * m), low + d.cabinet_height / 2)
         out.append((f"cabinet{n}_door", door, "blue_aluminium"))
         out.append((f"cabinet{n}_knob", cyl(knob, X, d.knob_radius, d.knob_height), "plastic"))
     beam = profile(d, d.profile, d.LH + 2 * d.beam_overhang, d.profile_bore)
     lying = Location(Plane(origin=(mid, -d.beam_overhang, d.LV), x_dir=X, z_dir=Y))
     out.append(("beam", beam.moved(lying), "aluminium"))
     for n, y in ((1, -d.beam_overhang - d.cap_thickness), (3, d.LH + d.beam_overhang)):
-        cap = box(front - d.profile, front, y, y + d.cap_thickness, d.LV - half, d.LV + half)
-        out.append((f"beam_cap{n}", rounded(cap, d.profile_corner, Axis.Y), "plastic"))
+        ends = (y, y + d.cap_thickness)
+        cap = box(front - d.profile, front, *ends, d.LV - half, d.LV + half, d.profile_corner, Axis.Y)
+        out.append((f"beam_cap{n}", cap, "plastic"))
     tie = profile(d, d.tie_profile, d.LH - d.profile, d.tie_profile / 2)
     lying = Location(Plane(origin=(mid, half, d.tie_low), x_dir=X, z_dir=Y))
     out.append(("tie", tie.moved(lying), "aluminium"))
 
     y, w, h = d.LH / 2, d.datum_width / 2, d.datum_height / 2
-    plate = rounded(box(front, d.datum_front, y - w, y + w, d.LV - h, d.LV + h), d.datum_corner, Axis.X)
+    plate = box(front, d.datum_front, y - w, y + w, d.LV - h, d.LV + h, d.datum_corner, Axis.X)
     for dy in (-1, 1):
         for dz in (-1, 1):
-            plate -= cyl(
-                (front - 1, y + dy * (w - d.datum_inset), d.LV + dz * (h - d.datum_inset)),
-                X,
-                d.datum_hole,
-                50,
-            )
+            at = (front - 1, y + dy * (w - d.datum_inset), d.LV + dz * (h - d.datum_inset))
+            plate -= cyl(at, X, d.datum_hole, 50)
     out.append(("datum", plate, "steel"))
 
     rail2 = Location(Plane(origin=(0, 0, d.LV), x_dir=X, z_dir=Y))
     for n, where in ((1, Location((0, 0, 0))), (2, rail2), (3, Location((0, d.LH, 0)))):
-        flat = n == 2
-        low = pillow(
-            d,
-            None,
-            d.h_block_low if flat else d.v_block_low,
-            d.h_thrust if flat else d.v_thrust,
-            d.block_radius + 2,
-        )
-        high = pillow(
-            d,
-            d.h_block_high_start if flat else d.v_block_high_start,
-            d.h_block_high if flat else d.v_block_high,
-            None,
-            d.block_radius + 2 if flat else d.block_radius,
-        )
+        r = d.block_radius
+        if n == 2:  # the horizontal rail
+            low = pillow(d, None, d.h_block_low, d.h_thrust, r + 2)
+            high = pillow(d, d.h_block_high_start, d.h_block_high, None, r + 2)
+        else:
+            low = pillow(d, None, d.v_block_low, d.v_thrust, r + 2)
+            high = pillow(d, d.v_block_high_start, d.v_block_high, None, r)
         for end, (body, bush) in (("low", low), ("high", high)):
             out.append((f"rail{n}_block_{end}", body.moved(where), "grey_aluminium"))
             out.append((f"rail{n}_bush_{end}", bush.moved(where), "bronze"))
@@ -261,25 +157,19 @@ def limb(d, n):
     start, end = thrust + d.collar_height, shoulder - d.stop_gap - d.stop_height
     shaft = cyl((0, 0, thrust), Z, d.rail_radius, shoulder - thrust)
     if flat:
-        shaft -= ring((0, 0, d.h_zero), Z, d.groove_radius, d.rail_radius + 1, d.groove_width)
-    shaft -= box(
-        d.rail_flat,
-        d.rail_radius + 2,
-        -d.rail_radius,
-        d.rail_radius,
-        start + d.flat_margin * 0.3,
-        end - d.flat_margin,
-    )
+        shaft -= pipe((0, 0, d.h_zero), Z, d.groove_radius, d.rail_radius + 1, d.groove_width)
+    r = d.rail_radius
+    shaft -= box(d.rail_flat, r + 2, -r, r, start + d.flat_margin * 0.3, end - d.flat_margin)
     low = cyl((0, 0, bottom), Z, d.journal_radius, thrust - bottom)
     high = cyl((0, 0, shoulder), Z, d.journal_radius, top - shoulder)
     low = low.chamfer(d.rail_chamfer, None, [low.edges().group_by(Axis.Z)[0][0]])
     high = high.chamfer(d.rail_chamfer, None, [high.edges().group_by(Axis.Z)[-1][0]])
     shaft = shaft + low + high
-    collar = ring((0, 0, thrust), Z, d.rail_radius, d.collar_radius, d.collar_height)
+    collar = pipe((0, 0, thrust), Z, d.rail_radius, d.collar_radius, d.collar_height)
     block = d.h_block_low if flat else d.v_block_low
     under = thrust - d.bearing_flange_height - block - d.nut_height
     nut = hexagon((0, 0, under), Z, d.nut_radius, d.nut_height) - cyl((0, 0, under), Z, d.journal_radius, d.nut_height)
-    stop = ring((0, 0, end), Z, d.rail_radius, d.stop_radius, d.stop_height)
+    stop = pipe((0, 0, end), Z, d.rail_radius, d.stop_radius, d.stop_height)
     return [
         ("shaft", shaft, "steel"),
         ("collar", collar, "dark_steel"),
@@ -296,7 +186,7 @@ def pin(d, sign, back, front, where):
     axis = (0, 0, sign)
     body = cyl((0, 0, sign * lo), axis, d.pin_head, d.pin_head_height)
     body += cyl((0, 0, sign * lo), axis, d.pin_radius, hi + d.clip_height + d.pin_end - lo)
-    clip = ring((0, 0, sign * hi), axis, d.pin_radius, d.clip_radius, d.clip_height)
+    clip = pipe((0, 0, sign * hi), axis, d.pin_radius, d.clip_radius, d.clip_height)
     return body.moved(where), clip.moved(where)
 
 
@@ -311,20 +201,20 @@ def carriage(d, n, err):
         y1, sign, back, front = -reach, 1, reach + d.arm, eye
     else:  # arm in the plane of the bar, washer towards the strut
         y1, sign, back, front = eye, -1, eye, reach + d.plate
-    washer = ring((0, 0, -reach), Z, d.pin_radius, d.washer_radius, d.washer)
+    washer = pipe((0, 0, -reach), Z, d.pin_radius, d.washer_radius, d.washer)
     body, clip = pin(d, sign, -back, front, where)
 
     hub = cyl((0, 0, -hh + cap), Z, d.hub_radius, 2 * (hh - cap))
     for k in (-1.5, -0.5, 0.5, 1.5):
         z = k * d.fin_pitch - d.fin_width / 2
-        hub -= ring((0, 0, z), Z, d.hub_radius - d.fin_depth, d.hub_radius + 1, d.fin_width)
+        hub -= pipe((0, 0, z), Z, d.hub_radius - d.fin_depth, d.hub_radius + 1, d.fin_width)
     plane = Plane(origin=(0, y1, 0), x_dir=X, z_dir=(0, -1, 0))
-    arm = belt([(d.arm_start, 0, d.arm_root), (d.l0, 0, d.arm_eye)], d.arm, plane, d.arm_chamfer)
+    arm = hull([(d.arm_start, 0, d.arm_root), (d.l0, 0, d.arm_eye)], plane, d.arm, d.arm_chamfer)
     w = d.arm_window
-    arm -= belt(
+    arm -= hull(
         [(d.window_start, 0, w), (d.window_end, 0, d.window_tip)],
-        d.arm + 2,
         Plane(origin=(0, y1 + 1, 0), x_dir=X, z_dir=(0, -1, 0)),
+        d.arm + 2,
     )
     gland = cyl((0, 0, 0), (-1, 0, 0), d.gland_radius, d.gland_reach)
     block = hub + arm + gland
@@ -335,7 +225,7 @@ def carriage(d, n, err):
     liner = cyl((0, 0, -hh), Z, d.hub_liner, 2 * hh) - hole.moved(axis)
     out = [("block", block, "blue_aluminium" if even else "grey_aluminium"), ("liner", liner, "bronze")]
     for name, z in (("cap_low", -hh), ("cap_high", hh - cap)):
-        lid = ring((0, 0, z), Z, d.hub_liner, d.hub_cap_radius, cap)
+        lid = pipe((0, 0, z), Z, d.hub_liner, d.hub_cap_radius, cap)
         face = z if z < 0 else z + cap / 2
         for k in range(4):
             a = radians(45 + 90 * k)
@@ -363,14 +253,14 @@ def strut(d, err):
     web = box(0, length, -d.strut_waist, d.strut_waist, low, top)
     body = web + cyl((0, 0, low), Z, e, d.plate) + cyl((length, 0, low), Z, e, d.plate)
     inset = d.strut_slot_inset
-    slot = belt([(inset, 0, s), (length - inset, 0, s)], d.plate + 2, Plane(origin=(0, 0, low - 1)))
+    slot = hull([(inset, 0, s), (length - inset, 0, s)], Plane(origin=(0, 0, low - 1)), d.plate + 2)
     pivot = joint((0, 0, 0), Z, X, err("pivot_bore_offset_mm", (0, 0)), err("pivot_bore_tilt_deg", 0.0))
     apex = joint((length, 0, 0), Z, X, err("apex_pin_offset_mm", (0, 0)), err("apex_pin_tilt_deg", 0.0))
     body = body - slot - cyl((0, 0, low - 1), Z, d.bush_radius, d.plate + 2)
     body -= cyl((0, 0, -50), Z, d.pin_radius, 100).moved(apex)
     bush = cyl((0, 0, low), Z, d.bush_radius, d.plate) - cyl((0, 0, -50), Z, d.pin_bore, 100).moved(pivot)
     shaft, clip = pin(d, 1, low, d.eye_half, apex)
-    washer = ring((0, 0, top), Z, d.pin_radius, d.washer_radius, d.washer).moved(apex)
+    washer = pipe((0, 0, top), Z, d.pin_radius, d.washer_radius, d.washer).moved(apex)
     return [
         ("link", body, "grey_aluminium"),
         ("bush", bush, "bronze"),
@@ -418,11 +308,8 @@ def platform(d, err):
     nominal = [(third / 2, -d.lp / 2), (-third, 0.0), (third / 2, d.lp / 2)]
     top, low = d.plate_top, d.plate_top - d.plate_thickness
     order = (0, 2, 1)  # counter-clockwise
-    plate = belt(
-        [(*nominal[k], d.plate_corner) for k in order],
-        d.plate_thickness,
-        Plane(origin=(0, 0, low)),
-        d.plate_chamfer,
+    plate = hull(
+        [(*nominal[k], d.plate_corner) for k in order], Plane(origin=(0, 0, low)), d.plate_thickness, d.plate_chamfer
     )
     plate -= cyl((0, 0, low - 1), Z, d.scope_radius, d.plate_thickness + 2)
     plate -= cyl((d.plate_window_at, 0, low - 1), Z, d.plate_window, d.plate_thickness + 2)
@@ -444,7 +331,7 @@ def platform(d, err):
     scope = cyl((0, 0, tip), Z, d.scope_radius, d.scope_top - tip)
     scope -= cyl((0, 0, tip), Z, d.lens_radius, d.lens_recess + d.lens_depth)
     lens = cyl((0, 0, tip + d.lens_recess), Z, d.lens_radius, d.lens_depth)
-    clamp = ring((0, 0, top), Z, d.scope_radius, d.clamp_radius, d.clamp_height)
+    clamp = pipe((0, 0, top), Z, d.scope_radius, d.clamp_radius, d.clamp_height)
     lug = d.clamp_radius + d.clamp_lug
     clamp += box(d.scope_radius + 2, lug, -d.clamp_lug_half, d.clamp_lug_half, top, top + d.clamp_height)
     clamp -= box(0, 40, -d.clamp_slit / 2, d.clamp_slit / 2, top - 1, top + d.clamp_height + 1)
@@ -484,17 +371,13 @@ def platform(d, err):
         body = cyl((0, 0, 0), Z, r, length)
         g = d.module_groove
         for z in (d.module_groove_low, d.module_groove_high):
-            body -= ring((0, 0, z), Z, r - g / 2, r + 1, g)
+            body -= pipe((0, 0, z), Z, r - g / 2, r + 1, g)
         body -= box(-r, r, r - g, r + 1, d.module_groove_low + 2 * g, d.module_groove_high - g)
         motors = cyl((0, 0, length), Z, r, d.motor_plate)
         for k in range(3):
             b = radians(90 + 120 * k)
-            motors += cyl(
-                (d.motor_circle * cos(b), d.motor_circle * sin(b), length),
-                Z,
-                d.motor_radius,
-                d.motor_plate + d.motor_length,
-            )
+            at = (d.motor_circle * cos(b), d.motor_circle * sin(b), length)
+            motors += cyl(at, Z, d.motor_radius, d.motor_plate + d.motor_length)
         shaft = cyl((0, 0, -d.tool_length), Z, d.tool_radius, d.tool_length)
         jaws = []
         for way in (1, -1):

@@ -5,7 +5,6 @@
 Each body is one sub-assembly; its parts are named <body>_<part>.  All shapes are written in world coordinates.
 """
 
-import importlib.util
 import sys
 from pathlib import Path
 
@@ -18,18 +17,9 @@ import drawing as cad
 BODIES = ["table", "patient", "stand_left", "stand_right", "stand_camera"]
 
 
-def drawing():
-    """Load parts.py next to this file; called only when drawing, because importing build123d takes seconds."""
-    if "vsrs_parts" not in sys.modules:
-        spec = importlib.util.spec_from_file_location("vsrs_parts", HERE / "parts.py")
-        sys.modules["vsrs_parts"] = importlib.util.module_from_spec(spec)
-        spec.loader.exec_module(sys.modules["vsrs_parts"])
-    return sys.modules["vsrs_parts"]
-
-
 def assembly(path):
     """Draw the theatre with the values of a dimension file; return ({body: [(name, shape, rgb)]}, mass in kg)."""
-    d, parts = cad.Dimensions(path, {}), drawing()
+    d, parts = cad.Dimensions(path, {}), cad.parts(HERE)
     solids = {
         "table": parts.table(d),
         "patient": parts.patient(d),

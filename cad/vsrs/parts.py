@@ -5,9 +5,9 @@ Every function that draws a body returns a list of ``(part name, solid, material
 
 from math import sqrt
 
-from build123d import Axis, Location, Plane, Solid
+from build123d import Axis, Location, Matrix, Plane, Solid
+from shapes import Z, box, cyl
 
-Z = (0, 0, 1)
 MATERIALS = {  # sRGB, density in kg/m3
     "steel": ((0.72, 0.75, 0.78), 7850),
     "white_steel": ((0.90, 0.91, 0.92), 7850),
@@ -15,17 +15,6 @@ MATERIALS = {  # sRGB, density in kg/m3
     "skin": ((0.88, 0.68, 0.56), 1050),
     "drape": ((0.36, 0.60, 0.62), 300),
 }
-
-
-def box(x0, x1, y0, y1, z0, z1, radius=0.0, axis=Axis.Z):
-    """Return a box between two corners; its edges parallel to `axis` are rounded by a radius."""
-    solid = Solid.make_box(x1 - x0, y1 - y0, z1 - z0, Plane(origin=(x0, y0, z0)))
-    return solid.fillet(radius, solid.edges().filter_by(axis)) if radius else solid
-
-
-def cyl(at, r, h):
-    """Return a vertical cylinder of radius r and height h that starts at `at`."""
-    return Solid.make_cylinder(r, h, Plane(origin=at, z_dir=Z))
 
 
 def on_belly(d, port):
@@ -38,14 +27,9 @@ def dome(d, less=0.0):
     """Return the upper half of the ellipsoid of the abdomen, with semi-axes shorter by `less` in mm."""
     ball = Solid.make_sphere(1.0, Plane.XY)
     ax, ay, az = d.belly_x - less, d.belly_y - less, d.belly_z - less
-    whole = ball.transform_geometry(_scaled(ax, ay, az)).moved(Location((0, 0, d.mattress_high)))
+    scaled = Matrix([[ax, 0, 0, 0], [0, ay, 0, 0], [0, 0, az, 0], [0, 0, 0, 1]])
+    whole = ball.transform_geometry(scaled).moved(Location((0, 0, d.mattress_high)))
     return whole & box(-400, 400, -400, 400, d.mattress_high, d.mattress_high + 400)
-
-
-def _scaled(x, y, z):
-    from build123d import Matrix
-
-    return Matrix([[x, 0, 0, 0], [0, y, 0, 0], [0, 0, z, 0], [0, 0, 0, 1]])
 
 
 def table(d):
@@ -57,8 +41,7 @@ def table(d):
     top = box(-w, w, a, b, d.table_low, d.table_high, 25)
     mattress = box(-w + 8, w - 8, a + 8, b - 8, d.table_high, d.mattress_high, 30)
     mattress = mattress.fillet(8, mattress.edges().group_by(Axis.Z)[-1])
-    rails = [box(s * w, s * (w + 14), a + 60, b - 60, d.table_low + 8, d.table_high - 8, 4, Axis.Y) for s in (1,)]
-    rails += [box(-w - 14, -w, a + 60, b - 60, d.table_low + 8, d.table_high - 8, 4, Axis.Y)]
+    rails = [box(x, x + 14, a + 60, b - 60, d.table_low + 8, d.table_high - 8, 4, Axis.Y) for x in (w, -w - 14)]
     return [
         ("foot", foot, "white_steel"),
         ("column", column, "steel"),
@@ -72,7 +55,7 @@ def patient(d):
     """Draw the patient: the abdomen as a shell with three ports, the chest and the legs under drapes."""
     wall = dome(d) - dome(d, d.belly_wall)
     for port in (d.port_left, d.port_right, d.port_camera):
-        wall -= cyl((port[0], port[1], d.mattress_high + 20), d.port_radius, 400)
+        wall -= cyl((port[0], port[1], d.mattress_high + 20), Z, d.port_radius, 400)
     inner = d.belly_y - 30
     c, h = d.chest_half, d.mattress_high
     chest = box(-c, c, inner, d.chest_head, h, h + d.chest_high, 70, Axis.Y)
@@ -81,9 +64,7 @@ def patient(d):
     legs = []
     for s in (-1, 1):
         x = s * d.leg_apart
-        leg = Solid.make_cylinder(
-            d.leg_radius, -inner - d.table_foot - 20, Plane(origin=(x, -inner, h + d.leg_radius), z_dir=(0, -1, 0))
-        )
+        leg = cyl((x, -inner, h + d.leg_radius), (0, -1, 0), d.leg_radius, -inner - d.table_foot - 20)
         leg = leg.fillet(30, leg.edges().group_by(Axis.Y)[0])
         legs.append(leg - dome(d))
     return [
@@ -97,10 +78,10 @@ def patient(d):
 def pedestal(d, at):
     """Draw the stand of a robot: foot, column and top plate, whose upper face is at `at`."""
     x, y, top = at
-    foot = cyl((x, y, 0), d.pedestal_foot, d.pedestal_foot_high)
+    foot = cyl((x, y, 0), Z, d.pedestal_foot, d.pedestal_foot_high)
     foot = foot.chamfer(15, None, foot.edges().group_by(Axis.Z)[-1])
     cap_low = top - d.pedestal_cap_high
-    cap = cyl((x, y, cap_low), d.pedestal_cap, d.pedestal_cap_high)
+    cap = cyl((x, y, cap_low), Z, d.pedestal_cap, d.pedestal_cap_high)
     cap = cap.chamfer(3, None, cap.edges().group_by(Axis.Z)[-1])
-    column = cyl((x, y, d.pedestal_foot_high), d.pedestal_radius, cap_low - d.pedestal_foot_high)
+    column = cyl((x, y, d.pedestal_foot_high), Z, d.pedestal_radius, cap_low - d.pedestal_foot_high)
     return [("foot", foot, "white_steel"), ("column", column, "steel"), ("cap", cap, "white_steel")]

@@ -152,6 +152,7 @@ class Page:
               const { renderer } = twin.app.world;
               const still = (scene, camera) => {
                 scene.updateMatrixWorld();
+                if (camera.parent === null) camera.updateMatrixWorld();
                 if (renderer.xr.enabled && renderer.xr.isPresenting) renderer.xr.updateCamera(camera);
               };
               renderer.drawing ??= renderer.render;

@@ -45,3 +45,9 @@ def one_of_a_kind(robots: Iterable[str] | None = None) -> list[Any]:
     """Return built-in robots (all by default) for `parametrize`: the first of each kind, the others marked slow."""
     names = assets.names() if robots is None else list(robots)
     return [pytest.param(n, marks=pytest.mark.slow) if n in alike(names) else n for n in names]
+
+
+def designs() -> list[str]:
+    """Return built-in robots without the mirror images of others: these have the same equations and dimensions."""
+    drawn = {n: (assets.files(n).description.parent / "dimensions.toml").read_bytes() for n in assets.names()}
+    return [n for i, n in enumerate(drawn) if drawn[n] not in list(drawn.values())[:i]]

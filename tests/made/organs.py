@@ -50,9 +50,9 @@ def ball(**more):
 
 
 @functools.cache
-def rod():
-    """A rod of 200 mm whose round end is at its origin; it points down."""
-    capsule = trimesh.creation.capsule(0.2 - 2 * RADIUS, RADIUS)
+def rod(length=0.2):
+    """A rod of a length in m whose round end is at its origin; it points down."""
+    capsule = trimesh.creation.capsule(length - 2 * RADIUS, RADIUS)
     capsule.apply_translation([0, 0, -capsule.bounds[0][2]])
     return Body("rod", (Mesh("rod", np.array(capsule.vertices), np.array(capsule.faces, np.int32)),))
 
@@ -89,28 +89,36 @@ def abdomen():
     return tissue_scene.tissues(scene, read_props(scene.file.parent / scene.anatomy.file))
 
 
+SHORT = 0.08
+"""Length in m of a rod that is in the abdomen and not in its wall."""
+
+
 class Rods:
-    """Rods in the abdomen, one over the middle of each organ, that move together."""
+    """Rods in the abdomen, one over the middle of each organ and of the wall, that move down together."""
 
     def __init__(self, tissues):
         self.tissues = tissues
-        middle = [t.surface.vertices.mean(axis=0) for t in tissues]
-        near = [t.surface.vertices[np.linalg.norm((t.surface.vertices - m)[:, :2], axis=1) < RADIUS * 2] for t, m in
-                zip(tissues, middle, strict=True)]  # fmt: skip
-        self.starts = [np.append(m[:2], v[:, 2].max() + 5 * MM) for m, v in zip(middle, near, strict=True)]
-        self.organs = Organs(tissues, [Tool(t.name, rod()) for t in tissues], self.poses(0.0))
+        self.starts = []
+        for t in tissues:
+            v = t.surface.vertices
+            middle = v.mean(axis=0)[:2]
+            far = np.linalg.norm(v[:, :2] - middle, axis=1)
+            self.starts.append(np.append(middle, v[far <= max(2 * RADIUS, far.min()), 2].max() + 5 * MM))
+        self.links = {t.name: [rod(SHORT)] for t in tissues}
+        self.organs = Organs(tissues, [Tool(t.name, rod(SHORT)) for t in tissues], self.poses(0.0))
 
     def poses(self, depth):
         return [at(*(p - [0, 0, depth])) for p in self.starts]
 
 
 def wander(seed, seconds, period=8e-3):
-    """Yield poses of three rods: smooth motion at up to 0.3 m/s through the abdomen, and now and then a jump.
+    """Yield poses of three short rods: smooth motion at up to 0.3 m/s in the abdomen, and now and then a jump.
 
     The rods stay above the middle of the organs, whose lower faces are held.
     """
     rng = np.random.default_rng(seed)
-    tissues = abdomen()
+    *tissues, wall = abdomen()
+    assert wall.name == "wall"
     low = np.min([t.surface.vertices.min(axis=0) for t in tissues], axis=0)
     high = np.max([t.surface.vertices.max(axis=0) for t in tissues], axis=0)
     low[2] = (low[2] + high[2]) / 2

@@ -21,6 +21,7 @@ public static class Listen
     private static readonly Queue<string> Orders = new Queue<string>();
     private static StreamClient client;
     private static Grab grab;
+    private static Deformables soft;
 
     public static void Main(string[] arguments)
     {
@@ -40,6 +41,8 @@ public static class Listen
         client = model.AddComponent<StreamClient>();
         client.url = arguments[0];
         client.robot = robot;
+        soft = new GameObject("soft").AddComponent<Deformables>();
+        soft.stream = client;
         grab = model.AddComponent<Grab>();
         grab.stream = client;
         client.Connect();
@@ -50,6 +53,7 @@ public static class Listen
         for (bool on = true; on; Thread.Sleep(2))
         {
             client.Tick();
+            soft.Tick();
             if (client.Frame != null && (!ReferenceEquals(client.Frame, shown) || client.Frame.Sequence != sequence))
             {
                 shown = client.Frame;
@@ -106,9 +110,18 @@ public static class Listen
             vertex = "[" + Text(v[v.Length - 3]) + "," + Text(v[v.Length - 2]) + "," + Text(v[v.Length - 1]) + "]";
         }
 
+        string mesh = "null";
+        if (soft.Count > 0 && soft.MeshOf(0).triangles != null)
+        {
+            Vector3[] v = soft.MeshOf(0).vertices;
+            Vector3 last = v[v.Length - 1];
+            mesh = "[" + v.Length + "," + Text(last.x) + "," + Text(last.y) + "," + Text(last.z) + ","
+                + string.Join(",", soft.MeshOf(0).triangles) + "]";
+        }
+
         string age = client.Frame == null ? "null" : Text(client.Age);
         Console.WriteLine("{\"what\":\"" + what + "\",\"state\":\"" + line.State + "\",\"sequence\":"
-            + (client.Frame == null ? "null" : client.Frame.Sequence.ToString()) + ",\"last\":" + shown + ",\"age\":" + age + ",\"vertex\":" + vertex
+            + (client.Frame == null ? "null" : client.Frame.Sequence.ToString()) + ",\"last\":" + shown + ",\"age\":" + age + ",\"vertex\":" + vertex + ",\"mesh\":" + mesh
             + ",\"connects\":" + line.Connects + ",\"received\":" + line.Received + ",\"skipped\":" + line.Skipped
             + ",\"refused\":" + line.Refused + ",\"holding\":" + (grab.IsHolding ? "true" : "false")
             + ",\"phase\":\"" + client.State.phase + "\",\"refusal\":\"" + client.Refusal + "\",\"error\":\""

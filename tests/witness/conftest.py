@@ -46,6 +46,7 @@ class Foreign:
 
     def __init__(self) -> None:
         self._environments = _load("environments")
+        self._kept: dict[tuple[str, str], Any] = {}
 
     def need(self, name: str):
         """Return the environment of a witness; without it the test skips loudly, or fails where it is required."""
@@ -61,14 +62,32 @@ class Foreign:
         self.need(name)
         return self._environments.read(name, script, *arguments, timeout=timeout)
 
+    def ask(self, name: str, script: str, argument: object, timeout: float = 300.0) -> Any:
+        """Return what a reader that is kept running answers; see `environments.Kept`. One that failed begins anew."""
+        self.need(name)
+        kept = self._kept.get((name, script))
+        if kept is None:
+            kept = self._kept[name, script] = self._environments.Kept(name, script)
+        try:
+            return kept.ask(argument, timeout)
+        except BaseException:
+            self._kept.pop((name, script)).close()
+            raise
+
+    def close(self) -> None:
+        """End the readers that are kept running."""
+        while self._kept:
+            self._kept.popitem()[1].close()
+
 
 _foreign = Foreign()
 
 
 @pytest.fixture(scope="session")
-def foreign() -> Foreign:
+def foreign() -> Iterator[Foreign]:
     """Programs that are not ours."""
-    return _foreign
+    yield _foreign
+    _foreign.close()
 
 
 @pytest.hookimpl(tryfirst=True)

@@ -21,6 +21,7 @@ Tests take the fixture `foreign` of tests/witness/conftest.py. Readers run witho
 from __future__ import annotations
 
 import argparse
+import contextlib
 import hashlib
 import importlib.util
 import json
@@ -30,6 +31,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -148,6 +150,55 @@ def read(name: str, script: str, *arguments: object, timeout: float = 300.0) -> 
     )
 
 
+class Kept:
+    """A reader of Python, started once: it reads an argument a line and answers with a JSON object on a line.
+
+    For what takes longer to import than to do. It sees no code of this project, as in `read`.
+
+    Raises:
+        NotThereError: the environment is not built.
+    """
+
+    def __init__(self, name: str, script: str) -> None:
+        self._command = [str(environment(name).python), "-I", str(HERE / script)]
+        self._said = tempfile.TemporaryFile()  # noqa: SIM115
+        pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": self._said}
+        self._process = subprocess.Popen(self._command, text=True, cwd=tempfile.gettempdir(), env=_alone(), **pipes)
+
+    def ask(self, argument: object, timeout: float) -> Any:
+        """Return the answer to an argument.
+
+        Raises:
+            RuntimeError: the reader ended, or took longer than `timeout` in s; it is of no use any more.
+        """
+        assert self._process.stdin
+        assert self._process.stdout
+        late = threading.Timer(timeout, self._process.kill)
+        late.start()
+        try:
+            with contextlib.suppress(BrokenPipeError):
+                self._process.stdin.write(f"{argument}\n")
+                self._process.stdin.flush()
+            for line in self._process.stdout:
+                if line.startswith("{"):
+                    return json.loads(line)
+        finally:
+            late.cancel()
+        code = self._process.wait()
+        self._said.seek(0)
+        said = self._said.read().decode("utf-8", "replace")[-3000:]
+        raise RuntimeError(f"{shlex.join(self._command)}, asked {argument}, ended with {code}\n{said}")
+
+    def close(self) -> None:
+        """End it."""
+        self._process.kill()
+        self._process.wait()
+        for file in (self._process.stdin, self._process.stdout, self._said):
+            if file is not None:
+                with contextlib.suppress(BrokenPipeError):
+                    file.close()
+
+
 # -- building -------------------------------------------------------------------------------------------
 
 
@@ -229,11 +280,16 @@ def _must(env: Environment, command: Sequence[object], cwd: Path | None = None) 
     raise NotThereError(failure)
 
 
+def _alone() -> dict[str, str]:
+    """Return the environment without what leads to the packages of this project."""
+    ours = ("PYTHONPATH", "PYTHONHOME", "VIRTUAL_ENV", "NODE_PATH")
+    return {k: v for k, v in os.environ.items() if k not in ours}
+
+
 def _run(command: Sequence[object], cwd: Path | None = None, timeout: float = 60.0):
-    kept = {k: v for k, v in os.environ.items() if k not in ("PYTHONPATH", "PYTHONHOME", "VIRTUAL_ENV", "NODE_PATH")}
     try:
         return subprocess.run(
-            [str(c) for c in command], cwd=cwd, env=kept, capture_output=True, text=True, timeout=timeout
+            [str(c) for c in command], cwd=cwd, env=_alone(), capture_output=True, text=True, timeout=timeout
         )
     except subprocess.TimeoutExpired as late:
         said = [s.decode(errors="replace") if isinstance(s, bytes) else s or "" for s in (late.stdout, late.stderr)]

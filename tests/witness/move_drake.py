@@ -4,7 +4,8 @@
 
 The job: {"urdf", "base", "joints": [names], "follow": {joint: {driven joint: ratio}}, "rotor" (n, n), "q" (n,) at the
 start, with rates zero, "tick" in s, rows (k, n) of "wanted", "rates" and "feed" for each tick, "kp" and "kd" (n,)}, in
-SI. Efforts are feed + kp (wanted - q) + kd (rates - qd), constant during a tick. Drake gives mass matrix, bias and
+SI, and "viscous" (n,). Efforts are feed + kp (wanted - q) + kd (rates - qd), constant during a tick, and minus viscous
+friction times qd, which is not. Drake gives mass matrix, bias and
 gravity of the tree; passive joints follow the driven ones; integration is by the Runge-Kutta method of fourth order,
 one step a tick. The answer: {"q": (k, n) after each tick, "version"}.
 """
@@ -35,7 +36,7 @@ for name, driven in job["follow"].items():
     for other, ratio in driven.items():
         i = job["joints"].index(other)
         gain_q[joint.position_start(), i] = gain_v[joint.velocity_start(), i] = ratio
-rotor = np.array(job["rotor"])
+rotor, viscous = np.array(job["rotor"]), np.array(job["viscous"])
 
 
 def forward(q, v, efforts):
@@ -43,7 +44,7 @@ def forward(q, v, efforts):
     plant.SetVelocities(context, gain_v @ v)
     M = gain_v.T @ plant.CalcMassMatrix(context) @ gain_v + rotor
     bias = plant.CalcBiasTerm(context) - plant.CalcGravityGeneralizedForces(context)
-    return np.linalg.solve(M, efforts - gain_v.T @ bias)
+    return np.linalg.solve(M, efforts - viscous * v - gain_v.T @ bias)
 
 
 h, q, out = job["tick"], np.array(job["q"], float), []

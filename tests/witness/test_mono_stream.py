@@ -290,6 +290,12 @@ async def a_scene(folder: Path) -> None:
             assert before["last"] == pytest.approx([-x, y, z], abs=1e-6)  # in its base, mirrored as glTFast does
             # The last vertex of the field, in the scene's world and not mirrored.
             assert before["vertex"] == pytest.approx(cloth.at(0.0).fields["cloth"][-1].tolist(), abs=1e-4)
+            count, *rest = before["mesh"]
+            assert count == len(cloth.at(0.0).fields["cloth"])
+            vx, vy, vz = before["vertex"]
+            assert rest[:3] == pytest.approx([-vx, vy, vz], abs=1e-7)  # drawn mirrored, as the robots are
+            (surface,) = cloth.surfaces.values()
+            assert rest[3:] == surface.triangles[:, ::-1].ravel().tolist()  # and its faces look outwards again
             seen.order("tool 0 0 0")
             await seen.until(lambda s: s["holding"])
             for _ in range(100):
@@ -351,6 +357,18 @@ MUTATIONS = {
         "StreamFrame.cs",
         "box[i % 3] + box[3 + i % 3] * U16(data, next + 2 * i)",
         "box[i % 3]",
+    ),
+    "deformables are not mirrored": (
+        "a_scene",
+        "Deformables.cs",
+        "Frames.ToUnity(new Vector3(points[3 * i], points[3 * i + 1], points[3 * i + 2]), convention)",
+        "new Vector3(points[3 * i], points[3 * i + 1], points[3 * i + 2])",
+    ),
+    "the faces of deformables look inwards": (
+        "a_scene",
+        "DeformableDescription.cs",
+        "4 * (i - i % 3 + 2 - i % 3)",
+        "4 * i",
     ),
     "requests name no robot": ("a_scene", "StreamConnection.cs", "Requests.Of(door.Robot, json)", "json"),
     "no release": ("orders", "Grab.cs", "Send(Requests.Release(), false);", ""),

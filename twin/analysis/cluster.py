@@ -21,7 +21,6 @@ if TYPE_CHECKING:
 HERE = "local"
 """Value of --scheduler that starts local workers, one for each processor."""
 
-
 PATIENCE = "10s"
 """Maximum time to wait for a scheduler, as text for Dask."""
 
@@ -63,11 +62,8 @@ def cluster(address: str = HERE, workers: int | None = None) -> Iterator[Client]
 def each(client: Client, function: Callable[..., Any], tasks: Iterable[tuple]) -> Iterator[tuple[int, Any]]:
     """Yield (task index, result) of each finished task, in any order.
 
-    Args:
-        client: client of a scheduler.
-        function: function at the top level of a module that the workers can import; the same arguments must give the
-            same result.
-        tasks: arguments of each task.
+    The function is at the top level of a module that the workers can import, and returns the same result for the same
+    arguments.
 
     Raises:
         Exception: the error that a task raised.

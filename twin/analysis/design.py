@@ -59,7 +59,7 @@ class Factor:
 
     @property
     def scale(self) -> float:
-        """Number that converts a value in `unit` to SI."""
+        """Factor that converts a value in `unit` to SI."""
         return _UNITS[self.unit]
 
 
@@ -165,8 +165,8 @@ def job(
     places = [f.name for f in factors if ":" in f.name]
     if places and set(objectives) - {"tolerance"}:
         raise TwinError(
-            f"--objective: '{places[0]}' is a distance of the mechanism, and only 'tolerance' depends on it; for "
-            "the other objectives vary the parameter of the equations"
+            f"--objective: '{places[0]}' is a distance of the mechanism, which only 'tolerance' uses; for other "
+            "objectives, vary the parameter of the equations"
         )
     if len(places) < len(factors) and "tolerance" in objectives:
         raise TwinError(

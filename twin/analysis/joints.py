@@ -34,11 +34,7 @@ def by_joints(
 ) -> Workspace:
     """Return the workspace of a robot from samples of its joint ranges.
 
-    Args:
-        robot: a robot with forward equations, or with a mechanism only.
-        count: number of samples.
-        step: edge length of a cell in m; default: 1/64 of the largest extent.
-        progress: called with a text on the current activity and the fraction done.
+    `step` is the edge length of a cell in m; default: 1/64 of the largest extent.
 
     Raises:
         TwinError: a prismatic joint has no limits, there are too many cells, or no sample can be assembled.

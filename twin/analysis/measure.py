@@ -8,6 +8,7 @@ once.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import reduce
 from itertools import combinations
 
 import casadi as ca
@@ -24,7 +25,7 @@ NAMES = ("reached", "inverse_condition", "limit_margin", "singularity")
 
 `reached`: 1 or 0. `inverse_condition`: inverse condition number, 0..1. `limit_margin`: margin of the joint nearest to a
 limit (1 in the middle of its range, 0 at the limit). `singularity`: smallest singularity measure of the equations (NaN
-if they have none).
+without measures).
 """
 
 ROOT = 1.2207440846057596
@@ -57,26 +58,52 @@ def kernel(
         from_joints: whether samples are joints; requires forward equations.
         size: number of entries of a sample.
     """
-    program, n = kin.program, len(kin.joints)
     i = ca.SX.sym("i", size)
+    T, q, J, solved = _solved(kin, pose(i), from_joints)
+    state = ca.reshape(T.T, 16, 1) if not from_joints or kin.closed_inverse else q
+    reached, margin = _within(q, limits, bounds, solved)
+    aspects = kin.program.group["aspect"]
+    if aspects.function.numel_out(0):  # a pose in another assembly mode does not count as reached
+        for sign, aspect in zip(ca.vertsplit(aspects.function(state)), kin.formula.aspects, strict=True):
+            reached = ca.logic_and(reached, sign * aspect.preferred > 0)
+    measures = kin.program.group["measure"]
+    singularity = ca.SX(np.nan)
+    if measures.function.numel_out(0):
+        singularity = reduce(ca.fmin, ca.vertsplit(ca.fabs(measures.function(state))))
+    gram = J @ J.T if J.shape[0] <= J.shape[1] else J.T @ J
+    m = gram.shape[0]
+    entries = ca.vertcat(*[gram[r, c] for r in range(m) for c in range(r + 1)])
+    first = ca.Function("pose", [i], [entries, reached, margin, singularity, T[:3, 3]], {"cse": True})
+    known = ("gram", "reached", "margin", "singularity", "position")
+    stages = [
+        Stage(first, ("i",), known),
+        Stage(_sweep(m), ("gram",), ("gram", "error"), _SWEEPS, _BESIDE),
+        Stage(_last(m), ("gram", "reached", "margin", "singularity"), NAMES),
+    ]
+    return Kernel(stages, {"i": size}, [*NAMES, "position"])
+
+
+def _solved(kin: Kinematics, sample: ca.SX, from_joints: bool) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
+    """Return pose (4, 4), joints (n,), scaled Jacobian, and whether the equations have a solution, for a sample.
+
+    The sample is a pose (4, 4) or, with `from_joints`, joints (n,).
+    """
+    program, n, length = kin.program, len(kin.joints), kin.characteristic_length
     if from_joints:
-        q = pose(i)
-        T = ca.reshape(program.forward.function(q), 4, 4).T
-        J = ca.reshape(program.forward_jacobian.function(q), n, 6).T
-        J = ca.vertcat(J[:3, :], J[3:, :] * kin.characteristic_length)
-        reached, state = ca.SX(1), ca.reshape(T.T, 16, 1) if kin.closed_inverse else q
+        T, q, solved = ca.reshape(program.forward.function(sample), 4, 4).T, sample, ca.SX(1)
     else:
-        T = pose(i)
-        state = ca.reshape(T.T, 16, 1)
-        out = program.inverse.function(state)
-        q, reached = out[:-1], out[-1] <= POSE_TOL
-        if kin.closed_forward:  # a redundant arm has many inverse solutions, so use the forward Jacobian
-            J = ca.reshape(program.forward_jacobian.function(q), n, 6).T
-            J = ca.vertcat(J[:3, :], J[3:, :] * kin.characteristic_length)
-        else:
-            J = ca.reshape(program.inverse_jacobian.function(state), 6, n).T
-            J = ca.horzcat(J[:, :3], J[:, 3:] / kin.characteristic_length)
-    margin = ca.SX(1)
+        T, out = sample, program.inverse.function(ca.reshape(sample.T, 16, 1))
+        q, solved = out[:-1], out[-1] <= POSE_TOL
+    if from_joints or kin.closed_forward:  # a redundant arm has many inverse solutions, so use the forward Jacobian
+        J = ca.reshape(program.forward_jacobian.function(q), n, 6).T
+        return T, q, ca.vertcat(J[:3, :], J[3:, :] * length), solved
+    J = ca.reshape(program.inverse_jacobian.function(ca.reshape(T.T, 16, 1)), 6, n).T
+    return T, q, ca.horzcat(J[:, :3], J[:, 3:] / length), solved
+
+
+def _within(q: ca.SX, limits: Array, bounds: Sequence[Bound], solved: ca.SX) -> tuple[ca.SX, ca.SX]:
+    """Return whether a sample is reached, that is, solved with all joints within the limits, and its joint margin."""
+    reached, margin = solved, ca.SX(1)
     for j, (low, high) in enumerate(limits):
         reached = ca.logic_and(reached, q[j] == q[j])  # NaN: out of reach
         if np.isfinite(low) and np.isfinite(high):
@@ -85,36 +112,17 @@ def kernel(
         reached = ca.logic_and(reached, ca.logic_and(q[j] >= low, q[j] <= high))
     for bound in bounds:
         reached = ca.logic_and(reached, ca.dot(ca.SX(ca.DM(bound.weights)), q) >= bound.least)
-    aspects = program.group["aspect"]
-    if aspects.function.numel_out(0):  # a pose in another assembly mode does not count as reached
-        for sign, aspect in zip(ca.vertsplit(aspects.function(state)), kin.formula.aspects, strict=True):
-            reached = ca.logic_and(reached, sign * aspect.preferred > 0)
-    measures = program.group["measure"]
-    singularity = ca.SX(np.nan)
-    if measures.function.numel_out(0):
-        values = ca.vertsplit(ca.fabs(measures.function(state)))
-        singularity = values[0]
-        for value in values[1:]:
-            singularity = ca.fmin(singularity, value)
-    gram = J @ J.T if J.shape[0] <= J.shape[1] else J.T @ J
-    m = gram.shape[0]
-    entries = ca.vertcat(*[gram[r, c] for r in range(m) for c in range(r + 1)])
-    first = ca.Function("pose", [i], [entries, reached, margin, singularity, T[:3, 3]], {"cse": True})
-    known = ("gram", "reached", "margin", "singularity", "position")
-    a, (r, s, t) = ca.SX.sym("a", entries.numel()), (ca.SX.sym(x) for x in "rst")
+    return reached, margin
+
+
+def _last(m: int) -> ca.Function:
+    """Return a function that computes `NAMES` from the diagonalised Gram matrix (m, m) of the Jacobian."""
+    a, (r, s, t) = ca.SX.sym("a", m * (m + 1) // 2), (ca.SX.sym(x) for x in "rst")
     values = [a[k * (k + 1) // 2 + k] for k in range(m)]
-    low, high = values[0], values[0]
-    for value in values[1:]:
-        low, high = ca.fmin(low, value), ca.fmax(high, value)
+    low, high = reduce(ca.fmin, values), reduce(ca.fmax, values)
     inverse_condition = ca.if_else(low > 0, ca.sqrt(ca.fmax(low, 0) / high), 0)
     results = [r, *(ca.if_else(r, x, 0) for x in (inverse_condition, s)), ca.if_else(r, t, np.nan)]
-    last = ca.Function("judged", [a, r, s, t], [ca.densify(x) for x in results])
-    stages = [
-        Stage(first, ("i",), known),
-        Stage(_sweep(m), ("gram",), ("gram", "error"), _SWEEPS, _BESIDE),
-        Stage(last, ("gram", "reached", "margin", "singularity"), NAMES),
-    ]
-    return Kernel(stages, {"i": size}, [*NAMES, "position"])
+    return ca.Function("judged", [a, r, s, t], [ca.densify(x) for x in results])
 
 
 def _sweep(m: int) -> ca.Function:

@@ -29,7 +29,6 @@ class Sweep(Result):
     """Results of evaluated designs.
 
     Attributes:
-        robot: name of the robot.
         work: the factors and the objectives.
         designs: (k, factors) in SI units, the CAD's design first.
         judged: (k, objectives) values, in the units of `design.OBJECTIVES`.
@@ -126,7 +125,7 @@ def sweep(
         vary: factors, NAME=LOW..HIGH with a unit, see `twin.analysis.design.factor`.
         folder: function from a hash of the request to the folder in which each result is stored immediately.
         source: name or path by which workers load the robot.
-        objectives: names in `twin.analysis.design.OBJECTIVES`; default: those that depend on the factors.
+        objectives: names in `twin.analysis.design.OBJECTIVES`; default: all objectives that depend on the factors.
         protocol: name of the protocol that sets the trocar positions; default: the robot's default protocol.
         samples: number of designs in a Latin hypercube; not used with `grid`.
         grid: number of levels of each factor; None: Latin hypercube.

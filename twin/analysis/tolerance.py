@@ -62,7 +62,6 @@ class Budget:
     """Tool error of a mechanism in one state.
 
     Attributes:
-        name: name of the state.
         q: (n,) active joints in m or rad.
         sensitivity: (6, errors) tool shift (m) and rotation (rad), in base, per unit of each error.
         labels: (errors,) joint or encoder of each error.
@@ -133,13 +132,9 @@ class Tolerances:
         self._slopes = self._derivatives(T)
 
     def budget(self, name: str, q: Array, samples: int = 0, rng: np.random.Generator | None = None) -> Budget:
-        """Return the tool error at active joints q (n,).
+        """Return the tool error at active joints q (n,) in m or rad.
 
-        Args:
-            name: name of the state.
-            q: (n,) in m or rad.
-            samples: number of samples of the Monte Carlo check; 0: no check.
-            rng: random generator of the samples.
+        `samples` is the number of samples of the Monte Carlo check; 0: no check.
 
         Raises:
             AssemblyError: the loops cannot be closed at q.
@@ -279,8 +274,6 @@ class ToleranceBudget(Result):
     """Tool error in several states, compared with the requirement.
 
     Attributes:
-        robot: name of the robot.
-        spread: standard deviations of the errors.
         budgets: one budget for each state; Monte Carlo checks only the state with the largest error.
         required: position error in m that the fraction `SHARE` of robots must not exceed, or None.
         requirement: provenance and note of the requirement.
@@ -334,7 +327,7 @@ class ToleranceBudget(Result):
         return 1 if self.findings else 0
 
     def content(self) -> dict[str, Any]:
-        """Return plain data, in SI units unless the key names a unit."""
+        """Return plain data; a key names its unit if the unit is not an SI unit."""
         s = self.spread
         return {
             "robot": self.robot,
@@ -343,7 +336,7 @@ class ToleranceBudget(Result):
                 "sigma_deg": s.turn / DEG,
                 "encoder_um": s.slide / UM,
                 "encoder_deg": s.angle / DEG,
-                "note": "normal, independent, for each axis of each joint frame; ASSUMED unless given",
+                "note": "normal, independent, for each axis of each joint frame; ASSUMED if not given",
             },
             "required_um": None if self.required is None else self.required / UM,
             "requirement": self.requirement,
@@ -356,7 +349,7 @@ class ToleranceBudget(Result):
         """Yield a row for each state, the Monte Carlo check, and whether the requirement is met."""
         s = self.spread
         yield f"{self.robot} · tool error caused by part and encoder errors\n"
-        yield "  standard deviations (ASSUMED unless given):"
+        yield "  standard deviations (ASSUMED if not given):"
         place = f"joint frames {s.shift / UM:g} µm and {s.turn / DEG:g}° for each axis"
         yield f"  {place}; encoders {s.slide / UM:g} µm and {s.angle / DEG:g}°\n"
         rows = []

@@ -115,7 +115,6 @@ class Workspace(Result):
     """The workspace of a robot.
 
     Attributes:
-        robot: name of the robot.
         grid: the evaluated positions and orientations.
         values: (positions, 4) values, see `COLUMNS`.
         facts: further results, by key of the JSON output.
@@ -210,10 +209,8 @@ def volume_error(cube: np.ndarray, cell: float) -> float:
 
     The result is the standard deviation of eight volumes, from the interleaved grids with twice the step. Measurements
     on SILS with shifted grids of 6 to 32 mm show that this is about twice the standard deviation of the full grid.
-
-    Args:
-        cube: (nx, ny, nz) bool, whether a position is reached.
-        cell: volume of one cell; the result has its unit.
+    `cube` (nx, ny, nz) states whether each position is reached; the result has the unit of `cell`, the volume of one
+    cell.
     """
     parts = [cube[i::2, j::2, k::2].sum() for i in (0, 1) for j in (0, 1) for k in (0, 1)]
     return float(8 * cell * np.std(parts))

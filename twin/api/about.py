@@ -23,8 +23,9 @@ SCENE_COMMANDS = ("info", "run", "view", "serve", "export")
 
 
 def scene_commands(scene: Scene) -> tuple[str, ...]:
-    """Return the commands that accept a scene; "run" and "export" require protocols, "operate" requires tasks."""
-    return (*(SCENE_COMMANDS if scene.plays else ("info", "view", "serve")), *(("operate",) if scene.tasks else ()))
+    """Return the commands that accept a scene; "run" and "export" require protocols, "operate" tasks or machines."""
+    operated = ("operate",) if scene.tasks or scene.trainer is not None else ()
+    return (*(SCENE_COMMANDS if scene.plays else ("info", "view", "serve")), *operated)
 
 
 @dataclass(frozen=True)
@@ -83,7 +84,6 @@ class SceneInfo(Result):
 
     Attributes:
         data: plain data.
-        findings: always empty.
     """
 
     kind: ClassVar[str] = "info"
@@ -100,7 +100,7 @@ class SceneInfo(Result):
         yield f"{data['name']}: {data['title']}\n  {data['source']}\n"
         rows = [
             (
-                r["name"] if r["name"] == r["robot"] else f"{r['name']} ({r['robot']})",
+                _label(r),
                 r["protocol"],
                 r["port"],
                 _point(r["port_mm"]),
@@ -124,7 +124,6 @@ class Listing(Result):
     Attributes:
         robots: name, kind, title, equations, stage and protocols of each.
         scenes: name, kind, title and robots of each.
-        findings: always empty.
     """
 
     kind: ClassVar[str] = "list"
@@ -311,7 +310,7 @@ def _parameters(parameters: Sequence[Mapping[str, Any]]) -> Table:
     return Table((), rows, fit=True)
 
 
-def _kind(r: Mapping[str, Any]) -> str:
+def _label(r: Mapping[str, Any]) -> str:
     """Return the name of a robot in a scene, with its built-in robot in parentheses if the names differ."""
     return r["name"] if r["name"] == r["robot"] else f"{r['name']} ({r['robot']})"
 

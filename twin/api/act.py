@@ -65,8 +65,7 @@ def operate(
 def load_scene(scene: str | Path) -> Scene:
     """Return the scene with a name or path.
 
-    Args:
-        scene: the name of a built-in scene, or the path of a scene.toml or of its folder.
+    `scene` is the name of a built-in scene, or the path of a scene.toml or of its folder.
 
     Raises:
         TwinError: there is no such scene.
@@ -140,14 +139,14 @@ def robots_at(places: Iterable[Place]) -> dict[str, Robot]:
 
 
 def props_of(scene: Scene) -> Mechanism | None:
-    """Return the mechanism of the props of a scene; None: it has none."""
+    """Return the mechanism of the props of a scene; None without props."""
     from twin.cad.build import read_props
 
     return None if scene.props is None else read_props(scene.props)
 
 
 def anatomy_of(scene: Scene) -> Mechanism | None:
-    """Return the mechanism whose bodies are the soft organs of a scene; None: it has none."""
+    """Return the mechanism whose bodies are the soft organs of a scene; None without organs."""
     from twin.cad.build import read_props
 
     return None if scene.anatomy is None else read_props(scene.file.parent / scene.anatomy.file)

@@ -32,6 +32,7 @@ from twin.simulation.session.measures import ArmMeasures, ConsoleMeasures
 from twin.simulation.session.rings import BoardMeasures
 from twin.simulation.session.run import Ran
 from twin.simulation.session.touch import Touched, touched
+from twin.simulation.session.training import Training
 
 if TYPE_CHECKING:
     from twin.exchange.write.clip import Clip
@@ -63,16 +64,15 @@ class ConsoleSession(Result):
     """Measures of a session at a console.
 
     Attributes:
-        scene: the scene.
         source: the replayed file; "" for a new simulation.
         seed: random seed of a simulated surgeon; None: a person.
         task: the task; None: no task.
-        ran: signals of the session.
         arms: all robots that the console moves, by name.
-        lost: sentence that states where the file ends; "" if the file is complete.
+        lost: sentence on the end of a truncated file; "" if the file is complete.
         recorded: content of the session file of a simulated surgeon; None for a replayed file.
         pegs: pegs of a task with rings, by name.
         aligned: measures of a task with an alignment; None for another task.
+        training: measures of the machines.
     """
 
     scene: Scene
@@ -85,6 +85,7 @@ class ConsoleSession(Result):
     recorded: bytes | None = None
     pegs: Mapping[str, Peg] = field(default_factory=dict)
     aligned: AlignMeasures | None = None
+    training: Sequence[Training] = ()
 
     kind = "session"
 
@@ -94,8 +95,13 @@ class ConsoleSession(Result):
         if self.verdict == "agree":
             done = "All targets were touched" if self.board is None else "All rings are on their pegs"
             done = done if self.aligned is None else "The endoscope is aligned"
+            done = "The machine followed its model" if self.training else done
             return "The replay gives the same bytes" if self.source else done
-        return super().word
+        codes = {f.code for f in self.findings if f.severity == "disagreement"}
+        if "task.missed" in codes:
+            missed = "Not all targets were touched" if self.board is None else "Not all rings are on their pegs"
+            return missed if self.aligned is None else "The endoscope is not aligned"
+        return "The replay gives different bytes" if "session.differs" in codes else super().word
 
     @property
     def t(self) -> Array:
@@ -132,7 +138,7 @@ class ConsoleSession(Result):
 
     @cached_property
     def forces(self) -> ForceMeasures | None:
-        """Measures of the forces on the hands; None: the session has none."""
+        """Measures of the forces on the hands; None for a session without forces."""
         return forces.measure(self.ran.kept, HANDS)
 
     @property
@@ -188,13 +194,14 @@ class ConsoleSession(Result):
                 if r.t is None
             ]
         out += self._unaligned()
+        out += [finding for machine in self.training for finding in machine.findings()]
         if find_spec("mcap") is None:
             text = f"session.mcap is not written: pip install 'twin-robotics[{EXTRAS['mcap']}]'"
             out.append(info("session.no_mcap", "", text))
         return out
 
     def _unaligned(self) -> Iterator[Finding]:
-        """Yield findings on a camera that is not aligned, and on two angles that differ or of which one is missing."""
+        """Yield findings on an unaligned camera, on two angles that differ, and on a missing angle."""
         if (a := self.aligned) is None or self.task is None or self.task.alignment is None:
             return
         wanted = self.task.alignment
@@ -271,6 +278,7 @@ class ConsoleSession(Result):
             "forces": None
             if (f := self.forces) is None
             else {"on": f.on, "felt_s": dict(f.felt), "largest_n": dict(f.largest)},
+            "machines": [machine.content() for machine in self.training],
             "board": None
             if (board := self.board) is None
             else {
@@ -334,6 +342,9 @@ class ConsoleSession(Result):
                 (x.name, "not touched" if x.t is None else f"{x.t:.1f} s", str(mm(x.nearest))) for x in self.touched
             ]
             yield Table(("target", "touched at", "smallest distance"), targets)
+        for machine in self.training:
+            yield f"\n  {machine.robot}: a machine beside its model"
+            yield Table(("phase", "time", "from its model, at most", "from the record", "why"), list(machine.rows()))
         if self.source and self.ran.difference is None:
             yield f"\n  replay: the same bytes in all {self.ran.ticks} ticks"
         yield ""
@@ -374,6 +385,8 @@ class ConsoleSession(Result):
             if self.forces is not None:
                 out |= {f"{hand}_force_{axis}_n": kept[f"{hand}.force"][:, i] for i, axis in enumerate("xyz")}
         for name, arm in self.arms.items():
+            if f"{name}.deviation" in kept.sizes:
+                out[f"{name}_deviation_m"] = kept[f"{name}.deviation"][:, 0]
             if name != self.camera:
                 out[f"{name}_follows"] = kept[f"{name}.follows"][:, 0]
                 out |= {f"{name}_tip_{axis}_m": arm.tip[:, i] for i, axis in enumerate("xyz")}
@@ -450,7 +463,10 @@ def _aligned_rows(a: AlignMeasures) -> list[tuple[str, str]]:
     return [
         ("AlignErr by projection", angle),
         ("AlignErr in the picture", "-" if a.seen is None else f"{a.seen / DEG:+.3f} deg"),
-        ("ends of the upper side from those of the line", "-" if np.isnan(a.off) else f"{a.off:.1%} of its length"),
+        (
+            "distance of the upper side's ends from the line's ends",
+            "-" if np.isnan(a.off) else f"{a.off:.1%} of its length",
+        ),
         ("time from the first press of the camera pedal to the last motion", f"{a.time:.1f} s"),
         ("path of the lens", str(mm(a.path))),
         *((f"path of the {hand} hand while it moved the camera", str(mm(p))) for hand, p in a.hands.items()),

@@ -63,11 +63,7 @@ class StageCheck(Result):
 def check_build(robot: Robot, folder: Path | None = None, word: str = "", progress: Progress = silent) -> StageCheck:
     """Compare a robot's USD stage with a new build in a temporary folder.
 
-    Args:
-        robot: a robot with CAD.
-        folder: folder of the stage; default: the robot's own stage.
-        word: name of the robot in the rebuild command; default: the robot's name.
-        progress: see `Progress`.
+    The default folder is the robot's own stage. `word` is the name of the robot in the rebuild command.
 
     Raises:
         TwinError: the robot was loaded from a stage, or cannot be built.

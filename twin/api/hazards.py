@@ -1,4 +1,4 @@
-"""Run a campaign of faults on the machine of a robot, in several processes, with a log that lets it go on."""
+"""Run a campaign of faults on the machine of a robot, in several processes; an interrupted campaign can continue."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import os
 import time
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,24 +16,42 @@ from twin.api.robot import Progress, Robot, load, silent
 from twin.core.errors import TwinError
 
 if TYPE_CHECKING:
-    from twin.simulation.hazards.campaign import Campaign
     from twin.simulation.hazards.summary import Hazards
+    from twin.simulation.hazards.trends import Trends
     from twin.simulation.machine.machine import Parts
+    from twin.simulation.machine.settings import Mode, Policy
 
 FILE = "hazards.jsonl"
 """Name of the log in the folder of a campaign."""
 
 _POLL = 0.05
-"""Time in s between two looks at the processes."""
+"""Time in s between two checks of the processes."""
+
+
+@dataclass(frozen=True)
+class Software:
+    """Settings of the machine's software for a campaign, see `machine_parts`; None: as in machine.toml."""
+
+    mode: Mode | None = None
+    overdrive: Policy | None = None
+    released: tuple[str, ...] | None = None
+
+    def parts(self, robot: Robot) -> Parts:
+        """Return what the machines of a robot with these settings are made of."""
+        return machine_parts(robot, mode=self.mode, overdrive=self.overdrive, released=self.released)
 
 
 @dataclass(frozen=True)
 class Share:
-    """Sessions for one process: the robot's folder or name, the campaign file, and the sessions' indices."""
+    """Sessions for one process: the robot's folder or name, the campaign file, the sessions' indices, the software."""
 
     robot: str
     campaign: str
     indices: tuple[int, ...]
+    software: Software = Software()
+
+
+_AS_FILED = Software()
 
 
 def hazards(
@@ -43,6 +62,7 @@ def hazards(
     source: str | None = None,
     sessions: int | None = None,
     processes: int | None = None,
+    software: Software = _AS_FILED,
     progress: Progress = silent,
 ) -> Hazards:
     """Run the sessions of a campaign that are not yet in its log, and return the outcome of all.
@@ -54,21 +74,24 @@ def hazards(
         source: name or path by which other processes load the robot; None: its name.
         sessions: number of sessions to run now at most; None: all.
         processes: number of processes; None: one for each processor.
+        software: settings of the machine's software.
         progress: see `Progress`.
 
     Raises:
-        TwinError: a file is missing or malformed, a target is unknown, or the log is that of another campaign.
+        TwinError: a file is missing or malformed, a target is unknown, or the log belongs to another campaign.
     """
     from twin.core.jobs import Stream
-    from twin.simulation.hazards.campaign import FREE
+    from twin.simulation.hazards.campaign import load as load_campaign
     from twin.simulation.hazards.log import Log
     from twin.simulation.hazards.summary import Hazards
 
-    parts = machine_parts(robot)
+    parts = software.parts(robot)
     path = campaign_file(robot, campaign)
-    plan = _campaign(parts, path)
+    plan = load_campaign(path, parts.places)
     digest = hashlib.sha256(path.read_bytes()).hexdigest()
-    log = Log(folder / FILE, {"log": "twin-hazards", "version": 1, "robot": robot.name, "campaign": digest})
+    s = parts.settings
+    run = {"mode": s.mode, "overdrive": s.overdrive, "released": s.released.model_dump()}
+    log = Log(folder / FILE, {"log": "twin-hazards", "version": 2, "robot": robot.name, "campaign": digest, **run})
     left = [i for i in range(len(plan)) if i not in log.rows][: len(plan) if sessions is None else sessions]
     count = max(1, min(processes or os.cpu_count() or 1, len(left)))
     streams: list[Stream[dict[str, Any]]] = []
@@ -76,7 +99,7 @@ def hazards(
         for k in range(count if left else 0):
             stream: Stream[dict[str, Any]] = Stream(outcomes)
             streams.append(stream)
-            stream.start(Share(source or robot.name, str(path.resolve()), tuple(left[k::count])))
+            stream.start(Share(source or robot.name, str(path.resolve()), tuple(left[k::count]), software))
         running, done = set(range(len(streams))), 0
         while running:
             for k in sorted(running):
@@ -94,38 +117,52 @@ def hazards(
         for stream in streams:
             stream.close()
         log.close()
-    outcomes_of = {c.name: c.outcome for c in plan.table.class_} | {FREE: "no fault"}
     assumed = [
-        f"  ASSUMED {p.name} = {p.value:g} {p.unit}: {p.note}"
-        for p in parts.settings.parameters()
+        f"  ASSUMED {p.name} = {p.shown:g} {p.unit}: {p.note}"
+        for p in (*s.parameters(), *plan.parameters())
         if p.provenance == "ASSUMED"
     ]
     rows = [log.rows[i] for i in sorted(log.rows)]
-    return Hazards(robot.name, plan.table.title, len(plan), rows, outcomes_of, assumed)
+    return Hazards(robot.name, plan.table, len(plan), rows, assumed)
 
 
 def outcomes(share: Share) -> Iterator[dict[str, Any]]:
     """Yield the line of each session of a share; this runs in a separate process."""
-    from twin.simulation.hazards.attacked import Arena
+    from twin.simulation.hazards.attacked import Arena, Session
+    from twin.simulation.hazards.campaign import load as load_campaign
 
-    parts = machine_parts(load(share.robot))
-    plan, arena = _campaign(parts, Path(share.campaign)), Arena(parts)
+    parts = share.software.parts(load(share.robot))
+    plan = load_campaign(Path(share.campaign), parts.places)
+    arena = Arena(parts, plan.adaptive)
     for index in share.indices:
         drawn = plan.draw(index)
-        found = arena.run(plan.faults(drawn), drawn.start, drawn.length, drawn.mass, drawn.friction)
-        yield asdict(drawn) | asdict(found)
+        session = Session(
+            partial(plan.faults, drawn), drawn.start, drawn.length, drawn.mass, drawn.friction, drawn.scale
+        )
+        found = arena.run(session)
+        trained = found.noticeable and index < plan.table.trained
+        response = arena.respond(session, plan.reaction(index)) if trained else None
+        yield asdict(drawn) | asdict(found) | {"response": None if response is None else asdict(response)}
+
+
+def trends(robot: Robot, *, software: Software = _AS_FILED, progress: Progress = silent) -> Trends:
+    """Run the second paper's experiments: deviation by motion scale, and a motor that is stuck every 8 s.
+
+    Args:
+        robot: a robot with machine.toml.
+        software: settings of the machine's software.
+        progress: see `Progress`.
+
+    Raises:
+        TwinError: see `machine_parts`.
+    """
+    from twin.simulation.hazards.trends import trends
+
+    return trends(robot.name, software.parts(robot), progress)
 
 
 def campaign_file(robot: Robot, campaign: str | Path) -> Path:
-    """Return the path of a campaign: a path with a suffix as it is, a name in the robot's folder `campaigns`."""
+    """Return the path of a campaign; a name without suffix is a file in the robot's folder `campaigns`."""
     if Path(campaign).suffix or robot.files is None:
         return Path(campaign)
     return robot.files.cad / "campaigns" / f"{campaign}.toml"
-
-
-def _campaign(parts: Parts, path: Path) -> Campaign:
-    from twin.simulation.hazards import campaign
-    from twin.simulation.machine.itp import FIELDS
-
-    motors = tuple(parts.arm.mechanism.motor_names)
-    return campaign.load(path, {"packet": FIELDS, "encoder": motors, "dac": motors})

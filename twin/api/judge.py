@@ -55,8 +55,8 @@ def validate(
         trajectory: the planned trajectory; None: the function plans it.
         protocol: the protocol of the trajectory; default: the robot's default protocol.
         variants: variants of the equations to judge; the motion is always planned with the robot's own variants.
-        tolerances: maximum deviations; default: those of exact geometry, increased by the placement precision of the
-            CAD.
+        tolerances: maximum deviations; default: tolerances of exact geometry, increased by the placement precision of
+            the CAD.
         stage: root layer to judge; default: the robot's own stage, or a new build if it is missing or outdated.
         baked: whether the motion in `stage` was baked from this trajectory. Otherwise a difference is only a warning.
         progress: see `Progress`.

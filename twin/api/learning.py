@@ -15,12 +15,10 @@ from twin.validation.ranks import Ranks, Users, compare_users
 
 
 def study_sessions(groups: Mapping[str, Sequence[str | Path]], progress: Progress = silent) -> Ranks:
-    """Compare groups of sessions of one task, such as first and last ones, or those with and without haptics.
+    """Compare groups of sessions of one task, such as first and last sessions, or sessions with and without haptics.
 
-    Args:
-        groups: files of each group in the order in which the sessions took place, by name of the group. A file is a
-            session, which is replayed, or the session.json of `twin session --out` or `twin operate`.
-        progress: see `Progress`.
+    `groups` gives the files of each group, in the order of the sessions. A file is a session, which
+    is replayed, or the session.json of `twin session --out` or `twin operate`.
 
     Raises:
         DescriptionError: there are fewer than two groups, a file is not a session, or tasks differ.

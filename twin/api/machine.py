@@ -1,15 +1,18 @@
-"""Make the machine of a robot: its motors, control software and PLC, to run in real time or tick by tick."""
+"""Create the machine of a robot, in a child process or to run tick by tick; connect to the machines of a scene."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
+from multiprocessing.connection import Connection
 from typing import TYPE_CHECKING
 
-from twin.api.robot import Robot
-from twin.core.errors import TwinError
+from twin.api.robot import Robot, load
+from twin.core.errors import DeviceError, TwinError, unknown
+from twin.core.processes import Apart
 
 if TYPE_CHECKING:
     from twin.simulation.hazards.fault import Fault
+    from twin.simulation.machine.link import Address, MachineLink
     from twin.simulation.machine.machine import Machine, Parts
     from twin.simulation.machine.settings import Mode, Policy
 
@@ -20,17 +23,21 @@ def machine_parts(
     mode: Mode | None = None,
     overdrive: Policy | None = None,
     master_timeout: float | None = None,
+    released: Collection[str] | None = None,
 ) -> Parts:
-    """Return what the machines of a robot are made of, compiled once.
+    """Return the compiled parts of a robot's machines; several machines can share them.
 
     Args:
         robot: a robot with inertia.toml and machine.toml in its folder, and with a closed inverse.
         mode: limits of the DAC; None: as in machine.toml.
-        overdrive: what happens above them; None: as in machine.toml.
+        overdrive: policy above these limits; None: as in machine.toml.
         master_timeout: time in s without a packet after which the pedal counts as up; None: as in machine.toml.
+        released: findings of the released software that this one has, names of `settings.Released`, the others being
+            corrected; "none" stands for no name; None: as in machine.toml.
 
     Raises:
-        TwinError: a file is missing or malformed, the mechanism has loops, or the time-out is not above 0.
+        TwinError: a file is missing or malformed, the mechanism has loops, the gains make it oscillate, a finding is
+            unknown, or the time-out is not above 0.
     """
     from twin.simulation.dynamics import inertia
     from twin.simulation.dynamics.arm import arm
@@ -42,6 +49,12 @@ def machine_parts(
     model = arm(robot.mechanism, inertia.of_robot(robot.files.cad))
     table = settings.load(robot.files.cad / settings.NAME, model.mechanism)
     table = table.model_copy(update={"mode": mode or table.mode, "overdrive": overdrive or table.overdrive})
+    if released is not None:
+        known = list(settings.Released.model_fields)
+        for name in set(released) - {"none"}:
+            if name not in known:
+                raise TwinError(unknown("finding of the released software", name, known))
+        table = table.model_copy(update={"released": settings.Released(**{n: n in released for n in known})})
     if master_timeout is not None:
         if not master_timeout > 0:
             raise TwinError(f"the time-out of the master is {master_timeout:g} s; it must be above 0")
@@ -53,14 +66,10 @@ def machine_parts(
 def machine(
     parts: Parts, *, mass: float = 1.0, friction: float = 1.0, tilt: float = 0.0, faults: Sequence[Fault] = ()
 ) -> Machine:
-    """Return a machine at home, in E_STOP; the control software does not know how its plant differs.
+    """Return a machine at home, in E_STOP; the control software has no information on the changes below.
 
-    Args:
-        parts: see `machine_parts`.
-        mass: factor of all masses.
-        friction: factor of all friction.
-        tilt: tilt of the base about its x axis in rad.
-        faults: faults of the signals `packet`, `encoder` and `dac`.
+    `mass` and `friction` are factors of all masses and of all friction; `tilt` in rad turns the base about its x axis.
+    Faults change signals of `twin.simulation.machine.machine.LOCATIONS`.
 
     Raises:
         TwinError: a mass is not above 0, a friction is negative, or a fault has an unknown signal.
@@ -69,3 +78,123 @@ def machine(
 
     physics = parts.plant.physics.changed(mass, friction, tilt)
     return Machine(parts, physics=physics, faults=faults)
+
+
+class ChildMachine:
+    """A machine in a child process. The process ends at `close` or with the parent process.
+
+    Attributes:
+        address: network address of the machine.
+    """
+
+    def __init__(self, robot: str, *, mass: float = 1.0, friction: float = 1.0, faults: Sequence[Fault] = ()) -> None:
+        """Start the machine of a robot, a name or folder, and press its start button; see `machine`.
+
+        Raises:
+            TwinError: the robot cannot be a machine, or the process has ended.
+        """
+        from twin.simulation.machine.link import Address
+        from twin.simulation.machine.server import HOST
+
+        self._process = Apart(_run, robot, mass, friction, tuple(faults))
+        try:
+            told = self._process.line.recv()
+        except EOFError:
+            raise DeviceError(f"the machine of {robot} has ended before it was ready") from None
+        if isinstance(told, str):
+            raise DeviceError(f"the machine of {robot} has not started: {told}")
+        self.address = Address(HOST, *told)
+
+    @property
+    def alive(self) -> bool:
+        """Whether the process is running."""
+        return self._process.alive
+
+    def close(self) -> None:
+        """End the process."""
+        self._process.close()
+        self._process.line.close()
+
+
+def _run(line: Connection, name: str, mass: float, friction: float, faults: Sequence[Fault]) -> None:
+    """Run a machine in the child process until the parent process closes the connection."""
+    from twin.simulation.machine.server import Server
+
+    try:
+        made = machine(machine_parts(load(name)), mass=mass, friction=friction, faults=faults)
+        server = Server(made)
+    except TwinError as error:
+        line.send(str(error))
+        return
+    made.start()
+    line.send((server.port, server.state_port))
+    try:
+        server.run(ends=lambda: _has_gone(line))
+    finally:
+        server.close()
+
+
+def _has_gone(line: Connection) -> bool:
+    try:
+        return line.poll() and line.recv() is None
+    except (EOFError, OSError):
+        return True
+
+
+class Machines:
+    """The machines of a scene, each in a child process or already running; a context manager.
+
+    Attributes:
+        parts: compiled parts of the machines, by robot.
+        links: connections to the machines, by robot.
+    """
+
+    def __init__(
+        self,
+        robots: Mapping[str, Robot],
+        sources: Mapping[str, str],
+        running: Mapping[str, Address] | None = None,
+        start: Callable[[str], ChildMachine] = ChildMachine,
+    ) -> None:
+        """Connect to the machines, and start those that are not running.
+
+        Args:
+            robots: the robots that are machines, by the names of their places.
+            sources: name or folder of each robot.
+            running: addresses of the machines that are already running, by place.
+            start: starts the machine of a robot, a name or folder.
+
+        Raises:
+            TwinError: a robot cannot be a machine, a place is unknown, or a machine does not answer.
+        """
+        from twin.simulation.machine.link import MachineLink
+
+        running = running or {}
+        for name in running:
+            if name not in robots:
+                raise TwinError(unknown("machine", name, robots))
+        self.parts = {n: machine_parts(robot) for n, robot in robots.items()}
+        self.links: dict[str, MachineLink] = {}
+        self._children: list[ChildMachine] = []
+        try:
+            for name in robots:
+                if (address := running.get(name)) is None:
+                    self._children.append(start(sources[name]))
+                    address = self._children[-1].address
+                self.links[name] = MachineLink(address, len(self.parts[name].home))
+        except TwinError:
+            self.close()
+            raise
+
+    def __enter__(self) -> Machines:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """End the connections, and the machines that were started here."""
+        for link in self.links.values():
+            link.close()
+        for child in self._children:
+            child.close()

@@ -40,10 +40,9 @@ class ProcedureSession(Result):
         scene, task: the scene, and its task.
         source: the replayed file; "" for a new simulation.
         seed: random seed of a simulated surgeon; None: a person.
-        mistake: the mistake that the simulated surgeon was asked to make; "": none, or unknown.
-        ran: signals of the session.
-        organ: the organ that is taken out.
-        lost: sentence that says where the file ends; "" if the file is complete.
+        mistake: the intended mistake of the simulated surgeon; "": no mistake, or unknown.
+        organ: the organ to remove.
+        lost: sentence on the end of a truncated file; "" if the file is complete.
         recorded: content of the session file of a simulated surgeon; None for a replayed file.
     """
 
@@ -62,7 +61,14 @@ class ProcedureSession(Result):
     @property
     def word(self) -> str:
         """The verdict as text."""
-        return "All stages are done" if self.verdict == "agree" else super().word
+        if self.verdict == "agree":
+            return "All stages are done"
+        checks = self.measures.checks
+        if self.measures.done or self.verdict != "disagree":
+            return "The replay gives different bytes" if self.ran.difference is not None else super().word
+        if failed := sum(c.lost for c in checks):
+            return f"{failed} of {len(checks)} checks {'is' if failed == 1 else 'are'} failed"
+        return f"Not finished: {sum(c.done for c in checks)} of {len(checks)} checks are passed"
 
     @property
     def procedure(self) -> ProcedureTable:
@@ -132,7 +138,7 @@ class ProcedureSession(Result):
         yield from by_severity(self.findings)
 
     def write(self, folder: Path) -> None:
-        """Write procedure.csv (what the checks use, over time), and the session file of a simulated surgeon."""
+        """Write procedure.csv (the signals that the checks use), and the session file of a simulated surgeon."""
         kept, p = self.ran.kept, self.procedure
         columns = {"t_s": kept.t, "seen": kept[f"{p.vessel}.seen"][:, 0]}
         columns["freed"] = kept[f"{p.organ}.freed"].sum(axis=1)
@@ -192,10 +198,7 @@ def replay_procedure(
 ) -> ProcedureSession:
     """Replay the session of a procedure in a new World, compare it with the recording bit by bit, and judge it.
 
-    Args:
-        path: a session file.
-        scene: the scene of the session, as name, path or loaded scene; default: the built-in scene that the file names.
-        progress: see `Progress`.
+    The default scene is the built-in scene that the file names.
 
     Raises:
         WorldError: the file is damaged, of another version or of another scene.

@@ -74,9 +74,8 @@ class Study(Result):
 def study(source: Robot | str | Path) -> Result:
     """Recompute the published tables of a robot, a console or a study file, or compare groups of users.
 
-    Args:
-        source: a robot, its name or folder; the name of a study; or the path of a study file (.toml) or of a table of
-            users (.csv with a column `group`).
+    `source` is a robot, its name or folder; the name of a study; or the path of a study file (.toml) or of a table of
+    users (.csv with a column `group`).
 
     Raises:
         TwinError: there is nothing to recompute, or a file is malformed.
@@ -95,7 +94,7 @@ def study(source: Robot | str | Path) -> Result:
         return _users(paths)
     if robot.files is None or not (robot.files.cad / "exhibit.toml").is_file():
         raise TwinError(
-            f"{robot.name} has neither a study file nor published inertia tables (cad/exhibit.toml); give the path "
+            f"{robot.name} has no study file and no published inertia tables (cad/exhibit.toml); give the path "
             "of a study file"
         )
     return _inertias(robot.files.cad / "exhibit.toml")
@@ -170,7 +169,6 @@ class Masses(Result):
     """All sources that state masses of a robot (CAD, stage, tables), and whether the masses are physically possible.
 
     Attributes:
-        robot: name of the robot.
         sources: the sources, each with its bodies and findings.
     """
 
@@ -264,7 +262,6 @@ class PublishedMotion(Result):
     """Published equations of motion, compared with the dynamics of the mechanism.
 
     Attributes:
-        robot: name of the robot.
         source: document of the equations.
         states: number of random states.
         judged: rows, cause and findings.
@@ -279,7 +276,7 @@ class PublishedMotion(Result):
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """Terms that differ, and properties that do not hold."""
+        """Findings on differing terms and violated properties."""
         return tuple(self.judged.findings)
 
     def content(self) -> dict[str, Any]:
@@ -308,11 +305,6 @@ class PublishedMotion(Result):
 def equations_of_motion(robot: Robot, states: int = 200, seed: int = 0) -> PublishedMotion:
     """Compare a robot's published equations of motion with the dynamics of its mechanism, masses of inertia.toml.
 
-    Args:
-        robot: a robot whose equations include equations of motion.
-        states: number of random states.
-        seed: seed of the states.
-
     Raises:
         TwinError: the robot has no published equations of motion, or no masses.
     """
@@ -323,7 +315,7 @@ def equations_of_motion(robot: Robot, states: int = 200, seed: int = 0) -> Publi
     form = robot.formula.motion if robot.formula is not None else None
     if form is None or robot.files is None:
         raise TwinError(
-            f"{robot.name} has no published equations of motion; of the built-in robots, raven_left has some"
+            f"{robot.name} has no published equations of motion; of the built-in robots, only raven_left has them"
         )
     dynamics = arm(robot.mechanism, inertia.of_robot(robot.files.cad)).dynamics()
     return PublishedMotion(robot.name, form.source, states, judge(form, dynamics, states, seed))
@@ -334,10 +326,7 @@ def console(
 ) -> Contract:
     """Judge the published equations of a surgeon's console, each clause (one requirement of its contract) separately.
 
-    Args:
-        name: name of the console.
-        variants: one variant for all equations ("paper", "conjugate", "decoupled"), or {equation: variant}.
-        progress: see `Progress`.
+    `variants` is one variant for all equations ("paper", "conjugate", "decoupled"), or {equation: variant}.
 
     Raises:
         TwinError: there is no such console, equation or variant.

@@ -46,7 +46,7 @@ def names() -> list[str]:
 
 
 class Source:
-    """The CAD or USD stage of a robot; it is read once and shared by all robots made from it."""
+    """The CAD or USD stage of a robot, read once and shared by all robots with this source."""
 
     def __init__(self, files: assets.RobotFiles | None, stage: Path | None, tool: str | None = None) -> None:
         self.files, self.stage, self.tool = files, stage, tool
@@ -112,7 +112,7 @@ class Robot:
         files: files of the robot; None if it was loaded from a stage.
         chosen_variants: {equation: variant}, one name for all equations, or None (the default of each equation).
         parameters: values (SI) by name that replace published values in the equations.
-        trocars: positions (3,) in base in m, by name, that replace those of the description.
+        trocars: positions (3,) in base in m, by name; they replace the positions of the description.
         is_weighed: whether the masses of the bodies are computed.
         changed: mechanism that replaces the mechanism of the source (a design, a seeded fault), or None.
         equations: formula that replaces the formula of the source, or None.
@@ -165,7 +165,7 @@ class Robot:
     def kinematics(
         self, variants: Mapping[str, str] | str | None = None, parameters: Mapping[str, float] | None = None
     ) -> Kinematics:
-        """Return the compiled equations, with the robot's variants and parameters (SI) unless others are given.
+        """Return the compiled equations, with the given variants and parameters (SI); default: the robot's own.
 
         Auxiliary joints are not in the equations but are part of q: for them, the inverse returns the CAD's values.
 
@@ -254,7 +254,7 @@ class Robot:
         """Return T_base_tool (4, 4) for q (n,), or (k, 4, 4) for q (k, n), on the branch of the seed pose (4, 4).
 
         Raises:
-            KinematicsError: there is no assembly, or none on that branch.
+            KinematicsError: there is no assembly, or no assembly on that branch.
         """
         kin, q = self.kinematics(variant), np.asarray(q, float)
         return kin.forward(q, seed) if q.ndim == 1 else kin.forward_many(q, seed)
@@ -314,7 +314,7 @@ class Robot:
         return protocol
 
     def bound(self, protocol: Protocol) -> Robot:
-        """Return the robot with its trocars at the positions of the protocol; the same robot if the protocol sets none.
+        """Return the robot with its trocars at the positions of the protocol; the same robot if the protocol has none.
 
         The equations have parameters trocar_x, trocar_y, trocar_z for a single trocar; with several trocars, they have
         parameters trocar_NAME_x, ... for each trocar.
@@ -342,7 +342,7 @@ class Robot:
         return replace(self, changed=mechanism)
 
     def with_transmission(self, variant: str) -> Robot:
-        """Return the robot with the matrix of this name, of those in its description, between motors and joints.
+        """Return the robot with another matrix between motors and joints, chosen by name from its description.
 
         Raises:
             MechanismError: the description has no such matrix.

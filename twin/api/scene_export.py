@@ -2,7 +2,7 @@
 
 Files in formats other than USD contain one robot with its motion. `scene.json` contains the pose of each robot's base.
 A player must place the bases and start all motions together. A robot that a console controls has no motion: its
-files contain the pose at which the console takes over, and `scene.json` contains its joint values there.
+files contain the start pose of the console, and `scene.json` contains the joint values at this pose.
 """
 
 from __future__ import annotations
@@ -42,7 +42,6 @@ class SceneBundle(Result):
     """The files written for a scene.
 
     Attributes:
-        scene: the scene.
         formats: the formats written.
         bundles: bundle of each robot, by name.
         checks: results of the checks of the scene's stage; empty without USD.
@@ -126,12 +125,7 @@ def export_scene(
 ) -> SceneBundle:
     """Write a bundle for each robot of a scene and one USD stage with all robots, and check the written files.
 
-    Args:
-        file: scene.toml.
-        folder: folder to write; default: ./twin-out/<scene>/export/.
-        formats: see `twin.export`.
-        budget: see `twin.export`.
-        progress: see `twin.api.Progress`.
+    `file` is a scene.toml; the default folder is ./twin-out/<scene>/export/. For formats and budget see `twin.export`.
 
     Raises:
         TwinError: an input is missing or malformed; the folder stays unchanged.
@@ -168,7 +162,7 @@ def export_scene(
 def _robot(place: Place) -> Robot:
     """Return the robot of a place.
 
-    If the place has no protocol, the masses are computed, and the rest pose is that at which a console takes control.
+    If the place has no protocol, the masses are computed, and the rest pose is the start pose of the console.
     """
     from twin.simulation.console_scene import start
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from twin.api.act import load_scene, props_of, robots_at
 from twin.api.console_session import Arm, ConsoleSession
+from twin.api.machine import Machines, machine_parts
 from twin.api.robot import Progress, Robot, silent
 from twin.core import assets
 from twin.core.atomic import Scratch
@@ -19,14 +20,16 @@ from twin.model.mechanism import Mechanism
 from twin.model.scene import Scene
 from twin.model.task import Task
 from twin.reference import ReferenceModel
-from twin.simulation import console_scene, contact_scene
+from twin.simulation import console_scene, contact_scene, machine_scene
 from twin.simulation.console_scene import Member
 from twin.simulation.contact_scene import Peg
-from twin.simulation.session import camera_task
+from twin.simulation.machine.link import Address
+from twin.simulation.session import camera_task, training
 from twin.simulation.session.camera_task import AlignMeasures, Sight
 from twin.simulation.session.condition import Condition
 from twin.simulation.session.file import NAME as FILE
 from twin.simulation.session.run import Ran
+from twin.simulation.session.training import Training
 
 
 def operate_console(
@@ -42,22 +45,20 @@ def operate_console(
 
     Args:
         scene: a scene with a console.
-        task: a task of the scene; default: its first one.
+        task: a task of the scene; default: the first task.
         seed: random seed; the same seed gives the same session.
-        scale: motion scale, 0.05 to 1; default: that of the console.
+        scale: motion scale, 0.05 to 1; default: the motion scale of the console.
         haptics: whether to compute forces on the hands, to which this surgeon does not react; default: no.
         progress: see `Progress`.
 
     Raises:
         TwinError: the scene has no console or no such task, or the scale is out of range.
     """
-    from twin.simulation.controllers.following import SCALE
     from twin.simulation.session import run
 
     console_scene.console_of(scene)
     _require_console(run.task_of(scene, task))
-    if scale is not None and not SCALE[0] <= scale <= SCALE[1]:
-        raise TwinError(f"--scale {scale:g}: give {SCALE[0]:g} to {SCALE[1]:g} for a console")
+    _require_scale(scale)
     chosen = run.task_of(scene, task)
     progress("read CAD", 0.0)
     robots, members = _members(scene)
@@ -73,15 +74,67 @@ def operate_console(
     return ConsoleSession(scene, "", seed, chosen, ran, arms, recorded=recorded, pegs=pegs, aligned=aligned)
 
 
+def operate_machine(
+    scene: Scene,
+    *,
+    seed: int = 0,
+    triangles: int = 2,
+    scale: float | None = None,
+    running: Mapping[str, Address] | None = None,
+    progress: Progress = silent,
+) -> ConsoleSession:
+    """Let a simulated trainee lead the machines of a scene in real time, rehearse in the model, and replay.
+
+    Args:
+        scene: a scene with machines.
+        seed: random seed of the trainee.
+        triangles: number of triangles by teleoperation.
+        scale: motion scale, 0.05 to 1; default: the motion scale of the console.
+        running: addresses of machines that run already, by robot; the others are started in child processes.
+        progress: see `Progress`.
+
+    Raises:
+        TwinError: the scene has no machines, the scale is out of range, or a machine does not answer.
+    """
+    from twin.simulation.session import machine_run
+
+    if scene.trainer is None:
+        raise TwinError(f"scene '{scene.name}' has no machines: add the table [trainer] to {scene.file.name}")
+    _require_scale(scale)
+    if triangles < 1:
+        raise TwinError(f"--trials {triangles}: the number of triangles must be at least 1")
+    progress("read CAD", 0.0)
+    robots, members = _members(scene)
+    with Scratch() as folder, machines_of(scene, robots, running) as machines:
+        file = Path(folder) / FILE
+        more = {"seed": seed, "triangles": triangles, "scale": scale, "props": props_of(scene)}
+        ran = machine_run.train(scene, members, machines.parts, machines.links, file, **more, progress=progress)
+        recorded = file.read_bytes()
+    arms = _arms(scene, robots, ran)
+    found = _training(scene, robots, ran)
+    return ConsoleSession(scene, "", seed, None, ran, arms, recorded=recorded, training=found)
+
+
+def machines_of(scene: Scene, robots: Mapping[str, Robot], running: Mapping[str, Address] | None = None) -> Machines:
+    """Connect to the machines of a scene, or start them; see `Machines`."""
+    names = machine_scene.machines(scene)
+    sources = {p.name: p.robot for p in scene.places}
+    return Machines({n: robots[n] for n in names}, sources, running)
+
+
+def _require_scale(scale: float | None) -> None:
+    from twin.simulation.controllers.following import SCALE
+
+    if scale is not None and not SCALE[0] <= scale <= SCALE[1]:
+        raise TwinError(f"--scale {scale:g}: give {SCALE[0]:g} to {SCALE[1]:g} for a console")
+
+
 def replay_session(
     path: str | Path, scene: Scene | str | Path | None = None, progress: Progress = silent
 ) -> ConsoleSession:
     """Replay a session in a new World, compare it with the recording bit by bit, and measure it.
 
-    Args:
-        path: a session file.
-        scene: the scene of the session, as name, path or loaded scene; default: the built-in scene that the file names.
-        progress: see `Progress`.
+    The default scene is the built-in scene that the file names.
 
     Raises:
         WorldError: the file is damaged, of another version or of another scene.
@@ -105,10 +158,19 @@ def replay_session(
     robots, members = _members(placed)
     props, pegs = _board(placed, task, start.condition)
     run.require_scene(session, path, placed, members, props)
-    ran = run.replay(session, placed, members, progress, props)
+    parts = {n: machine_parts(robots[n]) for n in machine_scene.machines(placed)}
+    ran = run.replay(session, placed, members, progress, props, parts)
     arms = _arms(placed, robots, ran)
     aligned = _aligned(placed, task, robots, ran, arms, props)
-    return ConsoleSession(placed, str(path), start.seed, task, ran, arms, session.lost, pegs=pegs, aligned=aligned)
+    more = {"pegs": pegs, "aligned": aligned, "training": _training(placed, robots, ran)}
+    return ConsoleSession(placed, str(path), start.seed, task, ran, arms, session.lost, **more)
+
+
+def _training(scene: Scene, robots: Mapping[str, Robot], ran: Ran) -> list[Training]:
+    """Return the measures of the machines of a session."""
+    if (table := scene.trainer) is None:
+        return []
+    return [training.measure(ran.kept, table, n, robots[n].kinematics()) for n in table.robots]
 
 
 def _require_console(task: Task) -> None:

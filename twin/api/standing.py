@@ -15,10 +15,8 @@ if TYPE_CHECKING:
 def standing(scene: str, robot: str, load: Callable[[str], Any]) -> list[Still]:
     """Return the bodies of the props and of the other robots of a scene, with poses in one robot's base frame.
 
-    Args:
-        scene: name of a built-in scene, or path of a scene.toml or of its folder.
-        robot: name of the robot.
-        load: function that returns the robot with a name.
+    `scene` is the name of a built-in scene, or the path of a scene.toml or of its folder; `load` returns the robot with
+    a name.
 
     Raises:
         TwinError: there is no such scene, or the robot is not in it.

@@ -13,13 +13,13 @@ from pathlib import Path
 import numpy as np
 
 from twin.cad import features, frames, mesh, references
-from twin.cad.description import Description, FrameSpec, JointSpec, MassSpec, load
+from twin.cad.description import Description, JointSpec, MassSpec, load
 from twin.cad.dimensions import read_dimensions
 from twin.cad.features import Measured
 from twin.cad.frames import Drawn, into
 from twin.cad.meeting import meetings
 from twin.cad.motors import actuators, transmissions
-from twin.cad.parameters import SCALES, parameters
+from twin.cad.parameters import parameters
 from twin.cad.step import MASS_TOLERANCE, PROP_TOLERANCE, VISUAL_TOLERANCE, Part, StepModel, read_step
 from twin.core.errors import CadError, unknown
 from twin.core.findings import Finding, info, warning
@@ -27,7 +27,7 @@ from twin.core.foreign.once import Once, Read
 from twin.core.provenance import Parameter
 from twin.core.quantity import um
 from twin.core.spatial import Array
-from twin.core.units import DEG, MM, UM
+from twin.core.units import DEG, MM, SI, UM
 from twin.model.body import Body, Finish, Mesh
 from twin.model.inertia import Inertia
 from twin.model.joint import Drive, Joint
@@ -42,7 +42,7 @@ class CadModel:
         mechanism: bodies, joints and loops, rest poses as in the CAD.
         findings: results of the checks for parts that do not meet, open meshes and single-precision placements.
         description: the content of the TOML file.
-        measured: every feature by body and name, in drawn coordinates (those of the STEP file, in m).
+        measured: every feature by body and name, in drawn coordinates (coordinates of the STEP file, in m).
         dimensions: the dimensions from which the drawing was made, with provenance.
         gaps: (lower joint, upper joint, minimum distance in m) of each pair of joints on one rail.
     """
@@ -101,11 +101,8 @@ def read_mechanism(
 ) -> CadModel:
     """Build the mechanism of a robot from its description and CAD.
 
-    Args:
-        description_path: cad/<robot>/<robot>.toml.
-        with_mass: whether to compute masses, from a finer mesh; this takes about one more second.
-        tolerance: chord tolerance of the triangles in m.
-        read: function that returns the bytes of TOML and STEP files; default: from disk, each file once.
+    `with_mass` computes masses from a finer mesh, in about one more second; `tolerance` is the chord tolerance of the
+    triangles in m; `read` returns the bytes of TOML and STEP files, by default from disk, each file once.
 
     Raises:
         DescriptionError: the TOML file is malformed.
@@ -292,7 +289,7 @@ def _joint(
         for key, rate in (("limits", ""), ("soft_limits", ""), ("max_speed", "_s"), ("max_acceleration", "_s2")):
             value = getattr(limit, f"{key}_{unit}{rate}")
             if value is not None:
-                scale = SCALES[unit]
+                scale = SI[unit]
                 values[key] = tuple(v * scale for v in value) if isinstance(value, tuple) else value * scale
         if limit.cone_deg is not None:
             values["cone"] = limit.cone_deg * DEG
@@ -300,8 +297,8 @@ def _joint(
         values["drive"] = Drive(drive.stiffness, drive.damping, drive.max_effort)
     mating = {
         measured[body][name].part
-        for body, side in ((spec.parent, spec.on_parent), (spec.child, spec.on_child))
-        for name in _names(side)
+        for body, side in spec.sides
+        for name in side.features("origin", "at", "z")
         if name in measured.get(body, {})
     }
     return Joint(
@@ -317,17 +314,9 @@ def _joint(
     )
 
 
-def _names(spec: FrameSpec) -> list[str]:
-    """Return the features that define origin and z axis of a frame, with feature `at`, which locates the origin."""
-    out: list[str] = []
-    for value in (spec.origin, spec.at, spec.z):
-        out += value if isinstance(value, list) else [value] if value else []
-    return out
-
-
 def _posture(values: dict[str, float]) -> dict[str, float]:
     split = {key: key.rpartition("_") for key in values}
-    return {joint: values[key] * SCALES[unit] for key, (joint, _, unit) in split.items()}
+    return {joint: values[key] * SI[unit] for key, (joint, _, unit) in split.items()}
 
 
 def _placement_finding(step: StepModel) -> Finding:

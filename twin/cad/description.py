@@ -87,6 +87,11 @@ class FrameSpec(Table):
             raise at((), f"a measured frame needs exactly one of {ways}")
         return self
 
+    def features(self, *keys: str) -> tuple[str, ...]:
+        """Return the names of the features in the entries `keys`, each once."""
+        values = (getattr(self, key) for key in keys)
+        return tuple(dict.fromkeys(n for v in values for n in (v if isinstance(v, list) else [v] if v else [])))
+
 
 class MassSpec(Table):
     """Mass, centre of mass, and inertia (xx, yy, zz, xy, xz, yz) about the centre of mass, in drawn coordinates."""
@@ -189,6 +194,11 @@ class JointSpec(Table):
     on_parent: FrameSpec
     on_child: FrameSpec
 
+    @property
+    def sides(self) -> tuple[tuple[str, FrameSpec], tuple[str, FrameSpec]]:
+        """Body and frame of the parent and of the child."""
+        return (self.parent, self.on_parent), (self.child, self.on_child)
+
 
 class NamedFrame(Table):
     """A named frame on a body."""
@@ -260,6 +270,16 @@ class ActuatorSpec(Table):
                 )
         return self
 
+    @property
+    def limits(self) -> tuple[float, float] | None:
+        """Limits in deg or mm."""
+        return self.limits_deg or self.limits_mm
+
+    @property
+    def max_speed(self) -> float | None:
+        """Maximum speed in deg/s or mm/s."""
+        return self.max_speed_deg_s or self.max_speed_mm_s
+
 
 class MatrixSpec(Table):
     """Another matrix of a transmission, of the same shape, for `Robot.with_transmission`."""
@@ -272,7 +292,7 @@ class MatrixSpec(Table):
 class TransmissionSpec(Table):
     """Transmission from motors to active joints: q_joints = matrix @ m_actuators in rad or m, one row per joint.
 
-    `variants` are other matrices by name; `matrix` is the one in use.
+    `matrix` is in use; `variants` are other matrices by name.
     """
 
     name: Identifier

@@ -16,10 +16,8 @@ from twin.core.foreign.budget import read_bytes
 from twin.core.foreign.once import Read
 from twin.core.foreign.text import read_text
 from twin.core.provenance import Parameter
-from twin.core.units import DEG, MM
+from twin.core.units import SI
 from twin.schema import Origin, Table, Vector, error_at
-
-_SCALES = {"mm": MM, "deg": DEG}
 
 
 class Dimension(Table):
@@ -57,7 +55,7 @@ def read_dimensions(path: Path, read: Read = read_bytes) -> tuple[Parameter, ...
             where = ".".join(str(k) for k in first["loc"])
             raise error_at(path, (name,), f"{where or 'entry'}: {first['msg']}") from error
         out += [
-            Parameter(f"drawing.{name}{suffix}", v * _SCALES[d.unit], d.unit, v, d.provenance, d.note)
+            Parameter(f"drawing.{name}{suffix}", v * SI[d.unit], d.unit, v, d.provenance, d.note)
             for suffix, v in _numbers(d.value)
         ]
     return tuple(out)

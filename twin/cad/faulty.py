@@ -14,7 +14,7 @@ import numpy as np
 
 from twin.cad import features, meeting
 from twin.cad.build import CadModel
-from twin.cad.description import Description, FrameSpec, JointSpec
+from twin.cad.description import Description
 from twin.cad.features import Measured
 from twin.cad.frames import Drawn, Faces, Given, drawn
 from twin.cad.lengths import measure
@@ -32,6 +32,8 @@ _STEPS = 5
 _PARALLEL = 0.02
 """Maximum sine of the angle between two directions that are compared as parallel."""
 
+_ENTRIES = ("origin", "at", "z", "x_along", "x_towards", "y_towards")
+"""Entries of a frame that name features."""
 
 _COAXIAL = 1e-7
 """Maximum distance in m, and maximum sine of the angle, of two cylinders that count as coaxial."""
@@ -78,10 +80,7 @@ class Fault:
 def faults(cad: CadModel, nominal: Mapping[str, float] | None = None) -> list[Fault]:
     """Return the faults of a CAD model, each with its suspects, the most likely first.
 
-    Args:
-        cad: the CAD model as read.
-        nominal: lengths in m from another source, by the parameter name declared in the description; may be
-            incomplete.
+    `nominal` has lengths in m from another source, by the parameter name in the description; it may be incomplete.
     """
     d = cad.description
     bad = _apart(d, drawn(d, cad.measured))
@@ -115,23 +114,12 @@ def _plainest(suspects: list[Suspect], placed: set[tuple[str, str]]) -> list[Sus
 
 def _placed(d: Description) -> set[tuple[str, str]]:
     """Return the features, as (body, name), that define frames and points."""
-    frames = {(f.body, n) for f in d.frame.values() for n in _names(f.at)}
+    frames = {(f.body, n) for f in d.frame.values() for n in f.at.features(*_ENTRIES)}
     points = {(p.body, n) for p in d.point.values() for n in (p.origin, p.at) if n}
     return frames | points
 
 
 # -- candidates --------------------------------------------------------------------------------------------------
-
-
-def _sides(joint: JointSpec) -> tuple[tuple[str, FrameSpec], tuple[str, FrameSpec]]:
-    return (joint.parent, joint.on_parent), (joint.child, joint.on_child)
-
-
-def _names(spec: FrameSpec) -> list[str]:
-    out: list[str] = []
-    for value in (spec.origin, spec.at, spec.z, spec.x_along, spec.x_towards, spec.y_towards):
-        out += value if isinstance(value, list) else [value] if value else []
-    return list(dict.fromkeys(out))
 
 
 def _candidates(cad: CadModel, bad: list[str]) -> Iterator[tuple[str, tuple[str, ...], str]]:
@@ -143,13 +131,13 @@ def _candidates(cad: CadModel, bad: list[str]) -> Iterator[tuple[str, tuple[str,
     d = cad.description
     seen: set[tuple[str, tuple[str, ...]]] = set()
     for joint in (j for j in d.joint if j.name in bad):
-        for body, spec in _sides(joint):
+        for body, spec in joint.sides:
             if spec.position_mm is not None:
                 yield body, (), joint.name
-            located = [n for v in (spec.origin, spec.at) for n in (v if isinstance(v, list) else [v] if v else [])]
             own = cad.measured.get(body, {})
-            axes = (_on_axis(own, n) for n in _names(spec))
-            for names in (*((n,) for n in _names(spec)), *axes, tuple(dict.fromkeys(located)), ()):
+            every = spec.features(*_ENTRIES)
+            axes = (_on_axis(own, n) for n in every)
+            for names in (*((n,) for n in every), *axes, spec.features("origin", "at"), ()):
                 if (body, names) not in seen and not (names == () and body == d.base):
                     seen.add((body, names))
                     yield body, names, ""
@@ -180,8 +168,10 @@ def _suspect(cad: CadModel, body: str, names: tuple[str, ...], typed: str, bad: 
     d, still = cad.description, drawn(cad.description, cad.measured).on
     own = cad.measured.get(body, {})
     moving = () if typed else names or tuple(own)
-    sides = [(j, s) for j in d.joint for b, s in _sides(j) if b == body]
-    users = [j for j, s in sides if (j.name == typed if typed else not names or set(names) & set(_names(s)))]
+    sides = [(j, s) for j in d.joint for b, s in j.sides if b == body]
+    users = [
+        j for j, s in sides if (j.name == typed if typed else not names or set(names) & set(s.features(*_ENTRIES)))
+    ]
     if not (moving or typed) or not any(j.name in bad for j in users):
         return None
     given = still[typed][0 if users[0].parent == body else 1] if typed else np.eye(4)
@@ -199,7 +189,7 @@ def _suspect(cad: CadModel, body: str, names: tuple[str, ...], typed: str, bad: 
         for j in users:
             on = [
                 other.get((j.name, b), features.frame(s, faces)) if b == body else still[j.name][i]
-                for i, (b, s) in enumerate(_sides(j))
+                for i, (b, s) in enumerate(j.sides)
             ]
             offset, turn = meeting.locked(spatial.inverse(on[0]) @ on[1], j.type)
             parts += [offset, _LEVER * turn]

@@ -1,6 +1,6 @@
 """Measure on the CAD: find the face of each feature, and compute frames from faces.
 
-All results are in drawn coordinates (those of the STEP file), in m.
+All results are in drawn coordinates (coordinates of the STEP file), in m.
 """
 
 from __future__ import annotations
@@ -83,7 +83,7 @@ def find(body: str, name: str, spec: Feature, parts: Sequence[Part], tolerance: 
     if rivals:
         raise CadError(
             f"{label}: two {spec.kind} faces are equally near, on '{part_name}' at {_mm(face.point)} mm and on "
-            f"'{rivals[0][3]}' at {_mm(rivals[0][2].point)} mm. Move near_mm towards the intended one, or name its "
+            f"'{rivals[0][3]}' at {_mm(rivals[0][2].point)} mm. Move near_mm towards the intended face, or name its "
             "`part`."
         )
     direction = face.direction

@@ -27,8 +27,8 @@ class Drawn:
     Attributes:
         on: two frames of each joint, on its parent and on its child.
         named: the named frames, by name.
-        bodies: frame of each body: the named frame that the description selects, else that of the first joint whose
-            child is the body.
+        bodies: frame of each body: the named frame that the description selects, else the frame of the first
+            joint whose child is the body.
     """
 
     on: Mapping[str, tuple[Array, Array]]

@@ -38,11 +38,7 @@ def load_mesh(
 ) -> tuple[Mesh, list[Finding]]:
     """Read an STL, OBJ, GLB, 3MF or PLY file, converted to m and z up.
 
-    Args:
-        path: the file.
-        unit: "m", "cm", "mm", "um" or "in"; required.
-        up: axis that points up in the file.
-        color: linear RGB, or RGB and alpha.
+    `unit` is a key of `LENGTH`; `up` is the axis that points up in the file; `color` is linear RGB, or RGB and alpha.
 
     Raises:
         CadError: the unit is missing, or the file is missing, unreadable or empty.
@@ -95,12 +91,8 @@ def load_mesh(
 
 def open_mesh(name: str) -> Finding:
     """Return the warning that a mesh is not closed, so that its mass is undefined."""
-    return warning(
-        "cad.open_mesh",
-        name,
-        f"'{name}' is not watertight: its volume is undefined, so its mass is not counted",
-        suggestion="close the surface in the CAD, or export a solid",
-    )
+    text = f"'{name}' is not watertight: its volume is undefined, so its mass is not counted"
+    return warning("cad.open_mesh", name, text, suggestion="close the surface in the CAD, or export a solid")
 
 
 def weld(vertices: Array, triangles: np.ndarray) -> tuple[Array, np.ndarray]:

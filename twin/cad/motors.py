@@ -33,12 +33,11 @@ def transmissions(d: Description, variant: str = "") -> tuple[Transmission, ...]
 
 def _actuator(a: ActuatorSpec) -> Actuator:
     unit = DEG if a.kind == "angle" else MM
-    limits, speed = a.limits_deg or a.limits_mm, a.max_speed_deg_s or a.max_speed_mm_s
     return Actuator(
         a.name,
         a.kind,
-        limits and (limits[0] * unit, limits[1] * unit),
-        speed and speed * unit,
+        a.limits and (a.limits[0] * unit, a.limits[1] * unit),
+        a.max_speed and a.max_speed * unit,
         a.max_effort,
         a.rotor_inertia,
         a.stiffness,

@@ -135,11 +135,8 @@ def read_step(
 ) -> StepModel:
     """Read a STEP file, with triangles and exact faces.
 
-    Args:
-        path: the file.
-        tolerance: chord tolerance of the triangles in m.
-        angle: maximum angle between neighbouring normals in rad.
-        read: function that returns the bytes of the file; default: from disk.
+    `tolerance` is the chord tolerance of the triangles in m, `angle` the maximum angle between neighbouring normals in
+    rad. `read` returns the bytes of the file, by default from disk.
 
     Raises:
         CadError: the file is missing, is not a STEP file, is truncated, or has no unit or no solids.

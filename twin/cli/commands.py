@@ -9,6 +9,7 @@ from importlib import import_module
 from pathlib import Path
 
 from twin import api
+from twin.api import published
 from twin.cli import show
 from twin.cli.cure import Cures
 from twin.cli.variants import asked
@@ -32,16 +33,13 @@ def info(args: argparse.Namespace) -> int:
         return show.finish(api.info_of_scene(api.load_scene(file), args.robot), args)
     robot = api.load(args.robot, tool=args.tool)
     show.tool_note(robot, args.quiet)
-    if args.inertia:
-        from twin.cli.inertia import run as run_inertia
-
-        return run_inertia(robot, args)
-    if args.motion:
-        from twin.api.published import equations_of_motion
-
-        return show.finish(equations_of_motion(robot), args)
     with show.progress(args.quiet or args.json) as progress:
-        result = api.info(robot, progress)
+        if args.inertia:
+            result = published.masses(robot, progress)
+        elif args.motion:
+            result = published.equations_of_motion(robot)
+        else:
+            result = api.info(robot, progress)
     return show.finish(result, args)
 
 
@@ -83,7 +81,7 @@ def plan(args: argparse.Namespace) -> int:
     with show.progress(args.quiet or args.json) as progress:
         trajectory = api.plan(robot, protocol, progress)
     planned = Planned(trajectory, [j.is_angle for j in robot.mechanism.active])
-    folder = Path(args.out) if args.out else Path("twin-out") / robot.name / trajectory.protocol
+    folder = show.folder(args, robot.name, trajectory.protocol)
     with assets.atomic_folder(folder) as work:
         planned.write(work)
     return show.finish(planned, args, folder, FILES[:1])
@@ -230,7 +228,7 @@ def _own_file(name: str) -> Callable[[argparse.Namespace], int]:
 
 
 _OWN = ("explain", "view", "serve", "operate", "track", "study", "console", "new", "export", "audit", "selftest")
-_OWN += ("session", "workspace", "tolerance", "sweep", "machine", "hazards", "doctor")
+_OWN += ("session", "workspace", "tolerance", "sweep", "machine", "follow", "hazards", "doctor")
 
 COMMANDS = {
     "list": list_robots,

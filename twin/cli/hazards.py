@@ -1,4 +1,4 @@
-"""`twin hazards`: run a campaign of faults on the machine of a robot."""
+"""`twin hazards`: run a campaign of faults on the machine of a robot, or the experiments of the paper."""
 
 from __future__ import annotations
 
@@ -10,23 +10,28 @@ from twin.cli import show
 
 
 def hazards(args: argparse.Namespace) -> int:
-    """Run the sessions that are left, print the outcome by class; the log has each session.
+    """Run the remaining sessions, and print and write the outcomes by class; the log contains each session.
 
     The exit code is 1 after a false cue.
     """
-    from twin.api.hazards import FILE
+    from twin.api.hazards import FILE, Software, trends
     from twin.api.hazards import hazards as run
 
     robot = api.load(args.robot)
-    folder = Path(args.out) if args.out else Path("twin-out") / robot.name / f"{Path(args.campaign).stem}-hazards"
+    software = Software(args.mode, args.overdrive, None if args.released is None else tuple(args.released.split(",")))
+    folder = show.folder(args, robot.name, "trends" if args.trends else f"{Path(args.campaign).stem}-hazards")
     with show.progress(args.quiet or args.json) as progress:
-        found = run(
-            robot,
-            args.campaign,
-            folder,
-            source=args.robot,
-            sessions=args.sessions,
-            processes=args.processes,
-            progress=progress,
-        )
-    return show.finish(found, args, folder, (FILE,))
+        if args.trends:
+            found = trends(robot, software=software, progress=progress)
+        else:
+            found = run(
+                robot,
+                args.campaign,
+                folder,
+                source=args.robot,
+                sessions=args.sessions,
+                processes=args.processes,
+                software=software,
+                progress=progress,
+            )
+    return show.store(found, args, folder, [] if args.trends else [FILE])

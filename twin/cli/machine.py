@@ -1,12 +1,60 @@
-"""`twin machine`: run a robot as a machine of its own, with packets by UDP and states by TCP."""
+"""`twin machine`: run a robot as a separate machine, with packets by UDP and states by TCP."""
 
 from __future__ import annotations
 
 import argparse
+import sys
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
 
 from twin import api
 from twin.cli import show
+from twin.core.errors import TwinError
 from twin.core.units import DEG
+
+if TYPE_CHECKING:
+    from twin.api.machine import Machines
+    from twin.api.robot import Robot
+    from twin.model.scene import Scene
+    from twin.simulation.machine.link import Address
+
+
+def running(given: Sequence[str] | None) -> dict[str, Address]:
+    """Return the addresses of machines from options "ROBOT=HOST:PORT:STATEPORT".
+
+    Raises:
+        TwinError: an option has another form, or names a robot twice.
+    """
+    from twin.simulation.machine.link import Address
+
+    out: dict[str, Address] = {}
+    for text in given or ():
+        name, equal, where = text.partition("=")
+        if not equal or not name:
+            raise TwinError(f"--machine {text}: give ROBOT=HOST:PORT:STATEPORT, as raven_left=127.0.0.1:36000:36001")
+        if name in out:
+            raise TwinError(f"--machine {text}: {name} is given twice")
+        out[name] = Address.parse(where)
+    return out
+
+
+def of_scene(scene: Scene, robots: Mapping[str, Robot], given: Sequence[str] | None) -> Machines | None:
+    """Connect to the machines of a scene, and start those that are not in the option --machine; None: it has none.
+
+    Raises:
+        TwinError: --machine is wrong, or a machine does not answer.
+    """
+    from twin.api.session import machines_of
+
+    where = running(given)
+    if scene.trainer is None:
+        if where:
+            raise TwinError(f"--machine: scene '{scene.name}' has no machines: add the table [trainer]")
+        return None
+    started = [n for n in scene.trainer.robots if n not in where]
+    if started:
+        print(f"twin: starting the machine of {', '.join(started)}", file=sys.stderr, flush=True)
+    return machines_of(scene, robots, where)
 
 
 def machine(args: argparse.Namespace) -> int:
@@ -17,7 +65,8 @@ def machine(args: argparse.Namespace) -> int:
 
     robot = api.load(args.robot)
     timeout = None if args.master_timeout_ms is None else args.master_timeout_ms / 1e3
-    parts = machine_parts(robot, mode=args.mode, overdrive=args.overdrive, master_timeout=timeout)
+    released = None if args.released is None else args.released.split(",")
+    parts = machine_parts(robot, mode=args.mode, overdrive=args.overdrive, master_timeout=timeout, released=released)
     arm = made(
         parts,
         mass=1 + args.mass_error / 100,

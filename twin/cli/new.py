@@ -35,12 +35,13 @@ def new(args: argparse.Namespace) -> int:
     _print(findings)
     loops = f", {data['loops']} loops closed within {data['worst_gap_m']:.2g} m" if data["loops"] else ""
     first = "" if data["active"] else f"name the joints in {data['files'][0]}, then "
-    print(
+    text = (
         f"  {target}/: {data['bodies']} bodies, {data['joints']} joints{loops}, {len(data['active'])} driven; "
         f"changes and omissions: {target}/IMPORT.md\n"
         f"  next: {first}twin info {target}/, twin build {target}/, twin view {target}/; then your equations in "
         f"formula.py and twin validate {target}/"
     )
+    print(text)
     return 0
 
 

@@ -23,8 +23,6 @@ def operate(args: argparse.Namespace) -> int:
 
     The exit code is 1 if a goal was not reached.
     """
-    from twin.ui.report.files import write_result
-
     if (file := assets.scene_file(args.robot)) is not None:
         return _at_console(file, args)
     if args.haptics is not None:
@@ -33,10 +31,11 @@ def operate(args: argparse.Namespace) -> int:
         raise TwinError(f"--task applies to a scene; {args.robot} is a robot: give a protocol instead")
     if args.mistake is not None:
         raise TwinError(f"--mistake applies to a procedure of a scene; {args.robot} is a robot")
+    if args.machine:
+        raise TwinError(f"--machine applies to a scene with machines, such as raven; {args.robot} is a robot")
     robot = api.load(args.robot)
     protocol = robot.protocol(args.protocol)
-    folder = Path(args.out) if args.out else Path("twin-out") / robot.name / f"{protocol.name}-operator"
-    assets.require_writable(folder)
+    folder = show.folder(args, robot.name, f"{protocol.name}-operator")
     with show.progress(args.quiet or args.json) as progress:
         found = api.operate(
             robot,
@@ -48,9 +47,7 @@ def operate(args: argparse.Namespace) -> int:
             solver=args.solver,
             progress=progress,
         )
-    with assets.atomic_folder(folder) as work:
-        pictures = write_result(found, work)
-    return show.finish(found, args, folder, pictures)
+    return show.store(found, args, folder)
 
 
 def _at_console(file: Path, args: argparse.Namespace) -> int:
@@ -60,19 +57,21 @@ def _at_console(file: Path, args: argparse.Namespace) -> int:
     """
     from twin.api.session import FILE, operate_console
     from twin.simulation.session.run import task_of
-    from twin.ui.report.files import write_result
 
     if args.protocol is not None:
         raise TwinError(f"{args.robot} is a scene: give a task by --task instead of the protocol '{args.protocol}'")
+    scene = api.load_scene(file)
+    if scene.trainer is not None and args.task is None:
+        return _machine(scene, args)
+    if args.machine:
+        raise TwinError(f"--machine: scene '{scene.name}' has no machines; they are led without --task")
     wrong = [n for n, v in (("trials", 1), ("clutch", "corrected"), ("solver", "damped")) if getattr(args, n) != v]
     if wrong:
         raise TwinError(
             f"--{wrong[0]} applies to one robot; the options at a console are --task, --seed, --scale, --haptics"
         )
-    scene = api.load_scene(file)
     task = task_of(scene, args.task)
-    folder = Path(args.out) if args.out else Path("twin-out") / scene.name / f"{task.name}-operator"
-    assets.require_writable(folder)
+    folder = show.folder(args, scene.name, f"{task.name}-operator")
     if task.procedure is not None:
         return _procedure(scene, task.name, folder, args)
     if args.mistake is not None:
@@ -80,6 +79,26 @@ def _at_console(file: Path, args: argparse.Namespace) -> int:
     with show.progress(args.quiet or args.json) as progress:
         haptics = None if args.haptics is None else args.haptics == "on"
         found = operate_console(scene, task.name, seed=args.seed, scale=args.scale, haptics=haptics, progress=progress)
+    return show.store(found, args, folder, [FILE])
+
+
+def _machine(scene: Scene, args: argparse.Namespace) -> int:
+    """Let a trainee lead the machines of a scene, rehearse, and replay; write the session and the report."""
+    from twin.api.session import FILE, operate_machine
+    from twin.cli.machine import running
+    from twin.ui.report.files import write_result
+
+    given = [n for n in ("haptics", "mistake") if getattr(args, n) is not None]
+    given += [n for n, v in (("clutch", "corrected"), ("solver", "damped")) if getattr(args, n) != v]
+    if given:
+        raise TwinError(
+            f"--{given[0]} does not apply to machines; their options are --seed, --trials, --scale, --machine"
+        )
+    folder = Path(args.out) if args.out else Path("twin-out") / scene.name / "machine-operator"
+    assets.require_writable(folder)
+    with show.progress(args.quiet or args.json) as progress:
+        more = {"seed": args.seed, "triangles": args.trials, "scale": args.scale, "progress": progress}
+        found = operate_machine(scene, running=running(args.machine), **more)
     with assets.atomic_folder(folder) as work:
         pictures = write_result(found, work)
     return show.finish(found, args, folder, [*pictures, FILE])
@@ -89,13 +108,10 @@ def _procedure(scene: Scene, task: str, folder: Path, args: argparse.Namespace) 
     """Simulate a surgeon who performs a procedure; write the session and the report."""
     from twin.api.procedure import operate_procedure
     from twin.simulation.session.file import NAME
-    from twin.ui.report.files import write_result
 
     given = [n for n, v in (("scale", args.scale), ("haptics", args.haptics)) if v is not None]
     if given:
         raise TwinError(f"--{given[0]} applies to a console; the options of a procedure are --task, --seed, --mistake")
     with show.progress(args.quiet or args.json) as progress:
         found = operate_procedure(scene, task, seed=args.seed, mistake=args.mistake or "", progress=progress)
-    with assets.atomic_folder(folder) as work:
-        pictures = write_result(found, work)
-    return show.finish(found, args, folder, [*pictures, NAME])
+    return show.store(found, args, folder, [NAME])

@@ -9,7 +9,6 @@ from functools import cache
 from typing import Any, NoReturn
 
 from twin import __version__
-from twin.cli.parser_sweeps import add_sweeps
 from twin.core.errors import unknown
 
 _EPILOG = """\
@@ -28,7 +27,7 @@ exit codes: 0 agree or done, 1 disagree, 2 could not check or wrong usage
 
 NAMES = ("list", "info", "build", "plan", "validate", "explain", "run", "view", "serve")
 NAMES += ("operate", "session", "track", "study", "console", "export", "audit", "new", "selftest")
-NAMES += ("workspace", "tolerance", "sweep", "machine", "hazards", "doctor")
+NAMES += ("workspace", "tolerance", "sweep", "machine", "follow", "hazards", "doctor")
 """Names of all commands."""
 
 
@@ -56,6 +55,112 @@ class _Parser(argparse.ArgumentParser):
         raise UsageError(unknown("command", wrong[1], NAMES) if wrong else message, self.format_usage())
 
 
+class _Command(_Parser):
+    """Parser of one command, with the arguments that several commands have."""
+
+    def flag(self, name: str, text: str) -> None:
+        """Add an option without a value."""
+        self.add_argument(name, action="store_true", help=text)
+
+    def text(self, name: str, metavar: str, text: str, **more: Any) -> None:
+        """Add an option with a value, by default a text; `more` are arguments of `add_argument`."""
+        self.add_argument(name, metavar=metavar, help=text, **more)
+
+    def number(
+        self, name: str, metavar: str, text: str, default: float | None = None, kind: Callable[[str], float] = float
+    ) -> None:
+        """Add an option with a number; the help states the default, if there is one."""
+        shown = "" if default is None else f" (default {default:.12g})"
+        self.add_argument(name, type=kind, default=default, metavar=metavar, help=text + shown)
+
+    def integer(self, name: str, text: str, default: int | None = None, metavar: str = "N") -> None:
+        """Add an option with a whole number, as `number` does."""
+        self.number(name, metavar, text, default, int)
+
+    def choice(self, name: str, choices: tuple[str, ...], text: str, default: str | None = None) -> None:
+        """Add an option with a few possible values."""
+        self.add_argument(name, choices=choices, default=default, help=text)
+
+    def robot(self, text: str = "a built-in robot (see `twin list`), or the path of a robot folder") -> None:
+        """Add the robot as the first argument."""
+        self.add_argument("robot", help=text)
+
+    def protocol(self) -> None:
+        """Add a protocol as the second argument."""
+        text = "name or path of a protocol (default: the robot's default)"
+        self.add_argument("protocol", nargs="?", help=text)
+
+    def protocols(self) -> None:
+        """Add the options --protocol and --all-protocols, which exclude each other."""
+        group = self.add_mutually_exclusive_group()
+        group.add_argument("--protocol", metavar="NAME", help="a protocol of the robot, or the path of a protocol file")
+        group.add_argument("--all-protocols", action="store_true", help="every protocol of the robot")
+
+    def variants(self, text: str) -> None:
+        """Add the option --variant."""
+        self.text("--variant", "EQ=NAME", text, action="append", default=[])
+
+    def out(self, default: str) -> None:
+        """Add the option --out."""
+        self.text("--out", "FOLDER", f"folder to write to (default {default})")
+
+    def software(self) -> None:
+        """Add the options of a machine's control software."""
+        self.choice("--mode", ("advanced", "moderate", "beginner"), "limits of the DAC")
+        self.choice("--overdrive", ("none", "soft", "hard"), "action above the limits: count, clip, or stop")
+        text = "findings of the released software that it has, with commas: shared_counter, rates_without_coupling, "
+        self.text("--released", "NAMES", text + "whole_counts, or none (default: as in machine.toml)")
+
+    def tool(self) -> None:
+        """Add the option --tool."""
+        text = "frame or body that is the tool of a USD stage (default: the tool that the stage defines, or the end of "
+        self.text("--tool", "NAME", text + "its longest chain)")
+
+    def page(self, port: int, what: str) -> None:
+        """Add the arguments of a page in a browser."""
+        self.robot(_SHOWN)
+        self.protocol()
+        self.address(port, what)
+        self.text("--task", "NAME", "task at the console of a scene: its rings can be grasped")
+        text = "whether the hands lead the tips of instruments in ports, or their outer ends (default: the tips)"
+        self.choice("--fulcrum", ("compensated", "direct"), text)
+        self.flag("--protocols", "play the protocols of a scene that has a console")
+        self.machines()
+
+    def address(self, port: int, what: str) -> None:
+        """Add the address of a page in a browser."""
+        text = f"port of the {what} (default {port}; 0: any free port)"
+        self.add_argument("--port", type=_port, default=port, help=text)
+        text = (
+            "address to serve on (default 127.0.0.1: only this machine); others open the server to the network, with a "
+            "one-time address for each device"
+        )
+        self.add_argument("--host", default="127.0.0.1", help=text)
+        self.flag("--no-browser", "do not open a browser")
+
+    def machines(self) -> None:
+        """Add the option for machines that run already."""
+        text = (
+            "a running `twin machine` of the scene, with its ports of packets and states; this command starts the "
+            "other machines"
+        )
+        self.text("--machine", "ROBOT=HOST:PORT:STATEPORT", text, action="append")
+
+    def accuracy(self) -> None:
+        """Add the option --tolerance-um."""
+        text = "accuracy of the CAD in micrometres: smaller differences count as agreement (default 0.001)"
+        self.number("--tolerance-um", "UM", text)
+
+    def scheduler(self) -> None:
+        """Add the option --scheduler."""
+        text = "address of a Dask scheduler, as in tcp://10.0.0.1:8786, or `local` for Dask worker processes on this "
+        self.text("--scheduler", "ADDRESS", text + "machine")
+
+
+_SHOWN = "a built-in robot or scene, the path of a robot folder, a scene or a USD stage"
+_TROCAR = "protocol with the position of the trocar (if any)"
+
+
 def _port(text: str) -> int:
     """Convert a text to a port number."""
     if not re.fullmatch(r"[0-9]+", text) or int(text) > 65535:
@@ -80,136 +185,53 @@ def _broker(text: str) -> tuple[str, int]:
     return host, number
 
 
-def _by_hand(sub: argparse.ArgumentParser) -> None:
-    """Add the options for a scene whose robots can be operated by hand."""
-    sub.add_argument(
-        "--fulcrum",
-        choices=("compensated", "direct"),
-        help="whether the hands lead the tips of instruments in ports, or their outer ends (default: the tips)",
-    )
-    sub.add_argument("--protocols", action="store_true", help="play the protocols of a scene that has a console")
-
-
-def _machine(add: Callable[[str, str, str], argparse.ArgumentParser], robot: Callable[..., None]) -> None:
-    """Add the command `machine`."""
-    sub = add(
-        "machine",
-        "run a robot as a machine: control software, motors and links at 1 kHz, with packets by UDP, states by TCP",
-        "  twin machine raven_left --port 36000 --state-port 36001 --start\n"
-        "  twin machine raven_left --mass-error 5 --friction-error 20 --overdrive hard",
-    )
-    robot(sub)
-    sub.add_argument("--port", type=_port, default=0, help="UDP port of the packets (default 0: any free port)")
-    sub.add_argument("--state-port", type=_port, default=0, help="TCP port of the states (default 0: any free port)")
-    sub.add_argument("--start", action="store_true", help="press the start button at once")
-    sub.add_argument("--duration", type=float, metavar="S", help="stop after a time (default: run until Ctrl-C)")
-    sub.add_argument("--mode", choices=("advanced", "moderate", "beginner"), help="limits of the DAC")
-    sub.add_argument("--overdrive", choices=("none", "soft", "hard"), help="above them: count, clip, or stop")
-    sub.add_argument("--master-timeout-ms", type=float, metavar="MS", help="silence after which the pedal is up")
-    error = {"type": float, "default": 0.0, "metavar": "PERCENT"}
-    sub.add_argument("--mass-error", **error, help="how much heavier the machine is than its software knows")
-    sub.add_argument("--friction-error", **error, help="how much more friction it has")
-    sub.add_argument("--tilt-deg", type=float, default=0.0, metavar="DEG", help="tilt of its base about x")
-
-
-def _hazards(add: Callable[[str, str, str], argparse.ArgumentParser], robot: Callable[..., None]) -> None:
-    """Add the command `hazards`."""
-    sub = add(
-        "hazards",
-        "run a campaign of faults on the machine of a robot; the same command goes on where it was interrupted",
-        "  twin hazards raven_left --campaign table1\n  twin hazards raven_left --sessions 100 --processes 1",
-    )
-    robot(sub)
-    text = "name of a campaign of the robot, or path of a file (default table1)"
-    sub.add_argument("--campaign", default="table1", metavar="NAME", help=text)
-    sub.add_argument("--sessions", type=int, metavar="N", help="run at most N of the sessions that are left")
-    sub.add_argument("--processes", type=int, metavar="N", help="number of processes (default: of processors)")
-    sub.add_argument("--out", metavar="FOLDER", help="folder of the log (default ./twin-out/<robot>/<name>-hazards/)")
+def _count(text: str) -> int:
+    """Convert a text, such as 1000 or 1e7, to a whole number."""
+    value = float(text)
+    if value != round(value):
+        raise ValueError
+    return int(value)
 
 
 @cache
 def parser() -> argparse.ArgumentParser:
     """Return the parser of the whole command line; it is built once, for programs that run many commands."""
-    formatter = _Help
     root = _Parser(
         prog="twin",
         description="Compare the equations of a robot with its CAD, and show where they disagree.",
         epilog=_EPILOG,
-        formatter_class=formatter,
+        formatter_class=_Help,
     )
     root.add_argument("--version", action="version", version=f"twin {__version__}")
-    commands = root.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    commands = root.add_subparsers(dest="command", required=True, metavar="COMMAND", parser_class=_Command)
 
-    def add(name: str, text: str, examples: str) -> argparse.ArgumentParser:
+    def add(name: str, text: str, examples: str) -> _Command:
         sub = commands.add_parser(
             name,
             help=text,
             description=text[0].upper() + text[1:] + ("" if text.endswith("?") else "."),
             epilog=f"examples:\n{examples}",
-            formatter_class=formatter,
+            formatter_class=_Help,
         )
-        sub.add_argument("--json", action="store_true", help="print JSON instead of text")
-        sub.add_argument("--quiet", action="store_true", help="no progress")
-        sub.add_argument("--debug", action="store_true", help="show the whole traceback of an error")
-        sub.add_argument(
-            "--no-code", action="store_true", help="do not run Python code of a robot's folder (formula.py)"
-        )
+        sub.flag("--json", "print JSON instead of text")
+        sub.flag("--quiet", "no progress")
+        sub.flag("--debug", "show the whole traceback of an error")
+        sub.flag("--no-code", "do not run Python code of a robot's folder (formula.py)")
         return sub
 
-    def robot(sub: argparse.ArgumentParser) -> None:
-        sub.add_argument("robot", help="a built-in robot (see `twin list`), or the path of a robot folder")
-
-    def tool(sub: argparse.ArgumentParser) -> None:
-        sub.add_argument(
-            "--tool",
-            metavar="NAME",
-            help=(
-                "frame or body that is the tool of a USD stage (default: the tool that the stage defines, or the end "
-                "of its longest chain)"
-            ),
-        )
-
-    def host(sub: argparse.ArgumentParser) -> None:
-        sub.add_argument(
-            "--host",
-            default="127.0.0.1",
-            help=(
-                "address to serve on (default 127.0.0.1: only this machine); others open the server to the network, "
-                "with a one-time address for each device"
-            ),
-        )
-
-    def shown(sub: argparse.ArgumentParser, port: int, what: str) -> None:
-        sub.add_argument("robot", help="a built-in robot or scene, the path of a robot folder, a scene or a USD stage")
-        sub.add_argument("protocol", nargs="?", help="name or path of a protocol (default: the robot's default)")
-        text = f"port of the {what} (default {port}; 0: any free port)"
-        sub.add_argument("--port", type=_port, default=port, help=text)
-        host(sub)
-        sub.add_argument("--no-browser", action="store_true", help="do not open a browser")
-
-    def out(sub: argparse.ArgumentParser, default: str) -> None:
-        sub.add_argument("--out", metavar="FOLDER", help=f"folder to write to (default {default})")
-
-    def chosen(sub: argparse.ArgumentParser) -> None:
-        group = sub.add_mutually_exclusive_group()
-        group.add_argument("--protocol", metavar="NAME", help="a protocol of the robot, or the path of a protocol file")
-        group.add_argument("--all-protocols", action="store_true", help="every protocol of the robot")
-
-    def variants(sub: argparse.ArgumentParser, bare: str) -> None:
-        help_ = (
-            "use another variant of an equation, such as eq1=printed; a variant name alone, such as `printed`, applies "
-            f"to {bare}"
-        )
-        sub.add_argument(
-            "--variant",
-            metavar="EQ=NAME",
-            action="append",
-            default=[],
-            help=help_,
-        )
-
     add("list", "list the built-in robots and scenes", "  twin list\n  twin list --json")
+    for commands_of in (_models, _checks, _pages, _trials, _files, _analyses):
+        commands_of(add)
+    add("doctor", "list the installed packages and programs, and their purposes", "  twin doctor")
+    return root
 
+
+Add = Callable[[str, str, str], _Command]
+"""Function that creates a command from its name, its help and its examples."""
+
+
+def _models(add: Add) -> None:
+    """Add the commands that show a robot, build its stage and plan its motion."""
     sub = add(
         "info",
         "show a robot: joints, limits, frames, parameters with provenance; or a scene",
@@ -217,15 +239,14 @@ def parser() -> argparse.ArgumentParser:
         "  twin info pa10 --inertia        are masses and inertias physically possible?\n"
         "  twin info raven_left --motion   published equations of motion against the mechanism",
     )
-    robot(sub)
-    tool(sub)
+    sub.robot()
+    sub.tool()
     only = sub.add_mutually_exclusive_group()
-    only.add_argument(
-        "--motion", action="store_true", help="only compare the published equations of motion with the mechanism"
-    )
-    only.add_argument(
-        "--inertia", action="store_true", help="only check the masses and inertias in CAD, stage and tables"
-    )
+    for name, text in (
+        ("--motion", "only compare the published equations of motion with the mechanism"),
+        ("--inertia", "only check the masses and inertias in CAD, stage and tables"),
+    ):
+        only.add_argument(name, action="store_true", help=text)
 
     sub = add(
         "build",
@@ -233,10 +254,10 @@ def parser() -> argparse.ArgumentParser:
         "  twin build sils\n  twin build sils --check      is the committed stage current?\n"
         "  twin build sils --out stage/",
     )
-    robot(sub)
-    out(sub, "usd/<robot>/ in a checkout, the robot folder's usd/ otherwise")
-    chosen(sub)
-    sub.add_argument("--check", action="store_true", help="write nothing; exit 1 if the stage is not current")
+    sub.robot()
+    sub.out("usd/<robot>/ in a checkout, the robot folder's usd/ otherwise")
+    sub.protocols()
+    sub.flag("--check", "write nothing; exit 1 if the stage is not current")
 
     sub = add(
         "plan",
@@ -244,22 +265,24 @@ def parser() -> argparse.ArgumentParser:
         "  twin plan sils\n  twin plan sils lowered_patient --out plan/\n"
         "  twin plan pa10 --avoid vsrs        around the props and the other robots of a scene, outside the patient",
     )
-    robot(sub)
-    sub.add_argument("protocol", nargs="?", help="name or path of a protocol (default: the robot's default)")
-    sub.add_argument(
-        "--avoid",
-        nargs="?",
-        const="",
-        metavar="SCENE",
-        help="lead phases joints, positioning and home around what is in the way: props and other robots of a scene; "
-        "without a scene, the robot's own bodies",
+    sub.robot()
+    sub.protocol()
+    text = (
+        "plan phases of the types joints, positioning and home around obstacles: props and other robots of a scene; "
+        "without a scene, the robot's own bodies"
     )
-    sub.add_argument(
-        "--clearance-mm", type=float, default=5.0, metavar="MM", help="with --avoid: minimum distance (default: 5)"
-    )
-    sub.add_argument("--seed", type=int, default=0, help="with --avoid: seed of the random search (default: 0)")
-    out(sub, "./twin-out/<robot>/<protocol>/")
+    sub.text("--avoid", "SCENE", text, nargs="?", const="")
+    sub.number("--clearance-mm", "MM", "with --avoid: minimum distance", 5.0)
+    sub.integer("--seed", "with --avoid: seed of the random search", 0)
+    sub.out("./twin-out/<robot>/<protocol>/")
 
+
+def _checks(add: Add) -> None:
+    """Add the commands that compare equations with the mechanism."""
+    variant = (
+        "use another variant of an equation, such as eq1=printed; a variant name alone, such as `printed`, applies to "
+        "every equation that has this variant"
+    )
     sub = add(
         "validate",
         "compare the equations with the mechanism",
@@ -267,28 +290,15 @@ def parser() -> argparse.ArgumentParser:
         "  twin validate sils --all-protocols --json\n"
         "  twin validate sher --sweep q5 --compare serial,mimic      over the joint range instead of along a protocol",
     )
-    robot(sub)
-    out(sub, "./twin-out/<robot>/<protocol>/")
-    chosen(sub)
-    variants(sub, "every equation that has this variant: one report for each equation, and one for all together")
-    sub.add_argument(
-        "--tolerance-um",
-        type=float,
-        metavar="UM",
-        help="accuracy of the CAD in micrometres: smaller differences count as agreement (default 0.001)",
-    )
-    sub.add_argument(
-        "--sweep",
-        metavar="JOINTS",
-        nargs="?",
-        const="all",
-        help="compare over the whole range (stroke) of these joints (default all) instead of along a protocol",
-    )
-    sub.add_argument(
-        "--compare",
-        metavar="NAMES",
-        help="with --sweep: also compute the error of simplified loop models (comma-separated list of serial, mimic)",
-    )
+    sub.robot()
+    sub.out("./twin-out/<robot>/<protocol>/")
+    sub.protocols()
+    sub.variants(f"{variant}: one report for each equation, and one for all together")
+    sub.accuracy()
+    text = "compare over the whole range (stroke) of these joints (default all) instead of along a protocol"
+    sub.text("--sweep", "JOINTS", text, nargs="?", const="all")
+    text = "with --sweep: also compute the error of simplified loop models (comma-separated list of serial, mimic)"
+    sub.text("--compare", "NAMES", text)
 
     sub = add(
         "explain",
@@ -298,31 +308,38 @@ def parser() -> argparse.ArgumentParser:
         "  twin explain sils --variant eq1=printed --json\n"
         "  twin explain my_robot/ --seconds 60       search longer for two edits in one row",
     )
-    robot(sub)
-    variants(sub, "every equation that has this variant")
-    sub.add_argument(
-        "--tolerance-um",
-        type=float,
-        metavar="UM",
-        help="accuracy of the CAD in micrometres: smaller differences count as agreement (default 0.001)",
-    )
-    sub.add_argument(
-        "--seconds",
-        type=float,
-        default=8.0,
-        metavar="S",
-        help="time limit in seconds of the search for two edits in one row (assignment) of an equation (default 8)",
-    )
+    sub.robot()
+    sub.variants(variant)
+    sub.accuracy()
+    text = "time limit in seconds of the search for two edits in one row (assignment) of an equation"
+    sub.number("--seconds", "S", text, 8.0)
 
     sub = add(
         "run",
         "build, plan and validate: from CAD to report in one command",
         "  twin run sils\n  twin run sils --protocol lowered_patient --out demo/",
     )
-    robot(sub)
-    out(sub, "./twin-out/<robot>/")
-    chosen(sub)
+    sub.robot()
+    sub.out("./twin-out/<robot>/")
+    sub.protocols()
 
+    sub = add(
+        "selftest",
+        "seed faults into a correct robot, and measure how many the validator finds (mutation score)",
+        "  twin selftest sils                            equations, CAD, USD, units, timing\n"
+        "  twin selftest sils --family formula,cad --count 60 --seed 7\n"
+        "  twin selftest my_robot/ --json",
+    )
+    sub.robot()
+    sub.text("--protocol", "NAME", "the protocol (default: the robot's default protocol)")
+    sub.text("--family", "NAMES", "comma-separated list of formula, cad, usd, units, timing (default all)")
+    sub.integer("--count", "number of faults", 118)
+    sub.integer("--seed", "random seed", 0)
+    sub.out("./twin-out/<robot>/")
+
+
+def _pages(add: Add) -> None:
+    """Add the commands that show a robot in a browser or a headset."""
     sub = add(
         "view",
         "show a robot in the browser: play, drag, measure, redesign",
@@ -334,14 +351,10 @@ def parser() -> argparse.ArgumentParser:
         "  twin view usd/pa10/pa10.usda      a USD stage without a robot folder\n"
         "  twin view sils --html sils.html   a recording that plays without Python",
     )
-    shown(sub, 8080, "page")
-    tool(sub)
-    sub.add_argument("--html", metavar="FILE", help="write a recording of the protocol and exit")
-    sub.add_argument("--task", metavar="NAME", help="task at the console of a scene: its rings can be grasped")
-    _by_hand(sub)
-    sub.add_argument(
-        "--watch", type=_port, metavar="PORT", help="only show what a running twin serve of this scene simulates"
-    )
+    sub.page(8080, "page")
+    sub.tool()
+    sub.text("--html", "FILE", "write a recording of the protocol and exit")
+    sub.text("--watch", "PORT", "only show the simulation of a running twin serve of this scene", type=_port)
 
     sub = add(
         "serve",
@@ -359,42 +372,25 @@ def parser() -> argparse.ArgumentParser:
         "  twin serve davinci --session hands.session    record the hands at a console, for twin session\n"
         "  twin serve davinci --session p7-1.session --participant 7 --run 1    a study: one of two runs has forces",
     )
-    shown(sub, 8765, "server")
-    sub.add_argument("--record", metavar="FILE", help="record the session: requests, states and frames, as JSON")
-    sub.add_argument("--replay", metavar="FILE", help="replay a session recorded by --record, frame by frame")
-    sub.add_argument("--task", metavar="NAME", help="task at the console of a scene: its rings can be grasped")
-    sub.add_argument(
-        "--packets",
-        type=_packets,
-        metavar="[HOST:]PORT",
-        help="UDP port for hand states from other programs, for a scene with a console (docs/console.md, Packets)",
-    )
-    sub.add_argument(
-        "--mqtt",
-        type=_broker,
-        metavar="HOST[:PORT]",
-        help="MQTT broker for the motion scale of a scene with a console (default port 1883)",
-    )
-    sub.add_argument(
-        "--mqtt-topic",
-        metavar="TOPIC",
-        help="topic of the motion scale; messages to TOPIC/set change the scale (default twin/<scene>/scale)",
-    )
-    sub.add_argument(
-        "--session", metavar="FILE", help="record the motion of the hands at a console; twin session replays the file"
-    )
-    sub.add_argument("--cert", metavar="FILE", help="certificate (PEM) for https, which headsets require for AR")
-    sub.add_argument(
-        "--key", metavar="FILE", help="private key (PEM) of the certificate, if it is not in the same file"
-    )
+    sub.page(8765, "server")
+    sub.text("--record", "FILE", "record the session: requests, states and frames, as JSON")
+    sub.text("--replay", "FILE", "replay a session recorded by --record, frame by frame")
+    text = "UDP port for hand states from other programs, for a scene with a console (docs/console.md, Packets)"
+    sub.text("--packets", "[HOST:]PORT", text, type=_packets)
+    text = "MQTT broker for the motion scale of a scene with a console (default port 1883)"
+    sub.text("--mqtt", "HOST[:PORT]", text, type=_broker)
+    text = "topic of the motion scale; messages to TOPIC/set change the scale (default twin/<scene>/scale)"
+    sub.text("--mqtt-topic", "TOPIC", text)
+    sub.text("--session", "FILE", "record the motion of the hands at a console; twin session replays the file")
+    sub.text("--cert", "FILE", "certificate (PEM) for https, which headsets require for AR")
+    sub.text("--key", "FILE", "private key (PEM) of the certificate, if it is not in the same file")
+    sub.choice("--haptics", ("on", "off"), "forces on the hands at the start (default: the scene's)")
+    sub.integer("--participant", "number of a participant in a study; chooses the run with forces")
+    sub.integer("--run", "number of the participant's run: only one has forces", metavar="1|2")
 
-    sub.add_argument("--haptics", choices=("on", "off"), help="forces on the hands at the start (default: the scene's)")
-    _by_hand(sub)
-    sub.add_argument(
-        "--participant", type=int, metavar="N", help="number of a participant in a study; chooses the run with forces"
-    )
-    sub.add_argument("--run", type=int, metavar="1|2", help="number of the participant's run: only one has forces")
 
+def _trials(add: Add) -> None:
+    """Add the commands that simulate operators, controllers and machines, and evaluate sessions and studies."""
     sub = add(
         "operate",
         "simulate an operator (hands, pedals) who performs a protocol or a task, and measure the result",
@@ -403,43 +399,27 @@ def parser() -> argparse.ArgumentParser:
         "  twin operate sils lowered_patient --scale 0.5\n"
         "  twin operate davinci --seed 3       a surgeon with two hands, clutch and camera at a scene's console\n"
         "  twin operate davinci --task pegboard      rings from pegs to pegs, held by friction\n"
-        "  twin operate vsrs --task cholecystectomy  a gallbladder taken out in five stages",
+        "  twin operate vsrs --task cholecystectomy  a gallbladder taken out in five stages\n"
+        "  twin operate raven --trials 3       a machine by teleoperation, then a motion rehearsed in its model",
     )
-    sub.add_argument("robot", help="a built-in robot, the path of a robot folder, or a scene with a task")
-    sub.add_argument("protocol", nargs="?", help="name or path of a protocol (default: the robot's default)")
-    sub.add_argument("--task", metavar="NAME", help="task of a scene (default: its first task)")
-    sub.add_argument(
-        "--mistake",
-        metavar="NAME",
-        help="mistake that the surgeon of a procedure makes: clip_missed, wrong_vessel, organ_punctured, cut_outside, "
-        "bed_left",
+    sub.robot("a built-in robot, the path of a robot folder, or a scene with a task")
+    sub.protocol()
+    sub.text("--task", "NAME", "task of a scene (default: its first task)")
+    mistakes = "clip_missed, wrong_vessel, organ_punctured, cut_outside, bed_left"
+    sub.text("--mistake", "NAME", f"mistake that the surgeon of a procedure makes: {mistakes}")
+    sub.choice("--haptics", ("on", "off"), "compute forces on the hands (the operator does not react)")
+    sub.out("./twin-out/<robot>/<protocol>-operator/")
+    sub.integer("--seed", "random seed of the simulated hand; each further trial adds 1", 0)
+    sub.integer("--trials", "number of trials, or of motions of a machine", 1)
+    sub.machines()
+    text = (
+        "ratio of tool motion to hand motion (default 0.1, ASSUMED, because the paper states none; at a console the "
+        "scene's scale); rotations are not scaled"
     )
-    sub.add_argument(
-        "--haptics", choices=("on", "off"), help="compute forces on the hands (the operator does not react)"
-    )
-    out(sub, "./twin-out/<robot>/<protocol>-operator/")
-    sub.add_argument(
-        "--seed", type=int, default=0, help="random seed of the simulated hand (default 0); each further trial adds 1"
-    )
-    sub.add_argument("--trials", type=int, default=1, metavar="N", help="number of trials (default 1)")
-    sub.add_argument(
-        "--scale",
-        type=float,
-        metavar="S",
-        help=(
-            "ratio of tool motion to hand motion (default 0.1, ASSUMED, because the paper states none; at a console "
-            "the scene's scale); rotations are not scaled"
-        ),
-    )
-    sub.add_argument(
-        "--clutch",
-        choices=("corrected", "printed"),
-        default="corrected",
-        help="clutch of the SHER simulation paper, eq. (7): corrected (default), or as printed",
-    )
-    sub.add_argument(
-        "--solver", choices=("damped", "slsqp"), default="damped", help="solver of the joint steps (default damped)"
-    )
+    sub.number("--scale", "S", text)
+    text = "clutch of the SHER simulation paper, eq. (7): corrected (default), or as printed"
+    sub.choice("--clutch", ("corrected", "printed"), text, "corrected")
+    sub.choice("--solver", ("damped", "slsqp"), "solver of the joint steps (default damped)", "damped")
 
     sub = add(
         "session",
@@ -448,10 +428,8 @@ def parser() -> argparse.ArgumentParser:
         "  twin session hands.session --out session/       page, plots, CSV, tracks, GLB, MCAP",
     )
     sub.add_argument("file", help="a file of twin serve --session, or hands.session of twin operate")
-    sub.add_argument(
-        "--scene", metavar="SCENE", help="path of the session's scene (default: the built-in scene that it names)"
-    )
-    sub.add_argument("--out", metavar="FOLDER", help="folder to write to (default: nothing is written)")
+    sub.text("--scene", "SCENE", "path of the session's scene (default: the built-in scene that it names)")
+    sub.text("--out", "FOLDER", "folder to write to (default: nothing is written)")
 
     sub = add(
         "track",
@@ -459,28 +437,66 @@ def parser() -> argparse.ArgumentParser:
         "  twin track pa10\n  twin track pa10 circle --mismatch 10 --curve\n"
         "  twin track pa10 --inertia cad --plant pinocchio --json",
     )
-    robot(sub)
-    sub.add_argument("protocol", nargs="?", help="name or path of a protocol (default: the robot's default)")
-    out(sub, "./twin-out/<robot>/<protocol>-track/")
-    sub.add_argument(
-        "--mismatch",
-        type=float,
-        default=5.0,
-        metavar="PERCENT",
-        help="error of masses and inertia tensors in the controller's model in percent (default 5)",
+    sub.robot()
+    sub.protocol()
+    sub.out("./twin-out/<robot>/<protocol>-track/")
+    text = "error of masses and inertia tensors in the controller's model in percent"
+    sub.number("--mismatch", "PERCENT", text, 5.0)
+    sub.choice("--plant", ("mujoco", "pinocchio"), "simulator of the robot (default mujoco)", "mujoco")
+    text = (
+        "source of masses and inertia tensors: cited in inertia.toml (default if it exists), or computed from the CAD"
     )
-    sub.add_argument(
-        "--plant", choices=("mujoco", "pinocchio"), default="mujoco", help="simulator of the robot (default mujoco)"
+    sub.choice("--inertia", ("cited", "cad"), text)
+    sub.flag("--curve", "also compute the tip error for model errors of -20..20 %%")
+
+    sub = add(
+        "machine",
+        "run a robot as a machine: control software, motors and links at 1 kHz, with packets by UDP, states by TCP",
+        "  twin machine raven_left --port 36000 --state-port 36001 --start\n"
+        "  twin machine raven_left --mass-error 5 --friction-error 20 --overdrive hard",
     )
-    sub.add_argument(
-        "--inertia",
-        choices=("cited", "cad"),
-        help=(
-            "source of masses and inertia tensors: cited in inertia.toml (default if it exists), or computed from the "
-            "CAD"
-        ),
+    sub.robot()
+    for name, text in (("--port", "UDP port of the packets"), ("--state-port", "TCP port of the states")):
+        sub.add_argument(name, type=_port, default=0, help=f"{text} (default 0: any free port)")
+    sub.flag("--start", "press the start button at once")
+    sub.number("--duration", "S", "stop after a time (default: run until Ctrl-C)")
+    sub.software()
+    sub.number("--master-timeout-ms", "MS", "time without packets after which the pedal counts as up")
+    sub.number("--mass-error", "PERCENT", "excess of the machine's masses over the masses in its software", 0.0)
+    sub.number("--friction-error", "PERCENT", "excess of the machine's friction over the friction in its software", 0.0)
+    sub.number("--tilt-deg", "DEG", "tilt of the machine's base about x", 0.0)
+
+    sub = add(
+        "follow",
+        "show a twin that mirrors a machine: as measured, as desired (a ghost), and the curve of their deviation",
+        "  twin follow raven_left --states 127.0.0.1:36001      a machine that `twin machine` runs\n"
+        "  twin follow pa10 --packets 36002                     joint values by UDP (docs/raven.md, Follow)\n"
+        "  twin follow raven_left --states 36001 --view         in the page of twin view",
     )
-    sub.add_argument("--curve", action="store_true", help="also compute the tip error for model errors of -20..20 %%")
+    sub.robot()
+    sub.text("--states", "[HOST:]PORT", "TCP port of the states of a `twin machine`")
+    sub.text("--packets", "PORT", "UDP port for joint packets (0: any free port)", type=_port)
+    sub.flag("--view", "show the page of twin view instead of that of twin serve")
+    sub.address(8766, "page")
+    sub.set_defaults(record=None, replay=None, session=None)
+
+    sub = add(
+        "hazards",
+        "run a campaign of faults on the machine of a robot; the same command continues an interrupted campaign",
+        "  twin hazards raven_left --campaign table1\n"
+        "  twin hazards pa10 --sessions 100 --processes 1\n"
+        "  twin hazards raven_left --overdrive hard --released none --out hard\n"
+        "  twin hazards raven_left --trends",
+    )
+    sub.robot()
+    sub.software()
+    text = "instead of a campaign: deviation by motion scale, and the first motor stuck every 8 s, as in the paper"
+    sub.flag("--trends", text)
+    text = "name of a campaign of the robot, or path of a file (default table1)"
+    sub.text("--campaign", "NAME", text, default="table1")
+    sub.integer("--sessions", "maximum number of the remaining sessions to run (default: all)")
+    sub.integer("--processes", "number of processes (default: number of processors)")
+    sub.out("./twin-out/<robot>/<name>-hazards/")
 
     sub = add(
         "study",
@@ -491,12 +507,9 @@ def parser() -> argparse.ArgumentParser:
         "  twin study users.csv --out study/           also a page with box plots and learning curves\n"
         "  twin study first=a.session first=b.session last=c.session last=d.session    sessions at a console",
     )
-    sub.add_argument(
-        "subject",
-        nargs="+",
-        help="a built-in robot or study, a robot folder, a study file, a CSV of users, or sessions as GROUP=FILE",
-    )
-    sub.add_argument("--out", metavar="FOLDER", help="write a page, a figure and the data of groups into this folder")
+    text = "a built-in robot or study, a robot folder, a study file, a CSV of users, or sessions as GROUP=FILE"
+    sub.add_argument("subject", nargs="+", help=text)
+    sub.text("--out", "FOLDER", "write a page, a figure and the data of groups into this folder")
 
     sub = add(
         "console",
@@ -507,17 +520,13 @@ def parser() -> argparse.ArgumentParser:
         "  twin console davinci --variant eq4=paper --json",
     )
     sub.add_argument("console", help="a console: davinci")
-    sub.add_argument(
-        "--variant",
-        metavar="EQ=NAME",
-        action="append",
-        default=[],
-        help=(
-            "use another reading of an equation, such as eq4=paper, or of all equations: paper, conjugate or decoupled"
-        ),
-    )
-    out(sub, "./twin-out/<console>/console-<variant>/")
+    text = "use another reading of an equation, such as eq4=paper, or of all equations: paper, conjugate or decoupled"
+    sub.variants(text)
+    sub.out("./twin-out/<console>/console-<variant>/")
 
+
+def _files(add: Add) -> None:
+    """Add the commands that read, write and check files of other programs."""
     sub = add(
         "new",
         "create a robot folder from URDF, MJCF, SDF, a USD stage, or the STEP file of an assembly",
@@ -526,17 +535,12 @@ def parser() -> argparse.ArgumentParser:
         "  twin new arm.step                                an incomplete robot: joints are proposed as comments",
     )
     sub.add_argument("name", help="name of the robot (lower-case letters, digits and _), or the file to read")
-    sub.add_argument("--from", dest="source", metavar="FILE", help=".urdf, .xml (MJCF), .sdf, .usd* or .step")
-    sub.add_argument(
-        "--closures", metavar="FILE", help="closure YAML of a URDF (default: the .yaml file of the same name)"
-    )
-    sub.add_argument(
-        "--root",
-        metavar="NAME",
-        help="robot to read, if the file has several: prim path (USD), model (SDF) or body (MJCF)",
-    )
-    sub.add_argument("--force", action="store_true", help="overwrite a robot folder; equations and protocols are kept")
-    out(sub, "./<name>/")
+    sub.text("--from", "FILE", ".urdf, .xml (MJCF), .sdf, .usd* or .step", dest="source")
+    sub.text("--closures", "FILE", "closure YAML of a URDF (default: the .yaml file of the same name)")
+    text = "robot to read, if the file has several: prim path (USD), model (SDF) or body (MJCF)"
+    sub.text("--root", "NAME", text)
+    sub.flag("--force", "overwrite a robot folder; equations and protocols are kept")
+    sub.out("./<name>/")
 
     sub = add(
         "export",
@@ -548,59 +552,89 @@ def parser() -> argparse.ArgumentParser:
         "  twin export usd/pa10/pa10_circle.usda         a stage, with its baked motion\n"
         "  twin export vsrs                              a scene: each robot at its place, and all in one stage",
     )
-    sub.add_argument("robot", help="a built-in robot or scene, the path of a robot folder, a scene or a USD stage")
-    tool(sub)
-    out(sub, "./twin-out/<robot>/export/")
-    sub.add_argument(
-        "--to",
-        metavar="FORMATS",
-        help="comma-separated list of usd, usdz, glb, unity, tracks, mjcf, urdf (default all)",
-    )
+    sub.robot(_SHOWN)
+    sub.tool()
+    sub.out("./twin-out/<robot>/export/")
+    sub.text("--to", "FORMATS", "comma-separated list of usd, usdz, glb, unity, tracks, mjcf, urdf (default all)")
     group = sub.add_mutually_exclusive_group()
-    group.add_argument(
-        "--protocol",
-        metavar="NAME",
-        action="append",
-        help="a protocol of the robot, or the path of a protocol file; may be given more than once",
-    )
+    text = "a protocol of the robot, or the path of a protocol file; may be given more than once"
+    group.add_argument("--protocol", metavar="NAME", action="append", help=text)
     group.add_argument("--all-protocols", action="store_true", help="every protocol of the robot (the default)")
-    sub.add_argument(
-        "--budget-um",
-        type=float,
-        metavar="UM",
-        help="maximum error of link points and joint gaps between keys in micrometres "
-        "(default 100; the limit of rotation scales with it, 0.05 degrees at 100); determines the key rate",
+    text = (
+        "maximum error of link points and joint gaps between keys in micrometres (default 100; the limit of rotation "
+        "scales with it, 0.05 degrees at 100); determines the key rate"
     )
+    sub.number("--budget-um", "UM", text)
 
     sub = add(
         "audit",
-        "check exported files, including those of other tools, with independent readers, and compare the files",
+        "check exported files, also from other tools, with independent readers, and compare the files",
         "  twin audit twin-out/sils/export/\n  twin audit twin-out/sils/export/ --robot sils    against the mechanism\n"
         "  twin audit model.glb              a file from any source\n  twin audit robot.usdz --json",
     )
     sub.add_argument("path", help="a folder, or a .glb, .gltf, USD, .usdz, track, MJCF or URDF file")
-    sub.add_argument("--robot", metavar="NAME", help="recompute the poses from this robot's mechanism: name or folder")
-    sub.add_argument("--all", action="store_true", help="show notes and all checks, not only the worst of each kind")
+    sub.text("--robot", "NAME", "recompute the poses from this robot's mechanism: name or folder")
+    sub.flag("--all", "show notes and all checks, not only the worst of each kind")
+
+
+def _analyses(add: Add) -> None:
+    """Add the commands that evaluate the design of a robot."""
+    sub = add(
+        "workspace",
+        "compute the workspace: volume, conditioning, margins to limits and singularities",
+        "  twin workspace sils                              a million positions in the home orientation\n"
+        "  twin workspace sils --count 1e7 --tilt-deg 20 --turns 50\n"
+        "  twin workspace pa10 --joints                     by sampling the joint ranges instead\n"
+        "  twin workspace my_robot/ --step-mm 2 --scheduler tcp://10.0.0.1:8786",
+    )
+    sub.robot()
+    sub.text("--protocol", "NAME", _TROCAR)
+    sub.number("--count", "N", "total number of poses", 1_000_000, _count)
+    sub.number("--step-mm", "MM", "distance between positions, instead of --count")
+    sub.number("--tilt-deg", "DEG", "maximum rotation of the tool about each axis", 0.0)
+    sub.integer("--turns", "number of orientations at each position", 30)
+    text = "sample joint values instead of poses (always done for equations without a closed-form inverse)"
+    sub.flag("--joints", text)
+    sub.scheduler()
+    sub.out("./twin-out/<robot>/workspace/")
 
     sub = add(
-        "selftest",
-        "seed faults into a correct robot, and measure how many the validator finds (mutation score)",
-        "  twin selftest sils                            equations, CAD, USD, units, timing\n"
-        "  twin selftest sils --family formula,cad --count 60 --seed 7\n"
-        "  twin selftest my_robot/ --json",
+        "tolerance",
+        "compute the tool error caused by part and encoder errors, and compare it with a requirement",
+        "  twin tolerance sher                              in every posture, with the robot's requirement\n"
+        "  twin tolerance sher --sigma-um 2 --encoder-um 0.5 --require-um 30\n"
+        "  twin tolerance sils --protocol table2 --samples 100000 --json",
     )
-    robot(sub)
-    sub.add_argument("--protocol", metavar="NAME", help="the protocol (default: the robot's default protocol)")
-    sub.add_argument(
-        "--family", metavar="NAMES", help="comma-separated list of formula, cad, usd, units, timing (default all)"
+    sub.robot()
+    sub.text("--protocol", "NAME", "evaluate along this protocol instead of in every posture")
+    sub.number("--sigma-um", "UM", "standard deviation of a joint frame's position", 10.0)
+    sub.number("--sigma-deg", "DEG", "standard deviation of a joint frame's rotation about each of its axes", 0.001)
+    sub.number("--encoder-um", "UM", "standard deviation of a slide's encoder", 1.0)
+    sub.number("--encoder-deg", "DEG", "standard deviation of a rotary joint's encoder", 0.001)
+    text = "required 95th-percentile position error (default: the requirement of the robot)"
+    sub.number("--require-um", "UM", text)
+    sub.number("--samples", "N", "number of Monte Carlo samples; 0: none", 20_000, _count)
+    sub.integer("--seed", "random seed", 0)
+    sub.out("./twin-out/<robot>/tolerance/")
+
+    sub = add(
+        "sweep",
+        "evaluate other designs: parameters or distances on a grid or Latin hypercube",
+        "  twin sweep sils --vary l_p=120..150mm --vary l_2=180..260mm --samples 200\n"
+        "  twin sweep sher --vary l4:e_a-e_d=70..77mm --grid 9     a distance in the mechanism, evaluated by "
+        "tolerance\n"
+        "  twin sweep sils --vary l_p=120..150mm --grid 50 --scheduler tcp://10.0.0.1:8786 --parquet",
     )
-    sub.add_argument("--count", type=int, default=118, metavar="N", help="number of faults (default 118)")
-    sub.add_argument("--seed", type=int, default=0, help="random seed (default 0)")
-    out(sub, "./twin-out/<robot>/")
-
-    add_sweeps(add, robot, out)
-
-    _machine(add, robot)
-    _hazards(add, robot)
-    add("doctor", "list the installed packages and programs, and their purposes", "  twin doctor")
-    return root
+    sub.robot()
+    text = "parameter of the equations, or distance body:joint-joint, with its range; may be given more than once"
+    sub.text("--vary", "NAME=LOW..HIGH", text, action="append", default=[])
+    sub.number("--samples", "N", "number of samples of the Latin hypercube", 64, _count)
+    sub.integer("--grid", "number of levels of each factor: a full grid, no samples")
+    sub.text("--objective", "NAMES", "comma-separated list of volume, conditioning, margin, tolerance")
+    sub.text("--protocol", "NAME", _TROCAR)
+    sub.integer("--seed", "random seed of the Latin hypercube", 0)
+    sub.scheduler()
+    sub.integer("--workers", "number of worker processes (default: one for each processor)")
+    sub.flag("--parquet", "also write sweep.parquet")
+    sub.flag("--fresh", "evaluate all designs again instead of reusing results")
+    sub.out("./twin-out/<robot>/sweep-<key>/, one for each sweep")

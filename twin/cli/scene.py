@@ -65,7 +65,7 @@ def tissues(scene: Scene) -> tuple[Tissue, ...]:
 
 
 def organs(scene: Scene, robots: Mapping[str, api.Robot]) -> OrganFeed | None:
-    """Return the soft organs of a scene for a page whose robots are not in a World with them; None: it has none."""
+    """Return the soft organs of a scene for a page without a World; None: it has none."""
     if not (found := tissues(scene)):
         return None
     from twin.simulation import tissue_scene
@@ -89,13 +89,8 @@ def run(file: Path, args: argparse.Namespace) -> int:
 
     The exit code is 1 if robots collide.
     """
-    from twin.ui.report.files import write_result
-
     scene = api.load_scene(file)
-    root = Path(args.out) if args.out else Path("twin-out") / scene.name
-    assets.require_writable(root)
+    root = show.folder(args, scene.name)
     with show.progress(args.quiet or args.json) as progress:
         played = api.play(scene, progress)
-        with assets.atomic_folder(root) as work:
-            pictures = write_result(played, work)
-    return show.finish(played, args, root, [*pictures, f"usd/{scene.name}/{scene.name}.usda"])
+    return show.store(played, args, root, [f"usd/{scene.name}/{scene.name}.usda"])

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from twin.cli import show
-from twin.core import assets
 from twin.core.errors import TwinError, unknown
 
 if TYPE_CHECKING:
@@ -18,7 +17,6 @@ def selftest(args: argparse.Namespace) -> int:
     """Seed faults, validate and store the score; the exit code is 1 for a low score or for a false alarm."""
     from twin.analysis.mutation.fault import FAMILIES
     from twin.analysis.mutation.run import selftest as run
-    from twin.ui.report.files import write_result
 
     if args.count < 1:
         raise TwinError(f"--count {args.count}: give a number of faults, 1 or more")
@@ -32,11 +30,9 @@ def selftest(args: argparse.Namespace) -> int:
                 raise TwinError(f"--family: {unknown('family', name, FAMILIES)}")
         families = tuple(f for f in FAMILIES if f in asked)
     name = Path(args.robot).resolve().name if Path(args.robot).is_dir() else args.robot
-    folder = Path(args.out) if args.out else Path("twin-out") / name
+    folder = show.folder(args, name)
     with show.progress(args.quiet or args.json) as progress:
         score = run(
             args.robot, protocol=args.protocol, families=families, count=args.count, seed=args.seed, progress=progress
         )
-    with assets.atomic_folder(folder) as work:
-        shown = write_result(score, work)
-    return show.finish(score, args, folder, ["selftest.json", *shown])
+    return show.store(score, args, folder, ["selftest.json"])

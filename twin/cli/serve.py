@@ -10,18 +10,22 @@ import sys
 import threading
 import webbrowser
 from collections import ChainMap
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from twin import api
+from twin.cli import machine as machines
 from twin.cli import scene as scenes
 from twin.cli.address import Address, free_port
 from twin.core import assets
 from twin.core.errors import TwinError
 
 if TYPE_CHECKING:
+    from twin.api import Robot
+    from twin.model.mechanism import Mechanism
+    from twin.model.scene import Scene
     from twin.ui.headset.served import Served
 
 _ADVICE = "a headset allows AR only over https (--cert and --key) or by a USB cable; see twin serve --help"
@@ -40,8 +44,10 @@ def serve(args: argparse.Namespace) -> int:
             raise TwinError("--session and --replay cannot be combined: a replay has no hands to record")
         assets.require_writable(Path(args.session).parent)
     _require_whole_study(args)
+    if args.machine and scenes.find(args.robot) is None:
+        raise TwinError(f"--machine applies to a scene with machines, such as raven; {args.robot} is a robot")
     name, make = _what(args)
-    asyncio.run(_run(args, name, make, port, context))
+    asyncio.run(run(args, name, make, port, context))
     return 0
 
 
@@ -75,23 +81,7 @@ def _what(args: argparse.Namespace) -> tuple[str, Callable[[], Served]]:
     scene = load_scene(file)
     robots, props = scenes.content(scene)
     if scene.console is not None and not args.protocols:
-        from twin.cli.session import report
-        from twin.simulation.session.condition import Condition, randomised
-        from twin.simulation.session.run import task_of
-
-        task = None if args.task is None else task_of(scene, args.task)
-        session = None if args.session is None else Path(args.session)
-        condition = None if args.haptics is None else Condition(haptics=args.haptics == "on")
-        if args.participant is not None:
-            condition = randomised(args.participant, args.run)
-        if args.fulcrum is not None and not scene.console.instrument_mm:
-            key = f"instrument_mm to the table [console] of {file.name}"
-            raise TwinError(f"--fulcrum: the instruments of scene '{scene.name}' have no length: add {key}")
-        connections = (args.packets, args.mqtt, args.mqtt_topic)
-        more = {"fulcrum": args.fulcrum or "compensated", **scenes.bending(scene, robots, task)}
-        return scene.name, lambda: served.of_console(
-            scene, robots, props, session, *connections, task, report, condition, **more
-        )
+        return scene.name, _at_console(args, scene, robots, props)
     scene.require_protocols()
     if args.protocols:
         _require_no_hands(args)
@@ -102,6 +92,41 @@ def _what(args: argparse.Namespace) -> tuple[str, Callable[[], Served]]:
     _require_no_session(args)
     _require_no_haptics(args)
     return scene.name, lambda: served.of_scene(scene, robots, props, plans, scenes.organs(scene, robots))
+
+
+def _at_console(
+    args: argparse.Namespace, scene: Scene, robots: Mapping[str, Robot], props: Mechanism | None
+) -> Callable[[], Served]:
+    """Return the function that starts the console of a scene; raise `TwinError` for wrong arguments."""
+    from twin.cli.session import report
+    from twin.simulation.console_scene import console_of
+    from twin.simulation.session.condition import Condition, randomised
+    from twin.simulation.session.run import task_of
+    from twin.ui.headset import served
+
+    task = None if args.task is None else task_of(scene, args.task)
+    session = None if args.session is None else Path(args.session)
+    condition = None if args.haptics is None else Condition(haptics=args.haptics == "on")
+    if args.participant is not None:
+        condition = randomised(args.participant, args.run)
+    if args.fulcrum is not None and not console_of(scene).instrument_mm:
+        key = f"instrument_mm to the table [console] of {scene.file.name}"
+        raise TwinError(f"--fulcrum: the instruments of scene '{scene.name}' have no length: add {key}")
+    connections = (args.packets, args.mqtt, args.mqtt_topic)
+    more = {"fulcrum": args.fulcrum or "compensated", **scenes.bending(scene, robots, task)}
+    machines.running(args.machine)
+    return lambda: served.of_console(
+        scene,
+        robots,
+        props,
+        session,
+        *connections,
+        task,
+        report,
+        condition,
+        **more,
+        machines=machines.of_scene(scene, robots, args.machine),
+    )
 
 
 def _require_no_hands(args: argparse.Namespace) -> None:
@@ -123,7 +148,7 @@ def _require_no_haptics(args: argparse.Namespace) -> None:
 
 def _require_whole_study(args: argparse.Namespace) -> None:
     if (args.participant is None) != (args.run is None):
-        raise TwinError("--participant and --run belong together: give both, such as --participant 7 --run 1")
+        raise TwinError("--participant and --run must be given together, such as --participant 7 --run 1")
     if args.participant is not None and args.haptics is not None:
         raise TwinError("--haptics and --participant cannot be combined: the number of the participant sets the order")
     if args.participant is not None and args.session is None:
@@ -132,9 +157,10 @@ def _require_whole_study(args: argparse.Namespace) -> None:
         raise TwinError("--haptics and --replay cannot be combined: a recorded session cannot be controlled")
 
 
-async def _run(
+async def run(
     args: argparse.Namespace, name: str, make: Callable[[], Served], port: int, context: ssl.SSLContext | None
 ) -> None:
+    """Serve a source, which `make` starts in the event loop, until Ctrl-C."""
     from twin.ui.door.gate import Gate
     from twin.ui.headset import files
     from twin.ui.headset.recording import Recording, Replay

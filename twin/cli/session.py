@@ -8,7 +8,6 @@ from pathlib import Path
 from twin.api.procedure import is_procedure, replay_procedure
 from twin.api.session import replay_session
 from twin.cli import show
-from twin.core import assets
 
 
 def report(file: str, scene: str) -> bytes:
@@ -27,16 +26,8 @@ def session(args: argparse.Namespace) -> int:
 
     The exit code is 1 if the replay differs from the recording, or if a target was not touched or a check failed.
     """
-    from twin.ui.report.files import write_result
-
-    folder = None if args.out is None else Path(args.out)
-    if folder is not None:
-        assets.require_writable(folder)
+    folder = show.folder(args) if args.out else None
     with show.progress(args.quiet or args.json) as progress:
         replay = replay_procedure if is_procedure(args.file, args.scene) else replay_session
         found = replay(args.file, args.scene, progress)
-    if folder is None:
-        return show.finish(found, args)
-    with assets.atomic_folder(folder) as work:
-        pictures = write_result(found, work)
-    return show.finish(found, args, folder, pictures)
+    return show.finish(found, args) if folder is None else show.store(found, args, folder)

@@ -10,13 +10,14 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from twin.core import assets
 from twin.core.findings import Finding
 from twin.core.result import Line, Part, Result, Table, as_json
 
 if TYPE_CHECKING:
     from twin.api import Robot
 
-__all__ = ["as_json", "finding", "finish", "plain", "progress", "table", "tool_note"]
+__all__ = ["as_json", "finding", "finish", "folder", "plain", "progress", "store", "table", "tool_note"]
 
 _MARKS = {"error": "✖", "disagreement": "✖", "warning": "▲", "info": "·"}
 
@@ -56,12 +57,7 @@ def finish(
 ) -> int:
     """Print a result as text or, with --json, as JSON; return its exit code.
 
-    Args:
-        result: the result.
-        args: arguments of the command line.
-        folder: folder of the written files; None: no files.
-        files: names of the files in the folder to list.
-        text: lines to print; None: the whole text of the result.
+    `folder` and `files` are the written files to list; `text` replaces the whole text of the result.
     """
     if args.json:
         print(as_json({**result.as_dict(), **({} if folder is None else {"folder": str(folder)})}))
@@ -74,6 +70,29 @@ def finish(
     for name in files:
         print(f"  {folder / name if folder else name}")
     return result.exit_code
+
+
+def folder(args: argparse.Namespace, *default: str) -> Path:
+    """Return the folder of --out or, without this option, ./twin-out/<default>; it is not created yet.
+
+    Raises:
+        OutputError: the folder cannot be written.
+    """
+    out = Path(args.out) if args.out else Path("twin-out", *default)
+    assets.require_writable(out)
+    return out
+
+
+def store(result: Result, args: argparse.Namespace, out: Path, more: Iterable[str] = ()) -> int:
+    """Write the page, pictures and data of a result into a folder, and finish the result.
+
+    `more` has the names of further files in the folder, which are listed after the pictures.
+    """
+    from twin.ui.report.files import write_result
+
+    with assets.atomic_folder(out) as work:
+        pictures = write_result(result, work)
+    return finish(result, args, out, [*pictures, *more])
 
 
 def plain(part: Part) -> str:

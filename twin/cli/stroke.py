@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 
 from twin import api
 from twin.cli import show
@@ -24,8 +23,7 @@ def run(robot: api.Robot, args: argparse.Namespace) -> int:
     variants = asked(args.variant)
     if isinstance(variants, str):
         raise TwinError("--sweep accepts no variant name alone; give EQ=NAME pairs")
-    folder = (Path(args.out) if args.out else Path("twin-out") / robot.name) / "sweep"
-    assets.require_writable(folder)
+    folder = show.folder(args, robot.name) / "sweep"
     with show.progress(args.quiet or args.json) as progress:
         found = api.strokes(robot, joints, standins, variants, progress)
         with assets.atomic_folder(folder) as work:

@@ -7,7 +7,6 @@ from pathlib import Path
 
 from twin.api import published
 from twin.cli import show
-from twin.core import assets
 from twin.core.errors import TwinError
 from twin.core.result import Result
 
@@ -18,20 +17,15 @@ def study(args: argparse.Namespace) -> int:
     With --out, write page, picture and data of a comparison of groups. The exit code is 1 if printed tables differ
     from the paper.
     """
-    folder = None if args.out is None else Path(args.out)
-    if folder is not None:
-        assets.require_writable(folder)
+    folder = show.folder(args) if args.out else None
     found = _found(args)
     if folder is None:
         return show.finish(found, args)
-    from twin.ui.report.files import write_result
     from twin.validation.ranks import Ranks
 
     if not isinstance(found, Ranks):
         raise TwinError("--out is for groups of users (a CSV file) or of sessions (NAME=FILE)")
-    with assets.atomic_folder(folder) as work:
-        pictures = write_result(found, work)
-    return show.finish(found, args, folder, [*pictures, "users.csv"])
+    return show.store(found, args, folder, ["users.csv"])
 
 
 def _found(args: argparse.Namespace) -> Result:

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 
 import numpy as np
 
 from twin import api
 from twin.cli import show
-from twin.core import assets
 from twin.core.errors import TwinError
 from twin.core.units import DEG, UM
 
@@ -21,15 +19,13 @@ def tolerance(args: argparse.Namespace) -> int:
     """
     from twin.analysis.tolerance import Spread
     from twin.analysis.tolerance import tolerance as compute
-    from twin.ui.report.files import write_result
 
     if args.samples and args.samples < 1000:
         raise TwinError(f"--samples {args.samples}: give at least 1000, or 0 for none")
     if args.require_um is not None and not (np.isfinite(args.require_um) and args.require_um > 0):
         raise TwinError(f"--require-um {args.require_um:g}: give a positive number of micrometres")
     robot = api.load(args.robot)
-    folder = Path(args.out) if args.out else Path("twin-out") / robot.name / "tolerance"
-    assets.require_writable(folder)
+    folder = show.folder(args, robot.name, "tolerance")
     spread = Spread(args.sigma_um * UM, args.sigma_deg * DEG, args.encoder_um * UM, args.encoder_deg * DEG)
     with show.progress(args.quiet or args.json) as progress:
         found = compute(
@@ -41,6 +37,4 @@ def tolerance(args: argparse.Namespace) -> int:
             seed=args.seed,
             progress=progress,
         )
-        with assets.atomic_folder(folder) as work:
-            pictures = write_result(found, work)
-    return show.finish(found, args, folder, pictures)
+    return show.store(found, args, folder)

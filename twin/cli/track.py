@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 
 from twin import api
 from twin.cli import show
-from twin.core import assets
-from twin.ui.report.files import write_result
 
 
 def track(args: argparse.Namespace) -> int:
@@ -18,8 +15,7 @@ def track(args: argparse.Namespace) -> int:
     """
     robot = api.load(args.robot)
     protocol = robot.protocol(args.protocol)
-    folder = Path(args.out) if args.out else Path("twin-out") / robot.name / f"{protocol.name}-track"
-    assets.require_writable(folder)
+    folder = show.folder(args, robot.name, f"{protocol.name}-track")
     with show.progress(args.quiet or args.json) as progress:
         result = api.track(
             robot,
@@ -30,6 +26,4 @@ def track(args: argparse.Namespace) -> int:
             curve=args.curve,
             progress=progress,
         )
-    with assets.atomic_folder(folder) as work:
-        pictures = write_result(result, work)
-    return show.finish(result, args, folder, pictures)
+    return show.store(result, args, folder)

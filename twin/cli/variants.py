@@ -1,4 +1,4 @@
-"""Read `--variant`: one name for every equation that has such a variant, or EQ=NAME pairs."""
+"""Read `--variant`: one name for all equations with this variant, or EQ=NAME pairs."""
 
 from __future__ import annotations
 

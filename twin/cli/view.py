@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from twin import api
+from twin.cli import machine as machines
 from twin.cli import scene as scenes
 from twin.cli import show
 from twin.cli.address import Address, free_port
@@ -138,8 +139,9 @@ def _what(
         robots, props = scenes.content(scene)
         stopping, bending = more["stopping"], scenes.bending(scene, robots, task)
         fulcrum = args.fulcrum or "compensated"
-        title = f"twin · {scene.name}"
-        return ConsoleFront(title, scene, robots, props, server, stopping, task, report, fulcrum, **bending)
+        title, linked = f"twin · {scene.name}", machines.of_scene(scene, robots, args.machine)
+        more = {**bending, "machines": linked}
+        return ConsoleFront(title, scene, robots, props, server, stopping, task, report, fulcrum, **more)
 
     if args.watch is not None:
         return scene.name, lambda server, more: _spectator(scene, server, more["stopping"], args.watch)

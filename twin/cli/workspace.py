@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 
 import numpy as np
 
@@ -28,8 +27,7 @@ def workspace(args: argparse.Namespace) -> int:
     if not 0 <= args.tilt_deg <= 180:
         raise TwinError(f"--tilt-deg {args.tilt_deg:g}: give degrees from 0 to 180")
     robot = api.load(args.robot)
-    folder = Path(args.out) if args.out else Path("twin-out") / robot.name / "workspace"
-    assets.require_writable(folder)
+    folder = show.folder(args, robot.name, "workspace")
     with assets.atomic_folder(folder) as work, show.progress(args.quiet or args.json) as progress:
         found = search(
             robot,

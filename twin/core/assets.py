@@ -41,7 +41,6 @@ class RobotFiles:
     """The paths of one robot; the files need not exist.
 
     Attributes:
-        name: name of the robot.
         cad, usd, trajectories: folders.
         formula: file of the equations.
         read: reader that opens each file once (`twin.core.foreign.once`).

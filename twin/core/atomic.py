@@ -41,11 +41,8 @@ _COMMIT, _UNDO = "commit", "undo"
 def atomic_folder(target: Path, replacing: Collection[str] = ()) -> Iterator[Path]:
     """Yield a temporary folder; move its files into `target` when the block ends without an error.
 
-    Files that the block does not write stay unchanged. On any error `target` stays unchanged.
-
-    Args:
-        target: an existing or new folder.
-        replacing: files in the target that are removed in the same step, unless they are written again.
+    Files that the block does not write stay unchanged. On any error `target` stays unchanged. `replacing` has files of
+    the target that are removed in the same step, unless they are written again.
 
     Raises:
         OutputError: the target cannot be written (read-only, full, a file with the name of a folder).
@@ -139,7 +136,7 @@ def _settle(base: Path, own: Path) -> None:
 
 
 def _discard(own: Path) -> None:
-    """Remove a folder, unless its journal must still be completed or undone."""
+    """Remove a folder if no journal remains in it that must be completed or undone."""
     if not any((own / name).is_file() for name in (_COMMIT, _UNDO)):
         shutil.rmtree(own, ignore_errors=True)
 

@@ -62,7 +62,7 @@ class AssemblyError(TwinError):
 
     Attributes:
         best: the best assembly found.
-        gap: largest loop gap of this assembly in m; NaN if unknown.
+        gap: maximum loop gap of this assembly in m; NaN if unknown.
     """
 
     def __init__(self, message: str, best: Any = None, gap: float = float("nan")) -> None:
@@ -94,11 +94,8 @@ class OutputError(TwinError):
 def unknown(kind: str, name: str, known: Iterable[str], unread: Iterable[str] = ()) -> str:
     """Return a message for an unknown name: the most similar name, then all known names.
 
-    Args:
-        kind: kind of object, for instance "joint".
-        name: the unknown name.
-        known: existing names.
-        unread: known names that have a value but are never used; they are suggested first.
+    `kind` is the kind of object, for instance "joint". Names in `unread` have a value but are never used; they are
+    suggested first.
     """
     names, waiting = sorted(known), sorted(unread)
     close = get_close_matches(name, waiting, n=1, cutoff=0.3) or (waiting if len(waiting) == 1 else [])

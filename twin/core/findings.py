@@ -63,19 +63,10 @@ def finding(
 ) -> Finding:
     """Return a finding whose message is "<what>: <size> (limit <limit>)".
 
-    The functions `info`, `warning`, `disagreement` and `error` call this function with their severity.
-
-    Args:
-        severity: see `Finding`.
-        code: see `Finding`.
-        where: see `Finding`.
-        what: the subject and its fault, without the number.
-        size: the measured value.
-        limit: the limit of the size; a plain number is in the unit of `size`.
-        suggestion: how to fix the fault.
-        when: see `Finding`.
-        cause: see `Finding`.
-        word: the word before the limit in the message ("required", "CAD"); "" if `what` contains all numbers.
+    The functions `info`, `warning`, `disagreement` and `error` call this function with their severity. `what` is the
+    subject and its fault, without the number; a plain number as `limit` is in the unit of `size`. `word` is the word
+    before the limit in the message ("required", "CAD"); "" if `what` contains all numbers. For the other arguments see
+    `Finding`.
     """
     if limit is not None and not isinstance(limit, Quantity):
         limit = Quantity(limit, size.unit if size is not None else "")

@@ -1,7 +1,7 @@
 """SE(3) and SO(3) with NumPy, and the distance from a point to a line.
 
 Poses are float64 (..., 4, 4); `T_a_b` is the pose of b in a. Rotation vectors are axis times angle in rad. In twists,
-the linear rows are first. All functions accept leading batch axes unless their docstring states otherwise.
+the linear rows are first. All functions accept leading batch axes, except if their docstring excludes them.
 """
 
 from __future__ import annotations

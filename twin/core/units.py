@@ -7,6 +7,10 @@ MM = 1e-3
 UM = 1e-6
 DEG = pi / 180
 
+SI = {"mm": MM, "deg": DEG, "mm/s": MM, "deg/s": DEG, "mm/s2": MM, "deg/s2": DEG, "g": 1e-3, "kPa": 1e3, "N mm": MM}
+SI |= {"N/mm": 1 / MM, "N s/mm": 1 / MM}
+"""Factors of the units that are not SI units."""
+
 LENGTH = {"m": 1.0, "cm": 1e-2, "mm": MM, "um": UM, "in": 0.0254}
 """Length units that a CAD mesh may declare, in m."""
 

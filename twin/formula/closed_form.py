@@ -1,6 +1,6 @@
 """Published equations of motion in closed form: M(q) qdd + C(q, qd) qd + g(q) = efforts of some joints of a robot.
 
-Terms are linear in their parameters, as those of any rigid bodies are.
+All terms are linear in the inertial parameters, as for any rigid bodies.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ class Terms:
         g: (n,) efforts of gravity.
         change: (n, n) dM/dt.
         M_share: (n, n, k) derivatives of M by the k parameters.
-        g_share: (n, k) those of g.
+        g_share: (n, k) derivatives of g by the k parameters.
     """
 
     M: Array

@@ -41,7 +41,7 @@ class Equation:
     """One published equation, or one helper, in all its variants.
 
     An output that is also an argument is implicit (q1 = ... q2 - q1 ...). Rows (assignments) with implicit outputs are
-    written as printed; the compiler solves these rows, and raises an error unless they are linear.
+    written as printed; the compiler solves these rows, and raises an error if they are not linear.
 
     Attributes:
         name: identifier, "eq1".
@@ -100,7 +100,7 @@ class Measure:
         symbol: symbol of the measure in the flow.
         kind: "type1" (joints move while the tool is at rest) or "type2" (the tool moves while the joints are at rest).
         alarm: absolute value below which an alarm is raised; dimensionless.
-        note: what happens at the singularity; source of the alarm value.
+        note: effect of the singularity; source of the alarm value.
     """
 
     name: str
@@ -130,7 +130,7 @@ class Formula:
         coordinates: pose coordinates of the published equations.
         equations: in the order of evaluation, helpers last.
         characteristic_length: function of parameters, in m; a rotation by 1 rad counts as a translation by this value.
-        points: named points in base in m: each is one symbol with three rows, or three symbols.
+        points: symbols of the named points, in base in m; for each point one symbol (3,) or three scalar symbols.
         passive: symbols of the passive joints, in rad or m, with zero and sign as in the CAD description.
         reach: symbol of each reach margin in m, by name of the margin (>= 0: within reach).
         measures: numbers that are 0 at singularities.
@@ -235,7 +235,7 @@ def _check_coordinates(formula: Formula, fail: Callable[[str], None]) -> None:
 
 def _check_equations(formula: Formula, fail: Callable[[str], None]) -> None:
     if not (formula.has("inverse") or formula.has("forward")):
-        fail("the formula has neither an inverse nor a forward equation.")
+        fail("the formula has no inverse and no forward equation; write at least one.")
     _unique(fail, "equation", [e.name for e in formula.equations])
     for e in formula.equations:
         if e.stage not in ("inverse", "forward", "helper"):
@@ -262,6 +262,6 @@ def _unique(fail: Callable[[str], None], kind: str, names: Iterable[str]) -> Non
             count = len(set(names))
             fail(
                 f"two {kind} entries are named '{name}', number {seen[name]} and number {i}: {len(names)} entries have "
-                f"{count} names. Each entry needs a name of its own."
+                f"{count} names. Give each entry a different name."
             )
         seen[name] = i

@@ -164,7 +164,7 @@ def rows(function: Callable[..., Any]) -> tuple[Row, ...]:
 
 
 def definition(function: Callable[..., Any]) -> ast.FunctionDef:
-    """Return the syntax tree of a function in its file; for a variant, that of the function with the changed rows.
+    """Return the syntax tree of a function in its file; for a variant, the tree of the function with the changed rows.
 
     Raises:
         KinematicsError: the function has no source (a lambda, a built-in, a decorated wrapper).
@@ -222,7 +222,7 @@ def _merged(base: Callable[..., Any], change: Callable[..., Any]) -> tuple[Row, 
         at = [i for i, r in enumerate(out) if set(assigned(r.node)) == set(names)]
         if len(at) != 1:
             raise fail(
-                row.node, f"changes {', '.join(names)}: {len(at)} rows of the equation assign it; exactly one must"
+                row.node, f"changes {', '.join(names)}: {len(at)} rows of the equation assign it, not exactly one"
             )
         out[at[0] : at[0] + 1] = [*waiting, row]
         waiting = []
@@ -245,7 +245,7 @@ def assigned(node: ast.stmt) -> tuple[str, ...]:
 
 
 def _changed(base: Callable[..., Any], change: Callable[..., Any]) -> FunctionType:
-    """Return `base` with some rows changed, as a function; its line numbers are those of the file."""
+    """Return `base` with some rows changed, as a function with the line numbers of the file."""
     if not isinstance(base, FunctionType) or base.__closure__ or not isinstance(change, FunctionType):
         raise KinematicsError(f"{change!r} changes {base!r}: both must be functions at the top level of one file")
     body = [r.node for r in _merged(base, change)]

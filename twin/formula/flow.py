@@ -37,9 +37,7 @@ _BLOCK = 32
 def choose(formula: Formula, variants: Mapping[str, str] | str | None) -> dict[str, str]:
     """Return the chosen variant of every equation, {equation: variant}.
 
-    Args:
-        formula: the formula.
-        variants: {equation: variant}; or one name for all equations that have a variant with this name.
+    `variants` is {equation: variant}, or one name for all equations that have a variant with this name.
 
     Raises:
         KinematicsError: an equation or a variant is unknown; the message lists the existing names.

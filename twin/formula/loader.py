@@ -27,7 +27,7 @@ class Loader(SourceFileLoader):
 
 
 def text_of(path: Path, names: Mapping[str, Any]) -> bytes:
-    """Return the bytes of the module file with the globals `names`: from its `Loader` if it has one, else from disk."""
+    """Return the bytes of the module file with the globals `names`: from its `Loader` if any, else from disk."""
     loader = names.get("__loader__")
     if isinstance(loader, Loader) and Path(loader.path) == path:
         return loader.data

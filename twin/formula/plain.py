@@ -47,12 +47,8 @@ def plain_formula(
 ) -> Formula:
     """Return the formula of a module with plain functions.
 
-    Args:
-        module: the imported module.
-        path: file of the module.
-        name: name of the robot.
-        joints: (name, whether an angle) of each active joint, in the order of the robot's TOML file.
-        home: start of the solvers: a tool pose (4, 4) that the robot can reach, and its q (n,) or None.
+    `joints` has (name, whether an angle) of each active joint, in the order of the robot's TOML file. `home` is the
+    start of the solvers: a tool pose (4, 4) that the robot can reach, and its q (n,) or None.
 
     Raises:
         KinematicsError: at the first fault, with file and line.
@@ -86,18 +82,6 @@ def plain_formula(
     if first and points is not None and set(names) & set(inspect.signature(points).parameters):
         text = "inverse() cannot use the named points, because points() computes them from the joints"
         raise points.error(text, points.line)
-    equations = []
-    order: tuple[tuple[_Rows | None, Stage, tuple[str, ...], str], ...] = (
-        (points, "inverse" if first else "helper", points.outputs if points else (), "named points"),
-        (inverse, "inverse", tuple(names), "points -> joints" if first else "pose -> joints"),
-        (forward, "forward", (POSE_SYMBOL,), "joints -> pose"),
-    )
-    for row, stage, outputs, title in order:
-        if row is not None:
-            row.outputs = outputs
-            equations.append(_equation(row, stage, title, path))
-    if not first:  # helpers last
-        equations.sort(key=lambda e: e.stage == "helper")
     formula = Formula(
         name=name,
         title=str(values.get("TITLE", text.splitlines()[0].strip(" ."))),
@@ -105,7 +89,7 @@ def plain_formula(
         parameters=parameters,
         joints=tuple(ActiveJoint(n, "revolute" if angle else "prismatic") for n, angle in joints),
         coordinates=coordinates,
-        equations=tuple(equations),
+        equations=_in_order(points, inverse, forward, names, first, path),
         characteristic_length=_length_scale(parameters),
         points={n: n for n in points.outputs} if points else {},
         seeds=_seeds(coordinates, home, inverse is not None),
@@ -113,6 +97,24 @@ def plain_formula(
     )
     _try(formula, [r for r in (points, inverse, forward) if r is not None])
     return formula
+
+
+def _in_order(
+    points: _Rows | None, inverse: _Rows | None, forward: _Rows | None, joints: Sequence[str], first: bool, path: Path
+) -> tuple[Equation, ...]:
+    """Return the equations in the order of their execution; with `first`, the inverse uses the named points."""
+    named = points.outputs if points else ()
+    order: tuple[tuple[_Rows | None, Stage, tuple[str, ...], str], ...] = (
+        (points, "inverse" if first else "helper", named, "named points"),
+        (inverse, "inverse", tuple(joints), "points -> joints" if first else "pose -> joints"),
+        (forward, "forward", (POSE_SYMBOL,), "joints -> pose"),
+    )
+    equations = []
+    for row, stage, outputs, title in order if first else (*order[1:], order[0]):
+        if row is not None:
+            row.outputs = outputs
+            equations.append(_equation(row, stage, title, path))
+    return tuple(equations)
 
 
 class _Rows(PlainRows):
@@ -240,7 +242,7 @@ def _line_of(module: ModuleType, path: Path, name: str, key: str | None = None) 
 
 
 def _length_scale(parameters: Sequence[Parameter]) -> Any:
-    """Return the characteristic length as a function of the parameters: the median of those that are lengths."""
+    """Return the characteristic length as a function of the parameters: the median of all lengths."""
     lengths = sorted(abs(p.value) for p in parameters if p.unit in ("mm", "m") and p.value)
     scale = lengths[len(lengths) // 2] if lengths else _LENGTH
     return lambda: scale

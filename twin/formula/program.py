@@ -164,7 +164,7 @@ class Program:
         return self._partial[names]
 
     def margins_at(self, passive: tuple[str, ...], points: tuple[str, ...]) -> Evaluator:
-        """Return the function of a mechanism's state that returns its reach margins, measures and aspects.
+        """Return a function that computes reach margins, measures and aspects from a state of the mechanism.
 
         Inputs: parameters in the order of `parameters`, pose (16,), joints (n,), then passive joints and named points
         (3 numbers each), in the given order. The equations compute all symbols that are not inputs.

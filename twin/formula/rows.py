@@ -96,9 +96,8 @@ class PlainRows(ABC):
     def spread(self, value: Any, split: Callable[[Any], list[Any] | None]) -> list[Any]:
         """Return the function's result as a list with one value for each output.
 
-        Args:
-            value: the function's result: values in order, a column, or a dictionary by name.
-            split: a function that returns the entries of a one-dimensional array or column, else None.
+        The result is a sequence, a column, or a dictionary by name. `split` returns the entries of a one-dimensional
+        array or column, else None.
 
         Raises:
             KinematicsError: there are too many or too few outputs, or wrong names; the message gives file and line.
@@ -135,7 +134,7 @@ class PlainRows(ABC):
 
 
 def reason(error: BaseException) -> str:
-    """Return the message for the author of a plain formula about an error in it."""
+    """Return the message about an error in a plain formula, for the author of the formula."""
     text = " ".join(str(error).split()).rstrip(".")
     if isinstance(error, NeedsNumberError) or "truth value of a CasADi" in text:
         return text if isinstance(error, NeedsNumberError) else _CASADI_IF

@@ -26,7 +26,6 @@ class Scalar:
     """One scalar; subclasses define the operations on `x`.
 
     Attributes:
-        x: the value.
         functions: functions of values, by the names in `METHODS` and "if_else".
     """
 
@@ -151,7 +150,7 @@ def _method(name: str) -> Callable[..., Any]:
         return self._of(name, *others)
 
     method.__name__ = name
-    method.__doc__ = f"Return np.{name} of this."
+    method.__doc__ = f"Return the result of np.{name} for this scalar."
     return method
 
 

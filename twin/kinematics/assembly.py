@@ -163,7 +163,7 @@ def _newton(kin: Compiled, q: Array, T: Array) -> tuple[Array, float, float, Arr
 
 
 def _newton_many(kin: Compiled, qs: Array, seeds: Array) -> Array:
-    """Return the poses (k, 4, 4) found by Newton's method from seeds (k, 4, 4); NaN where it did not converge."""
+    """Return the poses (k, 4, 4) found by Newton's method from seeds (k, 4, 4); NaN without convergence."""
     flat = seeds.reshape(-1, 16)
     out = kin.program.newton.many(np.hstack([qs, flat]))
     same = (np.sign(out[:, 18:]) == np.sign(kin.program.group["aspect"].many(flat))).all(axis=1)

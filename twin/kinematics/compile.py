@@ -1,4 +1,4 @@
-"""Compile a formula to `Kinematics`: compiled functions, and solvers where an equation is missing."""
+"""Compile a formula to `Kinematics`: compiled functions, and solvers that replace missing equations."""
 
 from __future__ import annotations
 
@@ -53,9 +53,8 @@ class Kinematics(Compiled):
     def inverse(self, T_base_tool: ArrayLike, seed: ArrayLike | None = None) -> Array:
         """Return q (n,) in m or rad at a pose (4, 4).
 
-        Args:
-            T_base_tool: the pose.
-            seed: q (n,) to start from, used only without a closed inverse; auxiliary joints keep the seed's values.
+        `seed` is q (n,) to start from, used only without a closed inverse; auxiliary joints keep the values of the
+        seed.
 
         Raises:
             KinematicsError: the pose is not rigid, or out of reach; the message names the chain and the distance.
@@ -70,7 +69,7 @@ class Kinematics(Compiled):
         if not misfit <= POSE_TOL:
             raise KinematicsError(
                 f"{self.formula.name}: no values of {', '.join(self.formula.coordinates.names)} "
-                f"describe this pose (error {misfit:.3g}). Check that it is a rigid pose in metres.",
+                f"describe this pose (error {misfit:.3g}). Check that the pose is rigid and in metres.",
                 best=q,
             )
         if not math.isfinite(q.dot(q)):  # faster than a test of each joint
@@ -87,10 +86,8 @@ class Kinematics(Compiled):
     def inverse_of_all(self, Ts_base_tool: ArrayLike, seed: ArrayLike | None = None) -> Array:
         """Return q (k, n) at poses (k, 4, 4); raise if any pose has no solution.
 
-        Args:
-            Ts_base_tool: the poses.
-            seed: q (n,) to start from at the first pose, used only without a closed inverse. Each later pose starts
-                from the previous solution.
+        `seed` is q (n,) to start from at the first pose, used only without a closed inverse. Each later pose starts
+        from the previous solution.
 
         Raises:
             KinematicsError: as `inverse`, for the first pose without a solution, with its index and the number of such
@@ -115,9 +112,8 @@ class Kinematics(Compiled):
     def forward(self, q: ArrayLike, seed: ArrayLike | None = None) -> Array:
         """Return T_base_tool (4, 4) at q (n,).
 
-        Args:
-            q: active joints in m or rad.
-            seed: pose (4, 4) to start from; the solution has the seed's branch label. Default: the preferred branch.
+        `seed` is a pose (4, 4) to start from; the solution has the branch label of the seed. Default: the preferred
+        branch.
 
         Raises:
             KinematicsError: no assembly is found; `best` is the best pose.
@@ -125,11 +121,10 @@ class Kinematics(Compiled):
         return assembly.forward(self, self._joints(q, batch=False), self._seed(seed))
 
     def forward_many(self, qs: ArrayLike, seed: ArrayLike | None = None) -> Array:
-        """Return poses (k, 4, 4) at qs (k, n), each solved from the previous one; NaN where no solution is found.
+        """Return poses (k, 4, 4) at qs (k, n), each solved from the previous pose; NaN without a solution.
 
-        Args:
-            qs: active joints (k, n), usually along a path.
-            seed: pose (4, 4) to start from. With poses (k, 4, 4), one for each row, all rows are solved at once.
+        The rows of qs are usually along a path. `seed` is the pose (4, 4) to start from. With poses (k, 4, 4), one for
+        each row, all rows are solved at once.
         """
         qs = self._joints(qs)
         if seed is not None and np.ndim(seed) == 3:
@@ -143,7 +138,7 @@ class Kinematics(Compiled):
         """Return all assemblies at q (n,) as poses (4, 4), the preferred branch first; an empty list if there is none.
 
         Raises:
-            KinematicsError: the formula has neither an enumeration of assemblies nor forward equations.
+            KinematicsError: the formula has no enumeration of assemblies and no forward equations.
         """
         return assembly.branches(self, self._joints(q, batch=False))
 

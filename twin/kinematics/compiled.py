@@ -28,7 +28,7 @@ class Compiled(ABC):
     """The compiled functions of a formula; `Kinematics` adds the solvers.
 
     Methods with arguments `Ts` and `qs` compute from poses (k, 4, 4) if the formula has a closed inverse, otherwise
-    from joints (k, n). If only the other argument is given, the required argument is computed from it.
+    from joints (k, n). If only one argument is given, the other argument is computed.
 
     Attributes:
         formula: the formula from which the functions are compiled.
@@ -122,7 +122,7 @@ class Compiled(ABC):
         return self.inverse_jacobian_many(_one(T), _one(q))[0]
 
     def inverse_jacobian_many(self, Ts: ArrayLike | None = None, qs: ArrayLike | None = None) -> Array:
-        """Return the derivatives (k, n, 6) of q with respect to a twist; NaN where they do not exist.
+        """Return the derivatives (k, n, 6) of q with respect to a twist; NaN at singularities.
 
         Without inverse equations: the pseudo-inverse of `jacobian`.
         """
@@ -144,7 +144,7 @@ class Compiled(ABC):
         return J
 
     def jacobian_many(self, Ts: ArrayLike | None = None, qs: ArrayLike | None = None) -> Array:
-        """Return the Jacobians (k, 6, n), as `jacobian`; NaN where they do not exist."""
+        """Return the Jacobians (k, 6, n), as `jacobian`; NaN at singularities."""
         if self.closed_forward:
             return self.program.forward_jacobian.many(
                 self._joints(qs) if qs is not None else self.inverse_many(_need(Ts, "poses"))

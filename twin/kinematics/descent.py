@@ -93,11 +93,8 @@ class Iteration:
     def run(self, start: Array, inputs: Array, goal: float) -> tuple[Array, float, int]:
         """Iterate until the cost is at most goal**2; return (state, norm of the task's residual, steps tried).
 
-        Args:
-            start: initial state.
-            inputs: arguments of the terms, weights of the residuals, unit size of each unknown, then scale, lower and
-                upper limit of each joint.
-            goal: norm of the residual at which to stop.
+        `inputs` are the arguments of the terms, weights of the residuals, unit size of each unknown, then scale, lower
+        and upper limit of each joint. The iteration stops if the norm of the residual is below `goal`.
         """
         k, z = self.state, np.zeros(self.memory + len(inputs))
         z[:k], z[self.memory :] = start, inputs

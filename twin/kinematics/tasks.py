@@ -59,7 +59,9 @@ def Pose(T_base_tool: ArrayLike, mask: Sequence[bool] = (True,) * 6) -> Task:  #
     if not spatial.is_pose(T, 1e-6) or T.shape != (4, 4):
         raise KinematicsError("task Pose: the target is not a rigid pose (4, 4).")
     if len(mask) != 6 or not any(mask):
-        raise KinematicsError(f"task Pose: the mask must have 6 flags, at least one of them true; found {tuple(mask)}.")
+        raise KinematicsError(
+            f"task Pose: the mask must have 6 flags, including at least one True; found {tuple(mask)}."
+        )
     return _task("pose", T.ravel(), tuple(i for i in range(6) if mask[i]))
 
 

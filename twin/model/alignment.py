@@ -9,13 +9,13 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from twin.core import spatial
-from twin.core.provenance import Parameter
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM, linear_rgba
 from twin.model.body import Body, Finish, Mesh
 from twin.model.joint import Joint
 from twin.model.mechanism import Mechanism
-from twin.schema import Origin, Table, Vector, at
+from twin.schema import Table, Vector, at
+from twin.schema.sourced import Row
 
 BODY = "target"
 """Name of the drawn body: a plate with the rectangle."""
@@ -29,12 +29,13 @@ _THICK, _BEFORE = 2e-3, 1e-4
 
 
 class AlignTable(Table):
-    """A green rectangle on a plate, and a grey line in the middle of the picture; the camera is to align them.
+    """A green rectangle on a plate, and a grey line in the middle of the picture; the task is to align them.
 
-    The rectangle's middle is at `position_mm` in the world frame; `facing` points out of the plate; `roll_deg` turns
-    the rectangle about `facing`, from its upper side being horizontal. `line` is the length of the line divided by the
-    height of the picture. The task is done if, at the end, the upper side of the rectangle is within `tolerance_deg`
-    of the line, and its ends are within `tolerance_line` times the length of the line from the line's ends.
+    The rectangle's middle is at `position_mm` in the world frame; `facing` points out of the plate; `roll_deg` is the
+    rotation of the rectangle about `facing`; at 0, its upper side is horizontal. `line` is the length of the line
+    divided by the height of the picture. The task is done if, at the end, the upper side of the rectangle is within
+    `tolerance_deg` of the line, and its ends are within `tolerance_line` times the length of the line from the line's
+    ends.
     """
 
     position_mm: Vector
@@ -64,7 +65,7 @@ class AlignTable(Table):
 
 @dataclass(frozen=True)
 class Alignment:
-    """A rectangle on a plate, and the line in the picture to which its upper side is to be aligned.
+    """A rectangle on a plate, and the line in the picture with which its upper side is aligned.
 
     Attributes:
         T_world_plate: (4, 4) frame at the rectangle's middle: x along its upper side to the right, y to its upper side,
@@ -73,8 +74,8 @@ class Alignment:
         plate: width and height of the plate in m.
         color_rgba: colour of the rectangle, linear, 0..1.
         line: length of the line in the middle of the picture, divided by the height of the picture.
-        tolerance: largest angle in rad between line and upper side at the end of the task.
-        off: largest distance of an end of the upper side from an end of the line, divided by the length of the line.
+        tolerance: maximum angle in rad between line and upper side at the end of the task.
+        off: maximum distance of an end of the upper side from an end of the line, divided by the length of the line.
     """
 
     T_world_plate: Array
@@ -116,9 +117,7 @@ class Alignment:
 def beside(props: Mechanism | None, alignment: Alignment | None) -> Mechanism | None:
     """Return the props of a scene together with the plate of a task; both are fixed in the World.
 
-    Args:
-        props: the props, or None.
-        alignment: the task; None: the props are returned as they are.
+    Without an alignment, the props are returned as they are.
     """
     if alignment is None:
         return props
@@ -137,10 +136,8 @@ def beside(props: Mechanism | None, alignment: Alignment | None) -> Mechanism | 
 def frame(middle: Array, facing: Array, roll: float) -> Array:
     """Return the frame (4, 4) of a plate: z along `facing`, x horizontal and then turned about z by `roll` in rad.
 
-    Args:
-        middle: (3,) middle of the rectangle in m.
-        facing: (3,) direction out of the plate; not vertical.
-        roll: angle in rad, counter-clockwise as seen from in front of the plate.
+    `middle` (3,) is the middle of the rectangle in m, `facing` (3,) the direction out of the plate, which is not
+    vertical. `roll` is counter-clockwise as seen from in front of the plate.
     """
     z = facing / np.linalg.norm(facing)
     x = np.cross([0.0, 0.0, 1.0], z)
@@ -162,16 +159,14 @@ def alignment(a: AlignTable) -> Alignment:
     )
 
 
-def parameters(name: str, a: AlignTable, provenance: Origin, note: str) -> Iterator[Parameter]:
-    """Return the numbers of the alignment of task `name`, with their provenance."""
-    lengths = {f"rectangle {axis}": v for axis, v in zip("xyz", a.position_mm, strict=True)}
-    for what, size in (("rectangle", a.size_mm), ("plate", a.plate_mm)):
-        lengths |= {f"{what} width": size[0], f"{what} height": size[1]}
-    for what, v in lengths.items():
-        yield Parameter(f"task {name} {what}", v * MM, "mm", v, provenance, note)
-    for axis, v in zip("xyz", a.facing, strict=True):
-        yield Parameter(f"task {name} facing {axis}", v, "1", v, provenance, note)
-    for what, v in (("roll", a.roll_deg), ("tolerance", a.tolerance_deg)):
-        yield Parameter(f"task {name} {what}", v * DEG, "deg", v, provenance, note)
-    for what, v in (("line", a.line), ("tolerance of the line", a.tolerance_line)):
-        yield Parameter(f"task {name} {what}", v, "1", v, provenance, note)
+def rows(a: AlignTable) -> Iterator[Row]:
+    """Yield name, value and unit of the numbers of an alignment."""
+    yield "rectangle", a.position_mm, "mm"
+    for what, (width, height) in (("rectangle", a.size_mm), ("plate", a.plate_mm)):
+        yield f"{what} width", width, "mm"
+        yield f"{what} height", height, "mm"
+    yield "facing", a.facing, "1"
+    yield "roll", a.roll_deg, "deg"
+    yield "tolerance", a.tolerance_deg, "deg"
+    yield "line", a.line, "1"
+    yield "tolerance of the line", a.tolerance_line, "1"

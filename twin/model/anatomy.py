@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Literal
 
@@ -17,6 +17,7 @@ from twin.model.mechanism import Mechanism
 from twin.model.surface import Surface
 from twin.model.tissue import Pin, Tissue
 from twin.schema import Identifier, Origin, Table, Vector, at
+from twin.schema.sourced import parameters
 
 Direction = Literal["x", "-x", "y", "-y", "z", "-z"]
 """A direction of the world frame."""
@@ -39,12 +40,14 @@ class PinTable(Table):
 class TissueTable(Table):
     """A soft organ: a body of the anatomy with the name of the table.
 
-    The organ is elastic in a grid of `cells` along its three principal axes, the longest first, and keeps its volume.
-    `edge_mm` is the longest edge of its triangles. `damping_s` is the ratio of viscous to elastic stress.
+    The organ is elastic in a grid of `cells` along its three principal axes, the longest first, or along the axes of
+    the World (`upright`), and keeps its volume. `edge_mm` is the longest edge of its triangles; `damping_s`
+    is the ratio of viscous to elastic stress.
     """
 
     edge_mm: float = Field(ge=1, le=1000)
     cells: tuple[int, int, int]
+    upright: bool = False
     young_kpa: float = Field(ge=0.1, le=1000)
     poisson: float = Field(ge=0, le=0.49)
     damping_s: float = Field(ge=0, le=1)
@@ -62,7 +65,7 @@ class TissueTable(Table):
 
 
 class AnatomyTable(Table):
-    """The organs of a scene. `file` is a description like that of props, with one body for each organ.
+    """The organs of a scene. `file` is a description as for props, with one body for each organ.
 
     `touching` names the links of instruments that touch organs, each as "robot/body". If the organs are drawn in a
     frame of their own, `axes` are the directions of its x, y and z in the world frame, such as ["-y", "x", "z"];
@@ -112,12 +115,8 @@ def tissues(
 ) -> tuple[Tissue, ...]:
     """Return the organs of a scene, in the World.
 
-    Args:
-        file: the scene file, for messages.
-        whole: the frame of the drawing.
-        tables: material of each organ, by body of the anatomy.
-        anatomy: the mechanism that contains the organs as bodies.
-        poses: T_drawing_body (4, 4) of each body.
+    `whole` is the frame of the drawing; `tables` has the material of each organ, by body of the `anatomy`; `poses` has
+    T_drawing_body (4, 4) of each body. Messages name the scene file `file`.
 
     Raises:
         TwinError: a body is missing, or its surface is open, inverted or too fine.
@@ -139,30 +138,25 @@ def tissues(
         pins = tuple(Pin(p.name, np.array(p.low_mm) * MM, np.array(p.high_mm) * MM) for p in table.pin)
         tissue = Tissue(
             name, surface, table.cells, table.young_kpa * 1e3, table.poisson, table.damping_s, table.density_kg_m3,
-            table.friction, pins, parts[0].color_rgba,
+            table.friction, pins, parts[0].color_rgba, table.upright,
         )  # fmt: skip
         out.append(tissue)
     return tuple(out)
 
 
-def parameters(tables: Mapping[str, TissueTable]) -> list[Parameter]:
-    """Return the numbers of the organs with their provenance."""
-    out = []
+def listed(tables: Mapping[str, TissueTable]) -> Iterator[Parameter]:
+    """Yield the numbers of the organs with their provenance."""
     for name, t in tables.items():
-        origin = (t.provenance, t.note)
-        out += [
-            Parameter(f"tissue {name} edge", t.edge_mm * MM, "mm", t.edge_mm, *origin),
-            Parameter(f"tissue {name} Young's modulus", t.young_kpa * 1e3, "kPa", t.young_kpa, *origin),
-            Parameter(f"tissue {name} Poisson's ratio", t.poisson, "1", t.poisson, *origin),
-            Parameter(f"tissue {name} damping", t.damping_s, "s", t.damping_s, *origin),
-            Parameter(f"tissue {name} density", t.density_kg_m3, "kg/m3", t.density_kg_m3, *origin),
-            Parameter(f"tissue {name} friction", t.friction, "1", t.friction, *origin),
-        ]
-        out += [
-            Parameter(f"tissue {name} cells {k}", float(n), "1", float(n), *origin) for k, n in enumerate(t.cells, 1)
-        ]
+        rows = (
+            ("edge", t.edge_mm, "mm"),
+            ("Young's modulus", t.young_kpa, "kPa"),
+            ("Poisson's ratio", t.poisson, "1"),
+            ("damping", t.damping_s, "s"),
+            ("density", t.density_kg_m3, "kg/m3"),
+            ("friction", t.friction, "1"),
+            *((f"cells {k}", n, "1") for k, n in enumerate(t.cells, 1)),
+        )
+        yield from parameters(f"tissue {name}", t, rows)
         for pin in t.pin:
-            for side, corner in (("low", pin.low_mm), ("high", pin.high_mm)):
-                for axis, v in zip("xyz", corner, strict=True):
-                    out.append(Parameter(f"tissue {name} pin {pin.name} {side} {axis}", v * MM, "mm", v, *origin))
-    return out
+            corners = (("low", pin.low_mm, "mm"), ("high", pin.high_mm, "mm"))
+            yield from parameters(f"tissue {name} pin {pin.name}", t, corners)

@@ -11,7 +11,7 @@ from twin.core.units import UM
 from twin.model.body import Mesh
 
 _EXACT = 0.1 * UM
-"""Largest error in m of a node for which a shape is left out."""
+"""Maximum error in m of a node without the shapes that are left out."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,8 +12,9 @@ from twin.core import spatial
 from twin.core.errors import unknown
 from twin.core.provenance import Parameter
 from twin.core.spatial import Array
-from twin.core.units import DEG, MM
+from twin.core.units import DEG
 from twin.schema import Identifier, Origin, Table, at, error_at
+from twin.schema.sourced import parameters
 
 
 class StereoTable(Table):
@@ -63,10 +64,10 @@ class CameraRangeTable(Table):
 class ConsoleTable(Table):
     """A surgeon's console: robots of each hand, in the order of selection by clutch taps, and the shared camera.
 
-    `tip` is the frame of these robots that touches targets and whose path is measured; default: the tool frame.
+    `tip` is the frame of these robots for targets and path lengths; default: the tool frame.
     `instrument_mm` is the length of a robot's instrument from its tip to its outer end: such a hand can also lead the
-    outer end. `through` names robots whose shaft, the z axis of the tool, is kept in the port by the controller,
-    because no mechanism does it. `camera_range` replaces the range of the da Vinci's endoscope.
+    outer end. `through` names the robots without a mechanical RCM: the controller keeps their
+    shaft, the z axis of the tool, in the port. `camera_range` replaces the range of the da Vinci's endoscope.
     """
 
     right: list[Identifier] = Field(min_length=1)
@@ -91,8 +92,8 @@ class ConsoleTable(Table):
 class HapticsTable(Table):
     """Forces on the hands: stiffness and damping of all surfaces; forces are clipped at `largest_n`.
 
-    `device_damping_ns_m` is the damping of the device with the fingers that hold it, which makes the sampled surface
-    passive. `on` is the switch at the start.
+    `device_damping_ns_m` is the damping of the device and of the fingers on it, with which the sampled surface is
+    passive. `on` states whether forces are on at the start.
     """
 
     stiffness_n_m: float = Field(gt=0, le=10_000)
@@ -131,18 +132,16 @@ def check(path: Path, console: ConsoleTable, cameras: Mapping[str, CameraTable],
             )
 
 
-def parameters(console: ConsoleTable | None, haptics: HapticsTable | None) -> Iterator[Parameter]:
-    """Return the numbers of a console and of its forces, with their provenance."""
+def listed(console: ConsoleTable | None, haptics: HapticsTable | None) -> Iterator[Parameter]:
+    """Yield the numbers of a console and of its forces, with their provenance."""
     if console is not None:
-        origin = (console.provenance, console.note)
-        yield Parameter("console scale", console.scale, "1", console.scale, *origin)
-        for name, v in console.instrument_mm.items():
-            yield Parameter(f"console instrument {name}", v * MM, "mm", v, *origin)
+        lengths = [(f"instrument {name}", v, "mm") for name, v in console.instrument_mm.items()]
+        yield from parameters("console", console, [("scale", console.scale, "1"), *lengths])
     if haptics is not None:
-        for what, v, unit in (
+        rows = (
             ("stiffness", haptics.stiffness_n_m, "N/m"),
             ("damping", haptics.damping_ns_m, "N s/m"),
             ("largest force", haptics.largest_n, "N"),
             ("device damping", haptics.device_damping_ns_m, "N s/m"),
-        ):
-            yield Parameter(f"haptics {what}", v, unit, v, haptics.provenance, haptics.note)
+        )
+        yield from parameters("haptics", haptics, rows)

@@ -12,6 +12,7 @@ from twin.core.provenance import Parameter
 from twin.core.units import MM, linear_rgba
 from twin.model.movable import Movable, ShapeName
 from twin.schema import Identifier, Origin, Table, Vector, at
+from twin.schema.sourced import parameters
 
 
 class ObjectTable(Table):
@@ -26,7 +27,7 @@ class ObjectTable(Table):
     size_mm: list[float] = Field(min_length=1, max_length=3)
     mass_g: float = Field(ge=0.001, le=10_000)
     friction: float = Field(
-        ge=0, le=2, description="coefficient of sliding friction; in a contact, the larger one applies"
+        ge=0, le=2, description="coefficient of sliding friction; in a contact, the larger coefficient applies"
     )
     position_mm: Vector
     axis: Vector = (0.0, 0.0, 1.0)
@@ -51,7 +52,7 @@ class ObjectTable(Table):
 class ContactTable(Table):
     """Contact of movable objects with bodies of the props and with the instruments of the console.
 
-    `solid` names the bodies of the props. `jaw_effort_n_mm` is the largest torque of one jaw. `friction` is the
+    `solid` names the bodies of the props. `jaw_effort_n_mm` is the maximum torque of one jaw. `friction` is the
     coefficient of these bodies and of the instruments.
     """
 
@@ -78,18 +79,12 @@ def movable(name: str, o: ObjectTable) -> Movable:
     )
 
 
-def parameters(objects: Mapping[str, ObjectTable], contact: ContactTable | None) -> Iterator[Parameter]:
-    """Return the numbers of all objects and of their contact, with their provenance."""
+def listed(objects: Mapping[str, ObjectTable], contact: ContactTable | None) -> Iterator[Parameter]:
+    """Yield the numbers of all objects and of their contact, with their provenance."""
     for name, o in objects.items():
-        origin = (o.provenance, o.note)
-        for k, v in enumerate(o.size_mm, 1):
-            yield Parameter(f"object {name} size {k}", v * MM, "mm", v, *origin)
-        yield Parameter(f"object {name} mass", o.mass_g * 1e-3, "g", o.mass_g, *origin)
-        yield Parameter(f"object {name} friction", o.friction, "1", o.friction, *origin)
-        for axis, v in zip("xyz", o.position_mm, strict=True):
-            yield Parameter(f"object {name} {axis}", v * MM, "mm", v, *origin)
+        sizes = [(f"size {k}", v, "mm") for k, v in enumerate(o.size_mm, 1)]
+        rows = (*sizes, ("mass", o.mass_g, "g"), ("friction", o.friction, "1"), ("", o.position_mm, "mm"))
+        yield from parameters(f"object {name}", o, rows)
     if contact is not None:
-        origin = (contact.provenance, contact.note)
-        yield Parameter("contact friction", contact.friction, "1", contact.friction, *origin)
-        effort = contact.jaw_effort_n_mm
-        yield Parameter("contact jaw effort", effort * MM, "N mm", effort, *origin)
+        rows = (("friction", contact.friction, "1"), ("jaw effort", contact.jaw_effort_n_mm, "N mm"))
+        yield from parameters("contact", contact, rows)

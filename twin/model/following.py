@@ -33,10 +33,7 @@ def following(mechanism: Mechanism, among: Container[str]) -> dict[str, Followin
     """Return the follower that each coupling adds, by name of the coupling.
 
     A coupling is omitted if it has more than two joints, or adds no follower (for example, if both joints are driven).
-
-    Args:
-        mechanism: the robot.
-        among: names of joints that may lead or follow; couplings with other joints are omitted.
+    `among` has the names of joints that may lead or follow; couplings with other joints are omitted.
     """
     known = {j.name: (j.name, 1.0, 0.0) for j in mechanism.active}
     left = [c for c in mechanism.couplings if len(c.joints) == 2 and all(n in among for n in c.joints)]

@@ -301,7 +301,7 @@ class Mechanism:
         return self.trocar_places[self.trocar_named(name)]
 
     def trocar_named(self, name: str = "") -> str:
-        """Return the name of a trocar; "" means the only one.
+        """Return the name of a trocar; "" means the only trocar.
 
         Raises:
             MechanismError: the trocar does not exist, or "" is given and there are several; the message names them.

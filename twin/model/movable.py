@@ -32,7 +32,7 @@ class Movable:
         size: in m, (radius of the wire's centre line, radius of the wire) of a ring, half edges (3) of a box, (radius,)
             of a ball.
         mass: in kg.
-        friction: coefficient of sliding friction; that of two bodies in contact is the larger one.
+        friction: coefficient of sliding friction; in a contact, the larger coefficient applies.
         T_world_object: (4, 4) pose at the start.
         color_rgba: linear, 0..1.
     """
@@ -80,7 +80,7 @@ def together(objects: Sequence[Movable], name: str = "objects") -> Mechanism:
 
 
 def _turned(radius: float, wire: float) -> tuple[Array, np.ndarray]:
-    """Return vertices and triangles of a torus about z; with radius 0, those of a ball with the radius `wire`."""
+    """Return vertices and triangles of a torus about z or, if `radius` is 0, of a ball with the radius `wire`."""
     ball = radius == 0.0
     rows = _ACROSS + 1 if ball else _ACROSS
     v = np.linspace(-np.pi / 2, np.pi / 2, rows) if ball else np.arange(rows) * (2 * np.pi / rows)

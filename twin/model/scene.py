@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -14,15 +14,17 @@ from twin.core.errors import TwinError, unknown
 from twin.core.provenance import Parameter
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM, linear_rgba
-from twin.model import anatomy, console, contact, task, tool, vessel
+from twin.model import anatomy, console, contact, task, tool, trainer, vessel
 from twin.model.anatomy import AnatomyTable, TissueTable
 from twin.model.console import CameraTable, ConsoleTable, HapticsTable
 from twin.model.contact import ContactTable, ObjectTable
 from twin.model.movable import Movable
 from twin.model.task import Task, TaskTable
 from twin.model.tool import ToolTable
+from twin.model.trainer import MODEL, TrainerTable
 from twin.model.vessel import Vessel, VesselTable
 from twin.schema import Identifier, Origin, Table, Vector, at, error_at, load_toml
+from twin.schema.sourced import parameters
 
 
 class PortTable(Table):
@@ -60,7 +62,7 @@ class RobotTable(Table):
 
 
 class SceneTable(Table):
-    """The scene file. `props` names a description like that of a robot, in the world frame, without driven joints."""
+    """The scene file. `props` is the file of a description as for robots, in the world frame, without driven joints."""
 
     name: Identifier
     title: str
@@ -72,6 +74,7 @@ class SceneTable(Table):
     robot: list[RobotTable] = Field(min_length=1)
     camera: dict[Identifier, CameraTable] = Field(default_factory=dict)
     console: ConsoleTable | None = None
+    trainer: TrainerTable | None = None
     object: dict[Identifier, ObjectTable] = Field(default_factory=dict)
     contact: ContactTable | None = None
     haptics: HapticsTable | None = None
@@ -110,19 +113,17 @@ class Scene:
 
     Attributes:
         name, title, source: name, title and source document.
-        file: the scene file.
         props: description file of the props, or None.
         places: the robots with their positions and ports.
         clearance: required minimum clearance in m.
         touching: pairs of "owner/body" that touch by design.
         cameras: cameras by name.
         console: the surgeon's console, or None.
-        objects: the movable objects.
+        trainer: robots that are machines, led from the console, or None.
         contact: contact of the objects, or None.
         haptics: numbers of the forces on the hands; None: the defaults.
-        anatomy: where the organs are drawn and what touches them, or None.
+        anatomy: drawing of the organs and the links that touch them, or None.
         tissues: material of the organs by name.
-        vessels: the vessels.
         tools: tools that the instruments can carry, by name.
         tasks: tasks, by name.
         parameters: every number with its provenance.
@@ -138,6 +139,7 @@ class Scene:
     touching: frozenset[frozenset[str]]
     cameras: dict[str, CameraTable]
     console: ConsoleTable | None
+    trainer: TrainerTable | None
     objects: tuple[Movable, ...]
     contact: ContactTable | None
     haptics: HapticsTable | None
@@ -152,6 +154,12 @@ class Scene:
     def plays(self) -> bool:
         """Whether every robot has a protocol."""
         return all(p.protocol for p in self.places)
+
+    @property
+    def models(self) -> tuple[Place, ...]:
+        """The models beside the machines, each at the place of its machine."""
+        machines = [] if self.trainer is None else self.trainer.robots
+        return tuple(replace(p, name=p.name + MODEL) for p in self.places if p.name in machines)
 
     def require_protocols(self) -> None:
         """Raise if a robot has no protocol to play.
@@ -191,6 +199,7 @@ def load_scene(path: Path) -> Scene:
             raise error_at(path, ("camera", name, "robot"), unknown("robot", camera.robot, names))
     if table.console is not None:
         console.check(path, table.console, table.camera, names)
+    trainer.check(path, table.trainer, table.console, names)
     for name, t in table.task.items():
         if table.console is None and t.procedure is None:
             raise error_at(path, ("task", name), "a task needs a console: add the table [console]")
@@ -211,6 +220,7 @@ def load_scene(path: Path) -> Scene:
         frozenset(frozenset(p) for p in table.touching),
         dict(table.camera),
         table.console,
+        table.trainer,
         tuple(contact.movable(name, o) for name, o in table.object.items()),
         table.contact,
         table.haptics,
@@ -231,7 +241,7 @@ def _place(r: RobotTable, table: SceneTable) -> Place:
 
 
 def _organs(path: Path, table: SceneTable, names: list[str]) -> None:
-    """Raise if organs and anatomy do not belong together, or a link is of an unknown robot."""
+    """Raise if only one of organs and anatomy is given, a file is missing, or a link names an unknown robot."""
     if (table.anatomy is None) != (not table.tissue):
         key = "tissue" if table.anatomy is None else "anatomy"
         raise error_at(path, (key,), "organs need both the table [anatomy] and one table [tissue.NAME] for each organ")
@@ -280,24 +290,19 @@ def _ports(r: RobotTable) -> dict[str, str]:
     return dict(r.ports) if r.port is None else {"": r.port}
 
 
-def _parameters(table: SceneTable) -> list[Parameter]:
-    out = []
+def _parameters(table: SceneTable) -> Iterator[Parameter]:
     for name, port in table.port.items():
-        for axis, v in zip("xyz", port.position_mm, strict=True):
-            out.append(Parameter(f"port {name} {axis}", v * MM, "mm", v, port.provenance, port.note))
+        yield from parameters(f"port {name}", port, [("", port.position_mm, "mm")])
     for r in table.robot:
-        for axis, v in zip("xyz", r.position_mm, strict=True):
-            out.append(Parameter(f"{r.name} {axis}", v * MM, "mm", v, r.provenance, r.note))
-        for joint, value in r.start.items():
-            out.append(Parameter(f"{r.name} start {joint}", value, "deg or mm", value, r.provenance, r.note))
-        out.append(Parameter(f"{r.name} yaw", r.yaw_deg * DEG, "deg", r.yaw_deg, r.provenance, r.note))
-    out += console.parameters(table.console, table.haptics)
-    out += contact.parameters(table.object, table.contact)
-    out += anatomy.parameters(table.tissue)
+        start = [(f"start {joint}", value, "deg or mm") for joint, value in r.start.items()]
+        yield from parameters(r.name, r, [("", r.position_mm, "mm"), *start, ("yaw", r.yaw_deg, "deg")])
+    yield from console.listed(table.console, table.haptics)
+    yield from trainer.listed(table.trainer)
+    yield from contact.listed(table.object, table.contact)
+    yield from anatomy.listed(table.tissue)
     for name, v in table.vessel.items():
-        out += vessel.parameters(name, v)
+        yield from vessel.listed(name, v)
     for name, t in table.tool.items():
-        out += tool.parameters(name, t)
+        yield from tool.listed(name, t)
     for name, t in table.task.items():
-        out += task.parameters(name, t)
-    return out
+        yield from task.listed(name, t)

@@ -11,10 +11,10 @@ from twin.core.spatial import Array, Index
 from twin.core.units import MM
 
 VERTICES = 6000
-"""Largest number of vertices of a surface that is simulated; the frames of a page contain each of them."""
+"""Maximum number of vertices of a simulated surface; the frames of a page contain each of them."""
 
 _SAME = 1e-9
-"""Distance in m below which two vertices are one: neighbouring faces of a STEP file have vertices of their own."""
+"""Distance in m below which two vertices are merged: neighbouring faces of a STEP file do not share vertices."""
 
 
 class Surface:

@@ -18,6 +18,7 @@ from twin.model.alignment import Alignment, AlignTable
 from twin.model.contact import ObjectTable
 from twin.model.procedure import ProcedureTable
 from twin.schema import Identifier, Origin, Table, Vector, at, error_at
+from twin.schema.sourced import Row, parameters
 
 
 class TransferTable(Table):
@@ -94,15 +95,13 @@ class Transfer:
 
 @dataclass(frozen=True)
 class Task:
-    """A task; it has targets, transfers, an alignment or a procedure. All but the last are for a console.
+    """A task; it has targets, transfers, an alignment or a procedure. Only a procedure needs no console.
 
     Attributes:
-        name, title: name and title.
-        tolerance: largest distance in m of a tip from its point during a touch.
+        tolerance: maximum distance in m of a tip from its point during a touch.
         hold: time in s for which all tips of a target must be within the tolerance.
-        targets: the targets, in order.
         transfers: rings to bring to pegs.
-        alignment: what the camera is to align, or None.
+        alignment: rectangle and line of the camera task, or None.
         procedure: the procedure, or None.
     """
 
@@ -153,17 +152,13 @@ def check_transfers(path: Path, name: str, task: TaskTable, objects: Mapping[str
             raise error_at(path, keys, f"'{transfer.ring}' is listed twice")
 
 
-def parameters(name: str, task: TaskTable) -> Iterator[Parameter]:
-    """Return the numbers of task `name`, with their provenance."""
-    origin = (task.provenance, task.note)
-    if task.tolerance_mm is not None and task.hold_s is not None:
-        yield Parameter(f"task {name} tolerance", task.tolerance_mm * MM, "mm", task.tolerance_mm, *origin)
-        yield Parameter(f"task {name} hold", task.hold_s, "s", task.hold_s, *origin)
+def listed(name: str, task: TaskTable) -> Iterator[Parameter]:
+    """Yield the numbers of task `name`, with their provenance."""
+    rows: list[Row] = [("tolerance", task.tolerance_mm, "mm"), ("hold", task.hold_s, "s")]
     if task.align is not None:
-        yield from alignment.parameters(name, task.align, *origin)
+        rows += alignment.rows(task.align)
     if task.procedure is not None:
-        yield from procedure.parameters(name, task.procedure, *origin)
+        rows += procedure.rows(task.procedure)
     for target in task.target:
-        for hand, point in (("right", target.right_mm), ("left", target.left_mm)):
-            for axis, v in zip("xyz", point or (), strict=False):
-                yield Parameter(f"task {name} {target.name} {hand} {axis}", v * MM, "mm", v, *origin)
+        rows += [(f"{target.name} right", target.right_mm, "mm"), (f"{target.name} left", target.left_mm, "mm")]
+    return parameters(f"task {name}", task, rows)

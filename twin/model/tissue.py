@@ -40,6 +40,8 @@ class Tissue:
         friction: coefficient of sliding friction.
         pins: boxes in which nodes are fixed.
         color_rgba: linear, 0..1.
+        upright: whether the axes of the grid are those of the World; else they are the principal axes of the surface,
+            the longest first.
     """
 
     name: str
@@ -52,11 +54,14 @@ class Tissue:
     friction: float
     pins: tuple[Pin, ...]
     color_rgba: tuple[float, float, float, float] = (0.7, 0.3, 0.3, 1.0)
+    upright: bool = False
 
     @cached_property
     def T_world_grid(self) -> Array:  # noqa: N802
-        """Pose (4, 4) of the grid: its axes are the principal axes of the surface, its origin is the lowest corner."""
+        """Pose (4, 4) of the grid; its origin is the corner that is lowest along all of its axes."""
         v = self.surface.vertices
+        if self.upright:
+            return spatial.pose(p=v.min(axis=0))
         axes = np.linalg.svd(v - v.mean(axis=0), full_matrices=False)[2]
         # the sign of a principal axis is arbitrary: its largest component is positive
         axes *= np.sign(np.take_along_axis(axes, np.argmax(np.abs(axes), axis=1)[:, None], 1))
@@ -100,7 +105,7 @@ class Tissue:
 
     @cached_property
     def held(self) -> Index:
-        """Indices of the nodes that a pin holds.
+        """Indices of the nodes that pins fix.
 
         Raises:
             TwinError: a pin holds no node, or all pins together hold fewer than three nodes or nodes in one line.

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Literal
 
 from pydantic import Field, model_validator
 
 from twin.core.provenance import Parameter
 from twin.schema import Identifier, Origin, Table, at
+from twin.schema.sourced import parameters
 
 Kind = Literal["grasper", "clip_applier", "scissors", "scalpel", "cautery"]
 
@@ -27,7 +29,7 @@ DOES: dict[Kind, str] = {
     "scalpel": "cuts along the path of its blade",
     "cautery": "separates tissue by heat and stops bleeding",
 }
-"""What the tools of each kind do."""
+"""Function of the tools of each kind."""
 
 
 class ToolTable(Table):
@@ -36,8 +38,8 @@ class ToolTable(Table):
     The signal `<robot>.tool` of a console is its number in the order of the scene file.
 
     Its jaws, legs or blades are `jaw_mm` long, end at the tip of the instrument, and are along its shaft; `open_mm` is
-    the gap between them, or the width of the stroke of a scalpel. A grasper pinches with `pinch_n`; what it holds slips
-    at the force 2 `friction` `pinch_n`. Cautery heats what is within `jaw_mm` of its tip with `power_w`.
+    the gap between them, or the width of the stroke of a scalpel. A grasper pinches with `pinch_n`; grasped tissue
+    slips at the force 2 `friction` `pinch_n`. Cautery heats tissue within `jaw_mm` of its tip with `power_w`.
     """
 
     title: str = Field(min_length=1)
@@ -64,18 +66,18 @@ class ToolTable(Table):
 
     @property
     def slips_at(self) -> float:
-        """Force in N at which what a grasper holds slips: friction at both jaws."""
+        """Force in N at which grasped tissue slips: friction at both jaws."""
         return 2.0 * (self.friction or 0.0) * (self.pinch_n or 0.0)
 
 
-def parameters(name: str, t: ToolTable) -> list[Parameter]:
-    """Return the numbers of a tool with their provenance."""
+def listed(name: str, t: ToolTable) -> Iterator[Parameter]:
+    """Yield the numbers of a tool with their provenance."""
     rows = (
-        ("jaw", t.jaw_mm, "mm", 1e-3), ("open", t.open_mm, "mm", 1e-3), ("pinch", t.pinch_n, "N", 1.0),
-        ("friction", t.friction, "1", 1.0), ("clips", t.clips, "1", 1.0), ("power", t.power_w, "W", 1.0),
-    )  # fmt: skip
-    return [
-        Parameter(f"tool {name} {what}", v * unit, text, float(v), t.provenance, t.note)
-        for what, v, text, unit in rows
-        if v is not None
-    ]
+        ("jaw", t.jaw_mm, "mm"),
+        ("open", t.open_mm, "mm"),
+        ("pinch", t.pinch_n, "N"),
+        ("friction", t.friction, "1"),
+        ("clips", t.clips, "1"),
+        ("power", t.power_w, "W"),
+    )
+    return parameters(f"tool {name}", t, rows)

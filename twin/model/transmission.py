@@ -110,7 +110,7 @@ def joint_gains(transmission: Transmission, actuators: Sequence[Actuator]) -> tu
 
 
 def condition(matrix: Array) -> float:
-    """Return the condition number after rows, then columns are divided by their largest entry, which removes units.
+    """Return the condition number of the matrix without units: rows, then columns are divided by their largest entry.
 
     Infinite if a row or column is zero.
     """
@@ -134,12 +134,8 @@ def faults(
 ) -> Iterator[Fault]:
     """Yield the faults of actuators and transmissions; later faults may be caused by earlier ones.
 
-    Args:
-        actuators: actuators of the mechanism.
-        transmissions: transmissions of the mechanism.
-        active: names of the active joints of the mechanism.
-        joints: names of all joints of the mechanism.
-        own_drive: names of the joints that have a position drive of their own.
+    `joints` has the names of all joints of the mechanism, `active` the names of the active joints, and `own_drive` the
+    names of the joints with a position drive.
     """
     for a in actuators:
         for key, text in _actuator(a, joints):
@@ -174,7 +170,7 @@ def _names(
 
 def _drives(t: Transmission, own_drive: Collection[str]) -> Iterator[tuple[str, str]]:
     for name in (n for n in t.joints if n in own_drive):
-        text = f"joint '{name}' has a drive of its own, but actuators move it: give stiffness, damping and max_effort "
+        text = f"joint '{name}' has a drive, but actuators move the joint: give stiffness, damping and max_effort "
         yield "joints", text + "to the actuators"
 
 

@@ -1,7 +1,8 @@
-"""A vessel: a thin, closed tube along a line, whose segments are closed bodies of their own, so that it can be cut."""
+"""A vessel: a thin, closed tube along a line, made of closed segments, between which it can be cut."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -15,9 +16,10 @@ from twin.core.units import MM
 from twin.model.body import Mesh
 from twin.model.deformable import Deformable
 from twin.schema import Identifier, Origin, Table, Vector
+from twin.schema.sourced import parameters
 
 SEGMENTS = 60
-"""Largest number of segments of a vessel; the time of a step grows with it."""
+"""Maximum number of segments of a vessel; the computing time of a step increases with it."""
 
 _SIDES = 8
 """Number of sides of a drawn segment."""
@@ -26,7 +28,8 @@ _SIDES = 8
 class VesselTable(Table):
     """A vessel along a line in the world frame, in segments of about `segment_mm`.
 
-    The first point is on the surface of `organ` and moves with it; without `organ` it is fixed, as the last point is.
+    The first point is on the surface of `organ` and moves with the organ; without `organ` it is fixed. The last point
+    is fixed.
     """
 
     line_mm: list[Vector] = Field(min_length=2, max_length=20)
@@ -150,17 +153,8 @@ def vessel(name: str, t: VesselTable, rgba: tuple[float, float, float, float]) -
     return Vessel(name, points, t.organ or "", t.radius_mm * MM, t.young_kpa * 1e3, rgba)
 
 
-def parameters(name: str, t: VesselTable) -> list[Parameter]:
-    """Return the numbers of a vessel with their provenance."""
-    origin = (t.provenance, t.note)
-    out = [
-        Parameter(f"vessel {name} radius", t.radius_mm * MM, "mm", t.radius_mm, *origin),
-        Parameter(f"vessel {name} segment", t.segment_mm * MM, "mm", t.segment_mm, *origin),
-        Parameter(f"vessel {name} Young's modulus", t.young_kpa * 1e3, "kPa", t.young_kpa, *origin),
-    ]
-    for k, point in enumerate(t.line_mm, 1):
-        out += [
-            Parameter(f"vessel {name} {k} {axis}", v * MM, "mm", v, *origin)
-            for axis, v in zip("xyz", point, strict=True)
-        ]
-    return out
+def listed(name: str, t: VesselTable) -> Iterator[Parameter]:
+    """Yield the numbers of a vessel with their provenance."""
+    rows = (("radius", t.radius_mm, "mm"), ("segment", t.segment_mm, "mm"), ("Young's modulus", t.young_kpa, "kPa"))
+    points = ((str(k), point, "mm") for k, point in enumerate(t.line_mm, 1))
+    return parameters(f"vessel {name}", t, (*rows, *points))

@@ -54,9 +54,7 @@ def closes_alone(mechanism: Mechanism, loop: str) -> tuple[float, float]:
 def settle(model: ReferenceModel, values: Mapping[str, float]) -> Assembly | None:
     """Return the closed assembly nearest to the given values of tree joints; None if the loops cannot be closed.
 
-    Args:
-        model: the model.
-        values: joint values in m or rad, by name; other joints start at the rest poses.
+    `values` contains joint values in m or rad by name; other joints start at the rest poses.
     """
     start = model.tree.start(model.mechanism.rest)
     for name, value in values.items():

@@ -38,7 +38,7 @@ _ENDS = 0.05
 """Relative size of another margin below which it counts as zero; the walk then ended because of that margin."""
 
 _MOSTLY = 0.3
-"""Minimum ratio of the sum of an aspect's values with the preferred sign to the sum of those with the other sign.
+"""Minimum ratio of two sums of an aspect's values: values with the preferred sign, and values with the other sign.
 
 At this ratio, the preferred sign is confirmed. Some of the states may be in another assembly mode, or near a
 singularity.
@@ -87,8 +87,7 @@ class Judged:
     Attributes:
         name, symbol, equation: name of the margin, measure or aspect (the row), its symbol, and its equation.
         kind: "reach", "type1", "type2" or "aspect".
-        status: see `Status`.
-        why: the result in one sentence ("it vanishes where ..."), or the reason why there is none.
+        why: the result in one sentence ("the row is zero where ..."), or the reason why the row was not judged.
         at: example of a state, as active joint values in mm and degrees; "" if there is none.
         size, unit: size of the disagreement, or None, and its unit.
     """
@@ -110,10 +109,8 @@ class Boundary:
     def __init__(self, model: ReferenceModel, stated: Stated, states: Array) -> None:
         """Set up the search.
 
-        Args:
-            model: model of the mechanism.
-            stated: the margins and measures of the formula.
-            states: (k, nq) configurations around which the search begins.
+        `stated` are the margins and measures of the formula; the search begins around the configurations `states` (k,
+        nq).
         """
         self.model, self.stated = model, stated
         some = states[np.unique(np.linspace(0, len(states) - 1, _STARTS).astype(int))]
@@ -153,18 +150,20 @@ class Boundary:
         unit, scale = ("mm", MM) if s.kinds[i] == "reach" else ("", 1.0)
         if not np.isfinite(v).all():
             k = int(np.argmin(np.isfinite(v)))
-            return self._row(i, "disagrees", "it is undefined at a state that the mechanism can reach", self._pool[k])
+            return self._row(
+                i, "disagrees", "the value is undefined at a state that the mechanism can reach", self._pool[k]
+            )
         drawn = v[: len(self._drawn)]
         if s.kinds[i] == "aspect":
             signed = drawn * s.preferred[i]
             if np.sum(np.maximum(signed, 0)) >= _MOSTLY * np.sum(np.maximum(-signed, 0)):
-                return self._row(i, "agrees", "it has the preferred sign in the working range")
+                return self._row(i, "agrees", "the sign in the working range is the preferred sign")
             k = int(np.argmin(signed))
-            text = f"its value is {drawn[k]:.4g} in the working range; the preferred sign is {s.preferred[i]:+d}"
+            text = f"the value is {drawn[k]:.4g} in the working range; the preferred sign is {s.preferred[i]:+d}"
             return self._row(i, "disagrees", text, self._pool[k], float(abs(drawn[k])))
         if s.kinds[i] == "reach" and v.min() < -_NEGATIVE:
             k = int(np.argmin(v))
-            text = f"it is {v[k] / MM:.4g} mm (out of reach) at a state that the mechanism can reach"
+            text = f"the value is {v[k] / MM:.4g} mm (out of reach) at a state that the mechanism can reach"
             return self._row(i, "disagrees", text, self._pool[k], float(-v[k] / MM), "mm")
         if np.ptp(v) <= 1e-6 * np.abs(v).max():
             return self._constant(i, float(v[0]))
@@ -174,26 +173,24 @@ class Boundary:
         if off[k] > 1e-6 * np.abs(v).max() and s.homogeneous(self._given, _LARGER):
             what = "length" if s.kinds[i] == "reach" else "dimensionless number"
             much, usual = (f"{x / scale:.4g} {unit}".rstrip() for x in (large[k], v[k]))
-            text = f"it is not a {what}: with all lengths multiplied by {_LARGER:g}, it changes from {usual} to {much}"
+            text = f"the row is not a {what}: {_LARGER:g} times the lengths change it from {usual} to {much}"
             return self._row(i, "disagrees", text, self._pool[k], float(off[k] / scale), unit)
         return None
 
     def _constant(self, i: int, value: float) -> Judged:
         s = self.stated
         if s.kinds[i] != "reach":
-            text = f"it is {value:.4g} at all states: it does not mark a singularity"
+            text = f"the value is {value:.4g} at all states, so the row does not mark a singularity"
             return self._row(i, "disagrees", text, size=abs(value))
         poses = self._beyond()
         if not len(poses):
-            text = f"it is {value / MM:.4g} mm at all states: it does not measure reach"
+            text = f"the value is {value / MM:.4g} mm at all states, so the row does not measure reach"
             return self._row(i, "disagrees", text, size=value / MM, unit="mm")
         accepted = s.refuses(poses)[:, i] >= 0
         if accepted.any():
-            text = f"it accepts {int(accepted.sum())} of {len(poses)} poses that the mechanism cannot reach"
+            text = f"the row accepts {int(accepted.sum())} of {len(poses)} poses that the mechanism cannot reach"
             return self._row(i, "disagrees", text, size=float(accepted.sum()))
-        return self._row(
-            i, "agrees", f"it rejects all {len(poses)} poses that need a degree of freedom the mechanism does not have"
-        )
+        return self._row(i, "agrees", f"the row rejects all {len(poses)} tested poses that the mechanism cannot reach")
 
     def _beyond(self) -> Array:
         """Return unreachable tool poses (k, 4, 4) near reachable poses; empty with six degrees of freedom."""
@@ -244,24 +241,26 @@ class Boundary:
         if not len(zeros) and beyond:
             zeros = self._zeros(i, beyond)
             if len(zeros) and (self.motions.of(zeros).min(axis=1) <= _DEGENERATE).any():
-                return self._row(i, "agrees", "it vanishes where the mechanism is degenerate, in another assembly mode")
+                return self._row(
+                    i, "agrees", "the row is zero where the mechanism is degenerate, in another assembly mode"
+                )
             zeros = zeros[:0]
         if not len(zeros):
             return self._unfound(i, walks)
         left = self.motions.of(zeros).min(axis=1)
         regular = left > _DEGENERATE
         if not regular.any():
-            return self._row(i, "agrees", f"it vanishes where the mechanism is degenerate, at {len(zeros)} states")
+            return self._row(i, "agrees", f"the row is zero where the mechanism is degenerate, at {len(zeros)} states")
         k = int(np.argmax(left))
         if s.kinds[i] != "reach" and self._own(zeros[regular]):
             text = (
-                "it vanishes where the mechanism is regular, but the formula's own inverse is singular: it does not "
-                "describe the mechanism"
+                "the row is zero where the mechanism is regular; the formula's own inverse is singular there and does "
+                "not describe the mechanism"
             )
             return self._row(i, "not judged", text, zeros[k])
         what = "the mechanism can move further" if s.kinds[i] == "reach" else "the mechanism is regular"
         kept = f"the smallest singular value is {100 * min(left[k], 1):.2g} % of its usual value"
-        text = f"it vanishes at a state where {what}: {kept}"
+        text = f"the row is zero at a state where {what}: {kept}"
         return self._row(i, "disagrees", text, zeros[k], float(left[k]))
 
     def _own(self, states: Array) -> bool:
@@ -285,7 +284,7 @@ class Boundary:
                     "margin is near 0"
                 )
                 return self._row(i, "disagrees", text, x, value / MM, "mm")
-        text = f"it did not vanish at any tested state; its minimum was {least}"
+        text = f"the row was zero at no tested state; its smallest absolute value was {least}"
         return self._row(i, "not judged", text, x)
 
     # -- helpers ----------------------------------------------------------------------------------------

@@ -1,8 +1,8 @@
 """Degenerate states of a mechanism, at which it can move with its driven joints or its tool at rest.
 
-A state moves along the null space of the loop Jacobian. Driven and passive joints are treated alike, so that the motion
-passes singularities as smoothly as other states. At a degenerate state, some motion leaves the driven joints (type II)
-or the tool (type I) at rest, or the null space has additional dimensions.
+A state moves along the null space of the loop Jacobian. Driven and passive joints are treated equally, so that the
+motion passes singularities as smoothly as other states. At a degenerate state, some motion leaves the driven joints
+(type II) or the tool (type I) at rest, or the null space has additional dimensions.
 """
 
 from __future__ import annotations

@@ -22,11 +22,8 @@ _TRIES = 4
 def depart(tree: Tree, x: Array, move: Callable[[Array], Array], way: Callable[[Array], float]) -> Array | None:
     """Return the best state that `move` reaches after a random step from x; None if there is none. Deterministic.
 
-    Args:
-        tree: tree of the mechanism.
-        x: (nq,) configuration at which a continuation is stuck.
-        move: function that moves starts (k, nq) to the target and returns the states (k, nq).
-        way: function that returns the distance of a state from x; infinity if the state is invalid.
+    x (nq,) is the configuration at which a continuation is stuck. `move` moves starts (k, nq) to the target and returns
+    the states (k, nq). `way` returns the distance of a state from x; infinity if the state is invalid.
     """
     if not len(tree.passive) or not tree.loops.names:
         return None
@@ -39,12 +36,8 @@ def depart(tree: Tree, x: Array, move: Callable[[Array], Array], way: Callable[[
 def scattered(tree: Tree, x: Array, columns: Index, spreads: Sequence[float], tries: int) -> Array:
     """Return configurations (k, nq) scattered around x (nq,).
 
-    Args:
-        tree: tree of the mechanism.
-        x: (nq,) configuration.
-        columns: velocity indices of the joints that are moved.
-        spreads: standard deviations: in rad for rotations; for slides, a tenth of these numbers in m.
-        tries: number of configurations per standard deviation.
+    `columns` are the velocity indices of the moved joints. The standard deviations `spreads` are in rad for rotations;
+    for slides, a tenth of these numbers in m. `tries` is the number of configurations per standard deviation.
     """
     rng = np.random.default_rng(0)
     spread = np.repeat(np.asarray(spreads, np.float64), tries)[:, None]

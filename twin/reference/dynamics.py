@@ -49,7 +49,6 @@ class Dynamics:
 
     Attributes:
         mechanism: the mechanism with masses; a body without inertia is massless.
-        model: the independent model of the mechanism.
         rotor: (n, n) inertia of the rotors, referred to the joints.
         friction: (n,) viscous friction, N m s/rad or N s/m.
     """
@@ -67,7 +66,7 @@ class Dynamics:
         Args:
             mechanism: the mechanism, or its independent model.
             gravity: (3,) gravitational acceleration in base, m/s2.
-            rotor: (n,) rotor inertia at the joints in kg m2 or kg, added to that of the actuators.
+            rotor: (n,) rotor inertia at the joints in kg m2 or kg, in addition to the rotors of the actuators.
             friction: (n,) viscous friction at the joints, N m s/rad or N s/m.
 
         Raises:
@@ -146,7 +145,7 @@ class Dynamics:
         return self._mass(self._determined(at))
 
     def gravity(self, at: State) -> Array:
-        """Return g (n,): the efforts that hold a state at rest; a joint with neither drive nor loop counts as fixed."""
+        """Return g (n,): the efforts that keep a state at rest; a joint without drive or loop counts as fixed."""
         x = self.configuration(at)
         return self._gain(x).T @ np.array(pin.computeGeneralizedGravity(self._pin, self._data, x))
 

@@ -32,7 +32,7 @@ _NEARBY = {True: 0.05, False: 0.005}
 class Follower:
     """Moves a mechanism along a path; its model is built at first use.
 
-    States are configurations (nq,) of the independent model; a motion can be continued from any of them.
+    States are configurations (nq,) of the independent model; a motion can continue from any state.
     """
 
     def __init__(self, make: Callable[[], ReferenceModel]) -> None:
@@ -60,11 +60,8 @@ class Follower:
     def follow(self, Ts: Array, directions: np.ndarray, p_tool: Array, start: Array) -> tuple[Array, Array, Array]:
         """Return states (k, nq), driven joint values (k, n) and T_base_tool (k, 4, 4) along a path of tool poses.
 
-        Args:
-            Ts: (k, 4, 4) T_base_tool along the path, beginning near `start`.
-            directions: (6,) bool, the directions in which the poses are followed; see `posing.posed`.
-            p_tool: (3,) in m, the point in the tool frame that is followed.
-            start: (nq,) state from which the motion begins.
+        The poses Ts (k, 4, 4) begin near the state `start` (nq,). `directions` (6,) marks the followed directions; see
+        `posing.posed`. `p_tool` (3,) in m is the followed point in the tool frame.
 
         Raises:
             AssemblyError: the mechanism cannot follow the path; the message names the sample.

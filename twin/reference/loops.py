@@ -77,10 +77,7 @@ class Loops:
     def evaluate(self, X: Array, poses: Array, J: Array) -> tuple[Array, Array]:
         """Return residuals (k, m) and Jacobians (k, m, nv).
 
-        Args:
-            X: (k, nq) configurations.
-            poses: (k, joints, 4, 4) joint poses at X, from `Tree.update`.
-            J: (k, 6, nv) Jacobians of the tree at X, from `Tree.update`.
+        X (k, nq) are configurations; `poses` (k, joints, 4, 4) and J (k, 6, nv) come from `Tree.update` at X.
         """
         T0, T = self.relative(poses)
         residual, turn = self._residual(T)
@@ -107,11 +104,9 @@ class Loops:
         Frame 0 of a loop joint is on its parent, frame 1 on its child. The residual contains the offset R0^T (p1 - p0)
         and the rotation R = R0^T R1, both in the axes of frame 0, which rotate with the angular velocity w0. The second
         derivative of R is (hat(dw/dt) + hat(w)^2) R, where w is the angular velocity of frame 1 relative to frame 0.
-
-        Args:
-            poses: (k, joints, 4, 4) joint poses from `Tree.update`.
-            twists: (k, joints, 6) twists of the tree's joints in base at the base origin, linear part first.
-            biases: (k, joints, 6) spatial accelerations of the tree's joints at constant velocities, in the same form.
+        `poses` (k, joints, 4, 4) come from `Tree.update`. `twists` and `biases` (k, joints, 6) are the twists of the
+        tree's joints, and their spatial accelerations at constant velocities, in base at the base origin, linear part
+        first.
         """
         T0, T = self.relative(poses)
         (a, b), R0t = (self._ids[:, 0], self._ids[:, 1]), np.swapaxes(T0[..., :3, :3], -1, -2)
@@ -205,10 +200,8 @@ def sine_of_rotation(R: Array) -> tuple[Array, Array]:
 def _grown(sine: Array, turn: Array, cosine: Array) -> tuple[Array, Array]:
     """Return axis times (2 - sine) for angles beyond 90°, and its derivative with respect to the rotation.
 
-    Args:
-        sine: (n, 3) axis times sine of the angle.
-        turn: (n, 3, 3) derivative of `sine`.
-        cosine: (n,) cosine of the angle.
+    `sine` (n, 3) is the axis times the sine of the angle, `turn` (n, 3, 3) its derivative, and `cosine` (n,) the cosine
+    of the angle.
     """
     size = np.linalg.norm(sine, axis=-1)
     # At an angle of 180°, the sine does not determine the axis: use any axis.

@@ -46,12 +46,10 @@ class Mobility:
 
 
 def count(A: Array, loops: Loops, passive: Index) -> Mobility:
-    """Return the mobility at one state from the Jacobian (m, nv) of the loop residuals.
+    """Return the mobility at one state.
 
-    Args:
-        A: (m, nv) Jacobian of the loop residuals, with rows as in `Loops.evaluate`.
-        loops: loops and directions of the rows.
-        passive: velocity indices of the joints that are not driven.
+    A (m, nv) is the Jacobian of the loop residuals, with rows as in `Loops.evaluate`; `loops` gives loop and direction
+    of each row. `passive` are the velocity indices of the joints that are not driven.
     """
     redundant: dict[str, int] = {}
     rank, size = 0, float(np.linalg.norm(A, 2)) if A.size else 0.0

@@ -79,9 +79,8 @@ class ReferenceModel:
     def solve(self, q: Array, seed: Assembly | None = None) -> Assembly:
         """Return the assembly at active joint values q.
 
-        Args:
-            q: (n,) values in m or rad, in the order of `mechanism.active`.
-            seed: assembly from which the solution continues; None: the rest poses (as drawn in the CAD).
+        q (n,) is in m or rad, in the order of `mechanism.active`. The solution continues from `seed`; None: from the
+        rest poses (as drawn in the CAD).
 
         Raises:
             AssemblyError: the loops cannot be closed at q; the error contains the best assembly.
@@ -230,12 +229,8 @@ class ReferenceModel:
         """Return (V, dV/dt, G): velocities and accelerations of the tree (k, nv) with closed loops, gains G (k, nv, n).
 
         V = G qd and dV/dt = G qdd - A_p^+ (dA/dt V). A is the loop Jacobian, A_p its columns of the passive joints,
-        which are solved in the least-squares sense.
-
-        Args:
-            states: configurations (k, nq).
-            qd: rates (k, n) of the active joints.
-            qdd: accelerations (k, n) of the active joints.
+        which are solved in the least-squares sense. `states` are configurations (k, nq); qd and qdd (k, n) are rates
+        and accelerations of the active joints.
         """
         A, _ = self._jacobians(states)
         gain = self.gains(states, A)
@@ -410,7 +405,7 @@ class ReferenceModel:
     def _between(self, at: Index, knots: Array, targets: Array) -> Array:
         """Return first guesses (k, nq) for all samples from the solved states (j, nq) at samples `at`.
 
-        For driven motions, the slopes of all joints follow from those of the active joints by the constraint Jacobian.
+        For driven motions, the constraint Jacobian gives the slopes of all joints from the slopes of the active joints.
         The active joints have an interpolation error where a bang-bang acceleration switches. The Jacobian also
         converts this error to the passive joints. One iteration then suffices for nearly all samples.
         """

@@ -36,12 +36,8 @@ def minimise(
 ) -> tuple[Array, Array]:
     """Return (configurations (k, nq) near X that minimise the residual, (k,) bool: whether each converged).
 
-    Args:
-        tree: tree of the mechanism, which adds steps to configurations.
-        X: (k, nq) start configurations.
-        residual: function that returns residuals and Jacobians; see `Residual`.
-        columns: velocity indices that may change.
-        iterations: maximum number of iterations; samples that need more do not converge.
+    X (k, nq) are the start configurations; only the velocity indices `columns` change. Samples that need more
+    iterations do not converge.
     """
     X = X.copy()
     todo = np.arange(len(X))

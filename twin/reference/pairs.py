@@ -1,7 +1,7 @@
 """The pairs of bodies that could collide while a mechanism moves among obstacles, with tests of their distance.
 
 Tests from cheap to expensive: boxes along the axes of base; bounds from balls and a grid of distances (`bounds`), for
-many states at once; convex hulls; the meshes, by coal, which decides where the bounds do not.
+many states at once; convex hulls; the meshes, by coal, for pairs that the bounds do not decide.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from twin.reference.model import ReferenceModel
 from twin.reference.travel import Levers, Reach
 
 _GJK = 1e-5
-"""Accepted error in m by which a computed hull distance may be too large."""
+"""Maximum error in m by which a computed hull distance is too large."""
 
 SEARCHED = 1 * MM
 """Radius in m of balls that are small enough for a search; a found path is tested with smaller ones."""
@@ -62,7 +62,8 @@ class Pairs:
         Args:
             model: the mechanism's model.
             stills: the obstacles.
-            clearance: required distance in m; for two bodies of the mechanism at most half of that in the rest poses.
+            clearance: required distance in m; for two bodies of the mechanism at most half of their distance in the
+                rest poses.
         """
         self._tree = model.tree
         own: dict[str, Shape] = {}
@@ -179,8 +180,8 @@ class Pairs:
     def nearer(self, pair: int, poses: Array, margin: float) -> bool:
         """Return whether a pair is nearer than `margin` in m at shape poses (shapes, 4, 4): hulls first, then meshes.
 
-        Where all of two meshes is close, their distance takes coal a tenth of the time of its collision test with a
-        margin; elsewhere it is the other way round.
+        For two meshes that are close everywhere, coal computes the distance in a tenth of the time of a collision test
+        with a margin. For other meshes, the collision test is faster.
         """
         if self.hulls_apart(pair, poses) >= margin:
             return False
@@ -204,14 +205,9 @@ class Pairs:
     def closer(self, pair: int, X: Array, poses: Array) -> np.ndarray:
         """Return (k,) bool: whether a pair is nearer than required at configurations X (k, nq), by exact distances.
 
-        Pairs that few turns move against each other (the jaws of an instrument and its wrist) are often close, and
-        meshes that are close take long. So it is stored for a whole cell of these angles that the pair is not nearer:
-        in a cell it moves by at most half of the required distance from the middle.
-
-        Args:
-            pair: number of the pair.
-            X: configurations.
-            poses: (k, shapes, 4, 4) poses of the shapes.
+        Some pairs move relative to each other by few rotations and are often close (jaws and wrist of an instrument).
+        Tests of close meshes are slow, so the result is stored for a cell of these angles. Within a cell, the relative
+        motion from the middle of the cell is at most half of the required distance.
         """
         required, left = float(self.required[pair]), np.ones(len(X), bool)
         if pair in self._turns:
@@ -237,7 +233,8 @@ class Pairs:
     def near(self, X: Array, *, exact: bool = True) -> np.ndarray:
         """Return (k,) bool: whether any pair is nearer than required at configurations X (k, nq).
 
-        Where the bounds do not decide, exact distances do; without `exact`, the middle between both bounds does.
+        Pairs that the bounds do not decide are decided by the exact distance, or without `exact` by the middle
+        between both bounds.
         """
         out = np.zeros(len(X), bool)
         if not len(self):

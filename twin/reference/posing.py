@@ -17,11 +17,8 @@ ALL = np.ones(6, bool)
 def posed(tree: Tree, Ts: Array, directions: np.ndarray = ALL, p_tool: Array | None = None) -> Residual:
     """Return the residual function of the loops and of the tool's deviation from its target poses.
 
-    Args:
-        tree: tree of the mechanism.
-        Ts: (k, 4, 4) T_base_tool, target pose of each sample.
-        directions: (6,) bool, the directions that must agree: first along, then about the axes of base.
-        p_tool: (3,) in m, the point in the tool frame whose position is compared; None: the tool's origin.
+    Ts (k, 4, 4) are the target poses. `directions` (6,) marks the directions that must agree: first along, then about
+    the axes of base. `p_tool` (3,) in m is the compared point in the tool frame; None: the origin of the tool.
     """
     Rt = np.swapaxes(Ts[:, :3, :3], 1, 2)
     lever = np.zeros(3) if p_tool is None else p_tool

@@ -47,7 +47,7 @@ class Regularity:
 
     @property
     def singular(self) -> bool:
-        """Whether the rank is lower than `usual`, or close to it: `margin` is below `SINGULAR`."""
+        """Whether the rank is lower than `usual` or nearly lower: `margin` is below `SINGULAR`."""
         return self.margin < SINGULAR
 
 

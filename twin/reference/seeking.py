@@ -47,7 +47,7 @@ class Walks:
         row: (w,) index of the function that each walk follows.
         states: (w, nq) last states.
         value: (w,) values of the function at the last states.
-        slope: (w,) length of the function's gradient at the last accepted state where it was computed.
+        slope: (w,) norm of the function's gradient at the last accepted state with a computed gradient.
         ended: (w,) "zero" (at a zero), "least" (at a minimum) or "far" (stopped elsewhere).
     """
 
@@ -100,18 +100,7 @@ def seek(
             break
         new = todo[fresh[todo]]
         if len(new):
-            N = motions.motions(X[new])
-            g = np.nan_to_num(gradient(motions, values, X[new], N, row[new]))
-            slope[new] = np.linalg.norm(g, axis=1)
-            metric = np.swapaxes(N, 1, 2) @ (weight[new][:, :, None] * N)
-            d = np.linalg.solve(metric, g[..., None])[..., 0]
-            d *= (-m[new] / np.maximum(np.sum(g * d, axis=1), 1e-300))[:, None]
-            d *= np.minimum(1, _STRIDE_LONGEST / np.maximum(np.linalg.norm(d, axis=1), 1e-300))[:, None]
-            turning = aside[new]
-            d[turning] = _around(
-                motions, X[new[turning]], N[turning], g[turning] / m[new[turning]][:, None], d[turning]
-            )
-            ways[new] = np.einsum("kij,kj->ki", N, d)
+            ways[new], slope[new] = _newton(motions, values, X[new], row[new], m[new], weight[new], aside[new])
             fresh[new] = False
         step = ways[todo].copy()
         long = np.linalg.norm(step / motions.scale, axis=1)
@@ -134,15 +123,28 @@ def seek(
     return Walks(row, X, m, slope, ended)
 
 
+def _newton(
+    motions: Degeneracy, values: Values, X: Array, row: Index, m: Array, weight: Array, aside: Mask
+) -> tuple[Array, Array]:
+    """Return tangent steps (w, nv) to the predicted zeros of the functions `row`, and the slopes (w,) of the functions.
+
+    `m` (w,) are the values of the functions at the states X (w, nq); `weight` (w, nv) is the metric of the velocities.
+    """
+    N = motions.motions(X)
+    g = np.nan_to_num(gradient(motions, values, X, N, row))
+    metric = np.swapaxes(N, 1, 2) @ (weight[:, :, None] * N)
+    d = np.linalg.solve(metric, g[..., None])[..., 0]
+    d *= (-m / np.maximum(np.sum(g * d, axis=1), 1e-300))[:, None]
+    d *= np.minimum(1, _STRIDE_LONGEST / np.maximum(np.linalg.norm(d, axis=1), 1e-300))[:, None]
+    d[aside] = _around(motions, X[aside], N[aside], g[aside] / m[aside][:, None], d[aside])
+    return np.einsum("kij,kj->ki", N, d), np.linalg.norm(g, axis=1)
+
+
 def _around(motions: Degeneracy, X: Array, N: Array, slopes: Array, steps: Array) -> Array:
     """Return steps (w, freedom) modified to avoid singularities at which the function does not vanish.
 
-    Args:
-        motions: motions of the mechanism.
-        X: (w, nq) states.
-        N: (w, nv, freedom) motions at these states.
-        slopes: (w, freedom) gradient of the logarithm of the function.
-        steps: (w, freedom) steps to modify.
+    X (w, nq) are states and N (w, nv, freedom) the motions there; `slopes` (w, freedom) is the gradient of the
+    logarithm of the function. `steps` (w, freedom) is modified.
     """
     near = np.flatnonzero(motions.of(X).min(axis=1) < _NEAR)
     if not len(near):

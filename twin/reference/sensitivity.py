@@ -60,7 +60,7 @@ def of_rounding(model: ReferenceModel, x: Array, epsilon: float = 2.0**-24) -> S
 def _roundings(T: Array, epsilon: float) -> Array:
     """Return the twists (7, 6), in the axes of the frame T, caused by rounding.
 
-    There is one for each number of its pose (position, quaternion), which is changed by half a unit in the last place.
+    Each twist belongs to one number of the pose (position, quaternion), changed by half a unit in the last place.
     """
 
     def half_ulp(values: Array) -> Array:

@@ -38,7 +38,6 @@ class Tree:
     """Spanning tree of a mechanism as a Pinocchio model.
 
     Attributes:
-        mechanism: the mechanism.
         model, data: Pinocchio's model and data.
         joint_id: Pinocchio's joint number, by joint name; fixed joints are missing.
         coordinate: index in the velocity of each joint with a single coordinate, by joint name.
@@ -146,9 +145,8 @@ class Tree:
     def update(self, X: Array, *, closing_only: bool = False) -> tuple[Array, Array]:
         """Compute joint poses and Jacobians at configurations X (k, nq).
 
-        Args:
-            X: (k, nq) configurations.
-            closing_only: compute only the poses used by loops, named points and tool (half the time).
+        With `closing_only`, only the poses used by loops, named points and tool are
+        computed (half the time).
 
         Returns:
             Poses (k, joints, 4, 4) of the moving joint frames in base, and Jacobians (k, 6, nv). Each column of a

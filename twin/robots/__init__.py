@@ -57,8 +57,8 @@ def load_formula(
         read: function that returns the bytes of a file outside this package.
 
     Raises:
-        KinematicsError: the file does not exist, cannot be imported (the message gives file and line), has neither a
-            FORMULA nor plain functions, or violates the contract.
+        KinematicsError: the file does not exist, cannot be imported (the message gives file and line), has no FORMULA
+            and no plain functions, or violates the contract.
         CodeRefusedError: the file is outside this package, and the environment variable TWIN_NO_CODE is set.
     """
     path = _FOLDER / f"{robot}.py" if str(robot) in names() else Path(robot)
@@ -78,7 +78,7 @@ def load_formula(
         formula = plain_formula(module, path.resolve(), name or path.resolve().parent.name, joints, (T, q))
     elif formula is None:
         raise KinematicsError(
-            f"{path}: it defines neither FORMULA nor plain functions: write inverse(pose), forward(q) or both."
+            f"{path}: it defines no FORMULA and no plain functions: write inverse(pose), forward(q) or both."
         )
     try:
         check_formula(formula)

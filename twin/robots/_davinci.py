@@ -1,8 +1,8 @@
 """Functions for all da Vinci arms: yaw and pitch about the RCM, and insertion through it.
 
-The base frame is that of dVRK: its origin is at the RCM, and z points up. With all joints at zero, the shaft points
-along -z. Yaw is a rotation about -y, pitch about -x. No joint is at the RCM; the linkage keeps the RCM fixed, but the
-equations do not need the linkage.
+The base frame is the base frame of dVRK: its origin is at the RCM, and z points up. With all joints at zero, the shaft
+points along -z. Yaw is a rotation about -y, pitch about -x. No joint is at the RCM; the linkage keeps the RCM fixed,
+but the equations do not need the linkage.
 """
 
 from __future__ import annotations

@@ -61,7 +61,7 @@ def to_tool(roll, wrist, yaw, L_w, shaft_long):
     gives="T_base_tool",
     source=SOURCE,
     variant="raven",
-    why="The distance between wrist and jaw axis is that of the Raven's own instruments.",
+    why="The distance between wrist and jaw axis is taken from the Raven's own instruments.",
 )
 def table(
     shoulder,
@@ -97,8 +97,8 @@ def table_davinci(roll, wrist, yaw, L_w_davinci, shaft_long):
 def candidates(T_base_tool, alpha1, alpha2, alpha3, offset1, offset2, theta3, base_turn, L_w, shaft_long):
     """Return the eight candidates [(joints (6,), excess)] of the inverse.
 
-    `excess` is 0 for a candidate that exists; otherwise it is how far the cosine of the elbow is beyond 1. Angles
-    are within half a turn of the middle of the range of their joint.
+    `excess` is 0 for a candidate that exists; otherwise it is the amount by which the cosine of the elbow exceeds 1.
+    Angles are within half a turn of the middle of the range of their joint.
     """
     T = symbolic.pose(from_zero(base_turn).T, vertcat(0, 0, 0)) @ T_base_tool
     R, p = T[0:3, 0:3], T[0:3, 3]
@@ -130,7 +130,7 @@ def candidates(T_base_tool, alpha1, alpha2, alpha3, offset1, offset2, theta3, ba
 
 
 def _near(q, i):
-    """Return joint i (from 0) within half a turn of the middle of its range; the insertion as it is."""
+    """Return joint i (from 0) within half a turn of the middle of its range; the insertion is returned unchanged."""
     if i == 2:
         return q
     middle = sum(_RANGES[i]) / 2
@@ -138,11 +138,11 @@ def _near(q, i):
 
 
 def outside(joints):
-    """Return how far joints (6,) are outside their ranges: a sum of shares of half of each range; 0 inside."""
+    """Return the sum of the distances of joints (6,) from their ranges, each divided by half its range; 0 inside."""
     return sum(fmax(fabs(joints[i] - (a + b) / 2) / ((b - a) / 2) - 1, 0) for i, (a, b) in enumerate(_RANGES))
 
 
-@equation("inverse", "pose -> joints", gives=NAMES, variant="raven", why="As the table, solved for the joints.")
+@equation("inverse", "pose -> joints", gives=NAMES, variant="raven", why="The table, solved for the joints.")
 def inverse(T_base_tool, alpha1, alpha2, alpha3, offset1, offset2, theta3, base_turn, L_w, shaft_long):
     """Return the candidate that is within the ranges of the joints, or the nearest one."""
     found = candidates(T_base_tool, alpha1, alpha2, alpha3, offset1, offset2, theta3, base_turn, L_w, shaft_long)
@@ -226,12 +226,12 @@ def formula(name: str, title: str, left: bool) -> Formula:
                 "base_turn", 180.0 if left else 0.0, "base of this arm about the vertical", "WPI-AIM/ambf, Raven-II"
             ),
             mm("L_w", 13.0, "CITED", f"{SOURCE}: distance from wrist axis to jaw axis"),
-            mm("L_w_davinci", 9.0, "CITED", f"{SOURCE}: the same distance of da Vinci type instruments"),
+            mm("L_w_davinci", 9.0, "CITED", f"{SOURCE}: this distance for instruments of da Vinci type"),
             mm(
                 "shaft_long",
                 470.0,
                 "CITED",
-                f"{SOURCE}: distance from carriage to wrist axis; a comment gives 482 for da Vinci type instruments",
+                f"{SOURCE}: distance from carriage to wrist axis; a comment gives 482 for instruments of da Vinci type",
             ),
             mm("elbow_far", 274.0, "ASSUMED", "distance of the elbow bearing from the RCM; not published"),
             mm("tip", 10.0, "ASSUMED", "distance from jaw axis to the tip of the jaws; not published"),

@@ -1,13 +1,14 @@
 """Published equations of motion of shoulder, elbow and insertion of the Raven-II, without rotors and friction.
 
-CSLDepend/raven2_sim has them as a long closed form. It is exactly that of three rigid bodies on the table of
-`_raven`, with gravity against x of frame 0, and linear in the bodies' parameters (14 combinations of 30, residual
-5e-10). This is the set of smallest norm: together the three bodies move as the arm does, singly they are not physical.
-It is rounded, which changes M by at most 2e-6 and g by at most 7e-6. The form is that of the left arm; as functions of
-the joints, the terms of the right arm are the same, because it is the mirror image.
+CSLDepend/raven2_sim contains the equations as a long closed form. This form describes exactly three rigid bodies on
+the table of `_raven`, with gravity against x of frame 0. It is linear in the parameters of the bodies (14 combinations
+of 30, residual 5e-10). The parameters below are the solution of smallest norm: the three bodies together move like the
+arm, but the single bodies are not physical. The parameters are rounded, which changes M by at most 2e-6 and g by at
+most 7e-6. The closed form describes the left arm. The right arm is its mirror image and has the same terms as functions
+of the joints.
 
-Terms by the Jacobians of the links (R. M. Murray, Z. Li, S. S. Sastry, A Mathematical Introduction to Robotic
-Manipulation, CRC Press 1994, section 4.3), C by the Christoffel symbols of M.
+M and g are computed from the Jacobians of the links (R. M. Murray, Z. Li, S. S. Sastry, A Mathematical Introduction to
+Robotic Manipulation, CRC Press 1994, section 4.3), C from the Christoffel symbols of M.
 """
 
 from __future__ import annotations
@@ -82,7 +83,7 @@ COMPENSATION = tuple(
     for link, (m, *c) in _COMPENSATION.items()
     for name, value in zip(_NAMES, (m, *(m * x for x in c), 0, 0, 0, 0, 0, 0), strict=True)
 )
-"""Point masses of the gravity compensation in the released software; they differ from those of the closed form."""
+"""Point masses of the gravity compensation in the released software; the closed form has other point masses."""
 
 MOTION = ClosedForm(
     source=_SOURCE,

@@ -1,8 +1,8 @@
 """Instrument arm (PSM) of the da Vinci Si: yaw and pitch about the RCM, insertion, roll, and a two-axis wrist.
 
 The table is dVRK's for the Si, in modified Denavit-Hartenberg form: the table of the Classic arm with a longer shaft.
-The mechanism differs: it has one crank and one coupler, which bands keep parallel, and two telescopes, each with half
-of the insertion. The lengths are those of dVRK's table of the whole linkage (PSM_Si_physical).
+The mechanism is different: one crank and one coupler, kept parallel by bands, and two telescopes, each with half of the
+insertion. The lengths are taken from dVRK's table of the whole linkage (PSM_Si_physical).
 
 Frame {tool} is at the control point of dVRK, on the wrist's yaw axis; its z is along the closed jaws.
 """
@@ -84,7 +84,7 @@ FORMULA = Formula(
             "slide_up",
             121.6,
             "DERIVED",
-            "height of the second telescope's origin above that of the first: origin - slide_origin",
+            "height of the second telescope's origin above the first telescope's origin: origin - slide_origin",
         ),
     ),
     joints=instrument.JOINTS,

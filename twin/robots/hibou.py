@@ -99,7 +99,6 @@ def margins(W, P_7, q3, q5, a, b, h, r6, trocar_x, trocar_y, trocar_z):
 
 _ALARM = f"alarm {ASSUMED}"
 
-
 FORMULA = Formula(
     name="hibou",
     title="Hibou: five driven and two passive joints, endoscope through a trocar",

@@ -91,7 +91,6 @@ def margins(W, P_in, q3, q6, q8, a, b, r7, trocar_x, trocar_y, trocar_z):
 
 _ALARM = f"alarm {ASSUMED}"
 
-
 FORMULA = Formula(
     name="lapbot",
     title="Lapbot: six driven and three passive joints, instrument through a trocar",

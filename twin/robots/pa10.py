@@ -1,9 +1,9 @@
 """Mitsubishi PA10-7C with an instrument along its last axis: an S-R-S arm in modified Denavit-Hartenberg form.
 
 Table 1 of the paper on the virtual surgery robot gives the chain in Khalil and Kleinfinger's form, T = Rx(alpha) Tx(d)
-Rz(theta) Tz(r), but no lengths. Lengths are those of the INRIA model of the arm. Frame 0 is at the shoulder, with z up;
-if all joints are zero, the arm points straight up. Frame {tool} is frame 8, at the tip; its z points forward along the
-shaft.
+Rz(theta) Tz(r), but no lengths. Lengths are taken from the INRIA model of the arm. Frame 0 is at the shoulder, with z
+up; if all joints are zero, the arm points straight up. Frame {tool} is frame 8, at the tip; its z points forward along
+the shaft.
 
 Seven joints control six degrees of freedom, so the elbow can swivel about the line from shoulder to wrist. The swivel
 angle is a parameter of the inverse (0: elbow up, in the vertical plane through this line). The inverse returns one of

@@ -1,7 +1,7 @@
 """SHER 3.0, the Steady-Hand Eye Robot: delta stage (q1 to q3), roll (q4 = psi), four-bar tilt with stroke q5 = s.
 
 The paper (eqs (1)-(3)) prints the chain T_t^b = T_p^b T_r^p T_a^r T_t^a, but no lengths. Lengths and the two linkages
-are those of the published derivation, github.com/zhaob5/sher3-kinematics (MIT), "[A]" below, written here in closed
+are taken from the published derivation, github.com/zhaob5/sher3-kinematics (MIT), "[A]" below, written here in closed
 form.
 
 Frame {b} is the base: z is up along the slides, and the origin is the centre of the base joint circle at q = 0. Frame

@@ -91,7 +91,7 @@ def eq1_printed(X_E, Y_E, l_p, c_psi, c_theta, s_psi, s_theta, s_phi):
     name="eq2",
     why="The radicals are corrected. In the odd rows, (l_1 + l_2) is now (l_2 - l_1); this is equivalent to a misprint of "
     "q_odd for q_even on the left. Only then does the strut have the length l_1 at every pose, and the carriages of "
-    "Table 2 are within the frame. From the order in R-PRR-PRS it is inferred, not published, that odd carriages hold "
+    "Table 2 are within the frame. From the order in R-PRR-PRS it is inferred, not published, that odd carriages carry "
     "the strut and even carriages the bar.",
 )
 def eq2_corrected(X_S1, Y_S1, Z_S1, X_S2, Y_S2, Z_S2, X_S3, Y_S3, Z_S3, q1, q2, q3, q4, q5, q6, l_0, l_1, l_2, L_H, L_V):  # fmt: skip
@@ -109,7 +109,7 @@ def eq2_corrected(X_S1, Y_S1, Z_S1, X_S2, Y_S2, Z_S2, X_S3, Y_S3, Z_S3, q1, q2, 
     "printed",
     of=eq2_corrected,
     why="The radicals are corrected: all terms are under the root. Their sum, (l_1+l_2)^2 - (rho-l_0)^2, is negative if "
-    "the bar does not reach. The odd rows are as printed: each odd carriage is where the even one should be, and the "
+    "the bar does not reach. The odd rows are as printed: each odd carriage is at the place of its even carriage, and the "
     "struts have lengths of 244 to 396 mm instead of l_1.",
 )
 def eq2_printed(Z_S1, Y_S2, Z_S3, q1, q2, q3, q4, q5, q6, l_1, l_2):
@@ -184,8 +184,8 @@ _PASSIVE = (
 def passive_joints(alpha1, alpha2, alpha3, beta1, beta2, beta3):
     """Return the passive joint angles; the angles of bar and strut are about t, measured from e_r.
 
-    With y = t x e_r = -e_a, the angle of the bar is atan2(sigma cos(beta), sin(beta)); that of the strut is its
-    negative.
+    With y = t x e_r = -e_a, the angle of the bar is atan2(sigma cos(beta), sin(beta)); the angle of the strut is
+    the negative.
     """
     out = [alpha1, alpha2, alpha3]
     for sigma, beta in ((1, beta1), (-1, beta2), (1, beta3)):

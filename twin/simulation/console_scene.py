@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import astuple, dataclass
 from typing import Any
 
@@ -20,7 +20,7 @@ from twin.model.mechanism import Mechanism
 from twin.model.scene import Place, Scene
 from twin.model.task import Task
 from twin.model.tissue import Tissue
-from twin.simulation import contact_scene, operating_scene
+from twin.simulation import contact_scene, machine_scene, operating_scene
 from twin.simulation.controllers.camera import Drag, Dragging, HandsToCamera, looking
 from twin.simulation.controllers.following import Arm, HandToPose
 from twin.simulation.controllers.hand_force import Surface
@@ -32,6 +32,7 @@ from twin.simulation.controllers.reaching import PoseToJoints
 from twin.simulation.controllers.through_port import ThroughPort
 from twin.simulation.controllers.tool_grip import GripToTool
 from twin.simulation.limits import Limits
+from twin.simulation.machine.machine import Parts
 from twin.simulation.plants.contact.feel import NAME as PLANES
 from twin.simulation.plants.kinematic import Kinematic
 from twin.simulation.world import Block, Placed, World
@@ -88,6 +89,7 @@ def world(
     props: Mechanism | None = None,
     haptics: bool | None = None,
     organs: Sequence[Tissue] = (),
+    parts: Mapping[str, Parts] | None = None,
 ) -> World:
     """Return a World in which a console controls the robots of a scene.
 
@@ -108,6 +110,8 @@ def world(
         haptics: whether the forces on the hands are on at the start; None: the World has none. With forces, the
             instruments touch the solid bodies and each other in every task.
         organs: the organs of the scene; only needed for a procedure.
+        parts: what the machines of the scene are made of, by the names of their places. `device` also writes their
+            states (`devices.machine_states`); None: machines move like other robots, without dynamics and states.
 
     Raises:
         TwinError: the scene has no console, the camera is not on its robot's tool, a start value is wrong, or a solid
@@ -128,18 +132,20 @@ def world(
         ]
         at = [q[a.robot] for a in arms]
         controllers.append(HandToPose(hand, PEDALS, arms, at, np.eye(4), view=view, dt=dt))
-        for arm in arms:
-            for k in np.flatnonzero(arm.kin.auxiliary)[:1]:  # the first auxiliary joint is the jaw
-                low, high = float(limits[arm.robot].lower[k]), float(limits[arm.robot].upper[k])
-                jaw = Jaw(max(low, 0.0), high, float(q[arm.robot][k]), dt)
-                controllers.append(GripToJaw(hand, arm.robot, jaw))
-    for name, x in q.items():
+        controllers += _jaws(hand, arms, limits, q, dt)
+    machines = machine_scene.Machined(scene, parts or {})
+    controllers += machines.controllers(PEDALS, {n: m.kin for n, m in members.items()}, dt)
+    simulated = {n: x for n, x in q.items() if n not in machines.parts}
+    for name, x in simulated.items():
         kin, port = members[name].kin, port_in_base(places[name])
         guided = name in table.through
         controllers.append(
             ThroughPort(name, kin, x, limits[name], port) if guided else PoseToJoints(name, kin, x, limits[name])
         )
-    plants: list[Block] = [Kinematic(n, x, limits[n]) for n, x in q.items()]
+    plants: list[Block] = [Kinematic(n, x, limits[n]) for n, x in simulated.items()]
+    plants += machines.plants(q)
+    robots = [Placed(p.name, members[p.name].mechanism, p.T_world_base, members[p.name].links) for p in led]
+    robots += machines.models(members)
     objects = scene.objects if task is not None and task.transfers else ()
     felt = _felt(scene, props, haptics)
     if objects or felt:
@@ -152,9 +158,10 @@ def world(
         plants.append(operated.plant)
     if haptics is not None:
         controllers.append(HapticSwitch(PEDALS, haptics))
-        plants += _forces(scene, members, limits, felt, [o.name for o in objects], dt)
+        names = [o.name for o in objects]
+        plants += machines.cues(HANDS) if parts else _forces(scene, members, limits, felt, names, dt)
     return World(
-        robots=[Placed(p.name, members[p.name].mechanism, p.T_world_base, members[p.name].links) for p in led],
+        robots=robots,
         deformables=() if operated is None else operated.deformables,
         objects=objects if operated is None else operated.objects,
         devices=[device],
@@ -163,6 +170,16 @@ def world(
         dt=dt,
         records=records,
     )
+
+
+def _jaws(
+    hand: str, arms: Sequence[Arm], limits: Mapping[str, Limits], q: Mapping[str, Array], dt: float
+) -> Iterator[Block]:
+    """Yield the blocks by which a hand moves the jaws of its arms; the first auxiliary joint is the jaw."""
+    for arm in arms:
+        for k in np.flatnonzero(arm.kin.auxiliary)[:1]:
+            low, high = float(limits[arm.robot].lower[k]), float(limits[arm.robot].upper[k])
+            yield GripToJaw(hand, arm.robot, Jaw(max(low, 0.0), high, float(q[arm.robot][k]), dt))
 
 
 def _operated(
@@ -232,6 +249,7 @@ def settings(scene: Scene, fulcrum: Fulcrum = "compensated", task: Task | None =
     hands = [n for hand in HANDS for n in getattr(table, hand)]
     out |= {f"{n}.tool": float(k % len(scene.tools)) for k, n in enumerate(hands) if scene.tools}
     first = {} if task is None or task.procedure is None else task.procedure.start
+    out |= machine_scene.SETTINGS if scene.trainer is not None else {}
     return out | {f"{n}.tool": float([*scene.tools].index(tool)) for n, tool in first.items()}
 
 
@@ -268,6 +286,8 @@ def identity(
         about.append([plain(next(iter(place.p_world_ports.values()))), [j.name for j in mechanism.active]])
         about.append([plain(np.nan_to_num(mechanism.limits)), [plain(j.max_speed or 0.0) for j in mechanism.active]])
         about.append([[f.name, f.body, plain(f.T_body_frame)] for f in mechanism.frames])
+    if scene.trainer is not None:
+        about.append(scene.trainer.model_dump(exclude={"provenance", "note"}))
     if haptics is not None:
         about.append([plain(x) for x in astuple(surface(scene))])
     if (_felt(scene, props, haptics) or (task is not None and task.transfers)) and scene.contact is not None:

@@ -20,7 +20,6 @@ def matrix(T: ArrayLike) -> Gf.Matrix4d:
 
     Raises:
         ValueError: T is not (4, 4).
-
     """
     T = np.asarray(T, float)
     if T.shape != (4, 4):
@@ -68,7 +67,6 @@ def rotation(q) -> Array:
 
     Raises:
         ValueError: the quaternion is zero or not finite.
-
     """
     wxyz = quat_wxyz(q)
     if not (np.all(np.isfinite(wxyz)) and np.linalg.norm(wxyz) > 1e-9):

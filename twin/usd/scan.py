@@ -1,8 +1,8 @@
 """Unchecked content of a UsdPhysics stage: rigid bodies, joints, poses.
 
 The reader and the checker use this module. For any unit and up axis of the stage, lengths are converted to metres and
-poses to world z up; joint frames are rotated so that z is the axis. Invalid data are returned too: the reader rejects
-and the checker reports such data.
+poses to world z up; joint frames are rotated so that z is the axis. Invalid data are also returned: the reader
+rejects them, and the checker reports them.
 """
 
 from __future__ import annotations
@@ -57,7 +57,6 @@ class RawJoint:
     """A joint prim.
 
     Attributes:
-        prim: the prim.
         type: joint type of the mechanism; "" if none matches.
         ends: its sides on body0 and body1.
         instance: name of its drive and joint state ("angular", "linear", "rotX", ...); "" without a coordinate.
@@ -94,12 +93,9 @@ class Scene:
     """An opened stage.
 
     Attributes:
-        path: path of the file.
-        stage: the composed stage.
         meters: metres per unit of length.
         kilograms: kilograms per unit of mass.
         R_world_stage: rotation (3, 3) from the stage's axes to z up.
-
     """
 
     def __init__(self, path: str | Path) -> None:
@@ -107,7 +103,6 @@ class Scene:
 
         Raises:
             StageError: the file is missing or not USD, or one of its layers cannot be found.
-
         """
         self.path = str(path)
         self.stage = _open(Path(path))
@@ -163,10 +158,7 @@ class Scene:
     def poses(self, prims: Sequence[Usd.Prim], codes: ArrayLike | None = None) -> Array:
         """Return T_world_prim (n, k, 4, 4) of n prims at k time codes in metres, z up, without scale.
 
-        Args:
-            prims: the prims.
-            codes: time codes; None: only the default time (k = 1).
-
+        `codes` are time codes; None: only the default time (k = 1).
         """
         times = [Usd.TimeCode.Default()] if codes is None else [Usd.TimeCode(c) for c in np.asarray(codes).tolist()]
         raw = np.zeros((len(prims), len(times), 4, 4))

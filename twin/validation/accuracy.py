@@ -42,11 +42,7 @@ def measure(
 ) -> tuple[Mapping[str, Any], list[float]]:
     """Simulate the test; return (plain data, standard deviation of the error along each axis in mm).
 
-    Args:
-        console: the console under test, at motion scale 1.
-        displacements: number of displacements along each axis.
-        resolution: resolution of the pen's position in m.
-        seed: seed of the random start positions and displacements.
+    The console moves at motion scale 1; `resolution` in m is the resolution of the pen's position.
     """
     rng = np.random.default_rng(seed)
     T = np.eye(4)

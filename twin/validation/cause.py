@@ -28,7 +28,7 @@ _FAMILIES: dict[str, Side] = {
     **dict.fromkeys(("stage", "usd"), "stage"),
     "baked": "motion",
 }
-"""Side for the first word of a finding's code; all other codes belong to the side "protocol"."""
+"""Side of a finding, by the first word of its code; findings with other codes belong to the side "protocol"."""
 
 _SAME = 0.999
 """Ratio of the sizes of two findings above which the sizes count as equal; the first finding is then the head."""

@@ -1,13 +1,13 @@
 """Judge published equations of motion in closed form (A) against the dynamics of the mechanism (B), term by term.
 
-Compared at random states of the published joints, all other joints at zero and at rest: each element of the mass
-matrix, the Coriolis and centrifugal effort and the effort of gravity of each joint. Rotors and friction are not part of
-the published equations and are left out of B. Two properties are judged on A alone: M is symmetric and positive
+Each element of the mass matrix, and the Coriolis and centrifugal effort and the effort of gravity of each joint, are
+compared at random states of the published joints; all other joints are at zero and at rest. Rotors and friction are not
+part of the published equations and are left out of B. Two properties are judged on A alone: M is symmetric and positive
 definite, and dM/dt - 2 C is skew-symmetric, so that the power balance holds (R. M. Murray, Z. Li, S. S. Sastry, A
 Mathematical Introduction to Robotic Manipulation, CRC Press 1994, lemma 4.2).
 
-If terms differ, the cause is sought among single edits: one inertial parameter, the sign of a term, the direction of
-gravity. An edit is named only if it explains all terms that differ.
+If terms differ, single edits are tried as their cause: one inertial parameter, the sign of a term, the direction of
+gravity. An edit is reported only if it explains all differences.
 """
 
 from __future__ import annotations
@@ -25,10 +25,10 @@ from twin.formula.closed_form import ClosedForm, Terms
 from twin.reference.dynamics import Dynamics
 
 _EXPLAINED = 1e-2
-"""Share of a difference that an edit may leave; rounding of the published parameters leaves less than this."""
+"""Largest accepted ratio of the differences after and before an edit; rounded parameters leave smaller differences."""
 
 _RATES = (1.0, 0.2)
-"""Largest rates of the random states, rad/s and m/s: the order of the arm's largest speeds."""
+"""Largest rates of the random states, in rad/s and m/s; similar to the largest speeds of the arm."""
 
 _BALANCE = 1e-9
 """Tolerance of the power balance, relative to the largest term."""
@@ -58,7 +58,7 @@ class Judged:
 
     Attributes:
         rows: largest difference of each term.
-        cause: the single edit that explains the differences; "" if there are none or no edit explains them.
+        cause: the single edit that explains all differences; "" without differences or without such an edit.
         balance: largest error of the power balance of A, relative to the largest power.
         least: smallest eigenvalue of M of A.
         findings: terms that differ.
@@ -73,12 +73,6 @@ class Judged:
 
 def judge(form: ClosedForm, dynamics: Dynamics, count: int = 200, seed: int = 0) -> Judged:
     """Compare published equations of motion with the dynamics of a mechanism at random states.
-
-    Args:
-        form: the published equations.
-        dynamics: equations of motion of the mechanism, with its masses.
-        count: number of states.
-        seed: seed of the states.
 
     Raises:
         KinematicsError: the mechanism does not have one of the published joints.
@@ -110,7 +104,7 @@ def judge(form: ClosedForm, dynamics: Dynamics, count: int = 200, seed: int = 0)
         out.findings.append(
             _DIFFERS(
                 r.term,
-                f"the published {r.term} differs from that of the mechanism",
+                f"the published {r.term} differs from the value of the mechanism",
                 Quantity(r.worst, r.unit),
                 Quantity(r.limit, r.unit),
                 cause=out.cause,
@@ -188,7 +182,7 @@ def _cause(form: ClosedForm, states: list[_State]) -> str:
             if _left(difference, -2 * value) < _EXPLAINED:
                 return f"the sign of {_WORDS[name]}"
             if name == "C":
-                return "C is not that of M"
+                return "C is inconsistent with M"
     found = list(_parameters(form, states, M, g))
     if not found:
         return ""

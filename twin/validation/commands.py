@@ -21,11 +21,8 @@ def commands(
 ) -> dict[str, str]:
     """Return the commands {"validate": ..., "explain": ...} to run in the current folder; "explain" needs equations.
 
-    Args:
-        files: files of the robot.
-        kin: the equations in the judged variants; None if the robot has none.
-        protocol: name or path of the protocol.
-        tolerances: the requested tolerances; None for the tolerances of the CAD.
+    `kin`: the equations in the judged variants, None without equations; `tolerances`: None for the tolerances of the
+    CAD.
     """
     chosen = []
     if kin is not None:

@@ -19,19 +19,19 @@ from twin.core.findings import Finding, Kind, disagreement, finding
 from twin.core.quantity import mm
 from twin.core.spatial import Array, Index
 from twin.core.units import MM
+from twin.formula.contract import Equation
 from twin.kinematics import Kinematics
 from twin.planning.trajectory import Trajectory
 from twin.reference import ReferenceModel, Run
-from twin.validation.forward import forward
 from twin.validation.result import Residual, RowKind, headline
-from twin.validation.rows import Clock, Tolerances, rotation_vectors, row, text
+from twin.validation.rows import Clock, Tolerances, pose_rows, rotation_vectors, row, text
 
 COARSE = 10
 """Every tenth sample is a coarse sample (joints, points, speeds, stage); tool and loops are compared at all samples."""
 
 Progress = Callable[[str, float], None]
 
-
+_FORWARD = Kind("tool.forward", "disagreement", word="tolerance")
 _NOT_RIGID = Kind("points.not_rigid", "disagreement", word="")
 
 
@@ -52,6 +52,21 @@ class Comparison:
     coarse: Index = field(default_factory=lambda: np.zeros(0, np.intp))
     """Indices of the coarse samples."""
 
+    def judge(self, r: Residual, kind: Kind, what: str, where: str = "", **more: str) -> None:
+        """Add a row and, if it disagrees, its finding; for the arguments see `Residual.finding`."""
+        self.residuals.append(r)
+        if not r.agrees:
+            self.findings.append(r.finding(kind, what, where, **more))
+
+    def differs(self, r: Residual, what: str, cause: str = "") -> None:
+        """Add a row and, if it disagrees, a disagreement; an info finding if the row is a consequence of another row.
+
+        `cause` is the name of the wrong equation, if known.
+        """
+        first = r.consequence_of
+        kind = Kind(f"{r.quantity}.differs", "info" if first else "disagreement", word="tolerance")
+        self.judge(r, kind, what, suggestion=f"caused by {first}; fix that first" if first else "", cause=cause)
+
 
 def compare(
     kin: Kinematics | None,
@@ -66,59 +81,78 @@ def compare(
     If `kin` is None, the joint values of the trajectory drive the mechanism, and only its loops and rates are judged.
     The same applies if `kin` has only forward equations and the path was computed with the mechanism.
     """
-    out = Comparison()
-    rows = _coarse_rows(trajectory)
-    out.coarse = rows
-    coarse = clock.at(rows)
-    Ts = trajectory.Ts_base_tool
+    out = Comparison(coarse=_coarse_rows(trajectory))
     asked = kin if kin is not None and (kin.closed_inverse or not trajectory.followed) else None
-    q = trajectory.q if asked is None else asked.inverse_many(Ts)
+    q = trajectory.q if asked is None else asked.inverse_many(trajectory.Ts_base_tool)
     if asked is not None:
         q[:, asked.auxiliary] = trajectory.q[:, asked.auxiliary]  # the equations do not change these joints
-    out.series |= {"q": q, "t_coarse": coarse.t}
-    if asked is not None and not np.isfinite(q).all():
-        k = int(np.argmin(np.isfinite(q).all(axis=1)))
-        out.findings.append(
-            disagreement(
-                "driven.no_answer",
-                ", ".join(j for j, bad in zip(asked.joints, ~np.isfinite(q[k]), strict=True) if bad),
-                f"the equations give no joint values for {np.sum(~np.isfinite(q).all(axis=1))} of {len(q)} tool "
-                f"poses that the mechanism can reach ({', '.join(f'{n} {v}' for n, v in asked.variants.items())})",
-                when=f"{clock.phase(float(clock.t[k]))}, t = {clock.t[k]:.2f} s",
-                cause=_equation_of(asked, tuple(asked.joints)),
-            )
+        _unsolved(asked, q, out, clock)
+    # If the mechanism is redundant, the equations may choose a solution that differs from the path: theirs is judged.
+    by_joints = trajectory.followed or any(p.type == "free" for p in trajectory.phases)
+    chosen = asked is not None and by_joints and model.redundant
+    out.posed = posed = _posed(model, trajectory, out.coarse, q if chosen else None, progress)
+    check = _Check(model, trajectory, clock, tolerances, progress, out, posed)
+    out.series |= {"q": q, "t_coarse": check.coarse.t}
+    blamed = joints = _Blame()
+    if kin is not None:
+        blamed = check.points(kin)
+        if asked is not None:
+            joints = check.joints(asked, q[out.coarse], blamed)
+        if kin.closed_forward and (kin.closed_inverse or asked is None):  # otherwise driving the mechanism checks them
+            check.forward(kin)
+        check.passive(kin, blamed)
+    if asked is not None:
+        check.tool(asked, q, blamed or joints)
+    else:
+        out.driven = model.run(q, progress=lambda f: progress("mechanism driven by its joints", f))
+        check.loops(out.driven)
+    if out.driven is not None and not joints.row:
+        taken = model.run(trajectory.q).x if chosen else out.driven.x
+        _rates(check, taken[out.coarse])
+    return out
+
+
+def _coarse_rows(trajectory: Trajectory) -> Index:
+    ends = [p.stop for p in trajectory.phases]
+    return np.unique(np.array([*range(0, len(trajectory.t), COARSE), *ends, len(trajectory.t) - 1], np.intp))
+
+
+def _unsolved(kin: Kinematics, q: Array, out: Comparison, clock: Clock) -> None:
+    """Add a finding if the equations give no joint values at some of the tool poses."""
+    solved = np.isfinite(q).all(axis=1)
+    if solved.all():
+        return
+    k = int(np.argmin(solved))
+    out.findings.append(
+        disagreement(
+            "driven.no_answer",
+            ", ".join(j for j, bad in zip(kin.joints, ~np.isfinite(q[k]), strict=True) if bad),
+            f"the equations give no joint values for {np.sum(~solved)} of {len(q)} tool "
+            f"poses that the mechanism can reach ({', '.join(f'{n} {v}' for n, v in kin.variants.items())})",
+            when=clock.when(k),
+            cause=_equation_of(kin, tuple(kin.joints)),
         )
+    )
+
+
+def _posed(model: ReferenceModel, trajectory: Trajectory, rows: Index, q: Array | None, progress: Progress) -> Run:
+    """Return the mechanism at the tool poses of the samples `rows`; `q`: joint values near the solution, or None."""
 
     def report(fraction: float) -> None:
         progress("mechanism at the tool poses", fraction)
 
-    by_joints = trajectory.followed or any(p.type == "free" for p in trajectory.phases)
-    chosen = asked is not None and by_joints and model.redundant
-    if chosen:  # redundant: the equations may choose a solution that differs from the path, so their solution is judged
-        posed = model.run_poses(Ts[rows], progress=report, near=q[rows])
-    elif trajectory.followed:  # the poses were computed by driving the mechanism with these joint values
-        posed = model.run(trajectory.q[rows], progress=report)
-    else:
-        posed = model.run_poses(Ts[rows], progress=report, near=trajectory.q[rows])
-    out.posed = posed
-    blamed = joints = _Blame()
-    if kin is not None:
-        blamed = _points(kin, model, posed, Ts[rows], out, coarse, tolerances)
-        if asked is not None:
-            joints = _driven(asked, posed, q[rows], blamed, out, coarse, tolerances)
-        rows_forward, found = forward(kin, posed, coarse, tolerances, alone=asked is None)
-        out.residuals += rows_forward
-        out.findings += found
-        _passive(kin, posed, Ts[rows], blamed, out, coarse, tolerances)
-    if asked is not None:
-        _tool(asked, model, trajectory, q, blamed or joints, out, clock, tolerances, progress)
-    else:
-        out.driven = model.run(q, progress=lambda f: progress("mechanism driven by its joints", f))
-        _closed(model, out.driven, out, clock, tolerances)
-    if out.driven is not None and not joints.row:
-        taken = model.run(trajectory.q).x if chosen else out.driven.x
-        _rates(model, trajectory, out, taken[rows], rows, coarse, tolerances)
-    return out
+    if q is None and trajectory.followed:  # the poses were computed by driving the mechanism with these joint values
+        return model.run(trajectory.q[rows], progress=report)
+    near = trajectory.q if q is None else q
+    return model.run_poses(trajectory.Ts_base_tool[rows], progress=report, near=near[rows])
+
+
+def tool_rates(trajectory: Trajectory) -> tuple[Array, Array]:
+    """Return planned velocity (k, 3) in m/s and acceleration (k, 3) in m/s2 of the tool's origin, in base."""
+    lever = trajectory.Ts_base_tool[:, :3, 3] - trajectory.Ts_base_frame[:, :3, 3]
+    w, dw = trajectory.angular_velocity, trajectory.angular_acceleration
+    v = trajectory.tip_velocity + np.cross(w, lever)
+    return v, trajectory.tip_acceleration + np.cross(dw, lever) + np.cross(w, np.cross(w, lever))
 
 
 @dataclass(frozen=True)
@@ -139,271 +173,224 @@ class _Blame:
         return bool(self.row)
 
 
-def _coarse_rows(trajectory: Trajectory) -> Index:
-    ends = [p.stop for p in trajectory.phases]
-    return np.unique(np.array([*range(0, len(trajectory.t), COARSE), *ends, len(trajectory.t) - 1], np.intp))
+def _reading(kin: Kinematics, equation: Equation) -> str:
+    """Return an equation with its variant in use, as "name (variant)"."""
+    return f"{equation.name} ({kin.variants.get(equation.name, equation.default)})"
 
 
-def _equation_of(kin: Kinematics, symbols: tuple[str, ...]) -> str:
+def _equation_of(kin: Kinematics, symbols: str | tuple[str, ...]) -> str:
     """Return the equation that computes one of the symbols, as "name (variant)"; "" if there is none."""
+    asked = {symbols} if isinstance(symbols, str) else set(symbols)
     for equation in kin.formula.equations:
-        if equation.stage != "helper" and set(symbols) & set(equation.outputs):
-            variant = kin.variants.get(equation.name, equation.default)
-            return f"{equation.name} ({variant})"
+        if equation.stage != "helper" and asked & set(equation.outputs):
+            return _reading(kin, equation)
     return ""
 
 
-def _points(
-    kin: Kinematics,
-    model: ReferenceModel,
-    posed: Run,
-    Ts: Array,
-    out: Comparison,
-    clock: Clock,
-    tolerances: Tolerances,
-) -> _Blame:
-    """Compare the named points of the equations with the CAD's points, with the tool at the requested pose."""
-    points = {n: p for n, p in kin.points_many(Ts=Ts, qs=posed.q).items() if n in posed.points}
-    rows: dict[str, Residual] = {}
-    equations: dict[str, str] = {}
-    for name, value in points.items():
-        symbols = kin.formula.points[name]
-        equations[name] = _equation_of(kin, (symbols,) if isinstance(symbols, str) else symbols)
-        difference = value - posed.points[name]
-        out.series[f"residual_point.{name}"] = np.linalg.norm(difference, axis=1)
-        rows[name] = row("A-B", "point", name, "m", difference, tolerances.position, clock, note=equations[name])
-    off = {n: equations[n] for n, r in rows.items() if not r.agrees and equations[n]}
-    wrong = [rows[n] for n in off] or [r for r in rows.values() if not r.agrees]
-    first = headline(wrong).name if wrong else ""
-    blame = _Blame(first, off.get(first, first), off)
-    for name, r in rows.items():
-        # The error of a point that no equation computes is a consequence of wrong points that equations compute.
-        if not equations[name] and off:
-            r = replace(r, consequence_of=first)
-        out.residuals.append(r)
-        if not r.agrees:
+@dataclass(frozen=True)
+class _Check:
+    """The checks of one comparison; each adds its rows and findings to `out`.
+
+    Attributes:
+        model, trajectory, clock, tolerances, progress: see `compare`.
+        out: the comparison to fill.
+        posed: the mechanism at the tool poses of the coarse samples.
+    """
+
+    model: ReferenceModel
+    trajectory: Trajectory
+    clock: Clock
+    tolerances: Tolerances
+    progress: Progress
+    out: Comparison
+    posed: Run
+
+    @property
+    def coarse(self) -> Clock:
+        """Clock of the coarse samples."""
+        return self.clock.at(self.out.coarse)
+
+    @property
+    def Ts(self) -> Array:  # noqa: N802
+        """Tool poses (k, 4, 4) of the coarse samples."""
+        return self.trajectory.Ts_base_tool[self.out.coarse]
+
+    def points(self, kin: Kinematics) -> _Blame:
+        """Compare the named points of the equations with the CAD's points, with the tool at the requested pose."""
+        out, posed = self.out, self.posed
+        points = {n: p for n, p in kin.points_many(Ts=self.Ts, qs=posed.q).items() if n in posed.points}
+        equations = {n: _equation_of(kin, kin.formula.points[n]) for n in points}
+        rows: dict[str, Residual] = {}
+        for name, value in points.items():
+            off = value - posed.points[name]
+            out.series[f"residual_point.{name}"] = np.linalg.norm(off, axis=1)
+            limit = self.tolerances.position
+            rows[name] = row("A-B", "point", name, "m", off, limit, self.coarse, note=equations[name])
+        wrong = {n: equations[n] for n, r in rows.items() if not r.agrees and equations[n]}
+        suspects = [rows[n] for n in wrong] or [r for r in rows.values() if not r.agrees]
+        first = headline(suspects).name if suspects else ""
+        blame = _Blame(first, wrong.get(first, first), wrong)
+        for name, r in rows.items():
+            # The error of a point that no equation computes is a consequence of wrong points that equations compute.
+            if not equations[name] and wrong:
+                r = replace(r, consequence_of=first)
             by = f" by {equations[name]}" if equations[name] else ""
-            message = f"point {name}{by} differs from its position in the CAD in {r.component}"
-            _add(out, r, message, equations[name] or blame.cause)
-    _distances(model, points, posed, out, clock, tolerances, blame)
-    return blame
+            what = f"point {name}{by} differs from its position in the CAD in {r.component}"
+            out.differs(r, what, equations[name] or blame.cause)
+        self._distances(points, blame)
+        return blame
 
-
-def _distances(
-    model: ReferenceModel,
-    points: Mapping[str, Array],
-    posed: Run,
-    out: Comparison,
-    clock: Clock,
-    tolerances: Tolerances,
-    blamed: _Blame,
-) -> None:
-    """Check that points of one body keep their distances; otherwise the equations do not describe a rigid body."""
-    on: dict[str, list[str]] = {}
-    for point in model.mechanism.points:
-        if point.name in points:
-            on.setdefault(point.body, []).append(point.name)
-    ends = [int(np.argmin(np.abs(clock.t - t))) for t in (clock.phases[0].t0, *(p.t1 for p in clock.phases))]
-    for body, names in on.items():
-        for a, b in combinations(names, 2):
-            length = np.linalg.norm(points[a] - points[b], axis=1)
-            true = np.linalg.norm(posed.points[a] - posed.points[b], axis=1)
-            at = {"start": 0} | {p.name: i for p, i in zip(clock.phases, ends[1:], strict=True)}
-            out.facts.setdefault("distances by the equations, mm (start, end of each phase)", {})[
-                f"{a}-{b} (CAD {true[0] / MM:.3f})"
-            ] = ", ".join(f"{n} {length[i] / MM:.3f}" for n, i in at.items())
-            ends_off = [n for n in (a, b) if n in blamed.points]
-            r = row(
-                "A-B",
-                "point",
-                f"{a}-{b}",
-                "m",
-                length - true,
-                tolerances.position,
-                clock,
-                consequence_of=ends_off[0] if ends_off else blamed.row,
-                note=f"distance on '{body}'",
-            )
-            out.residuals.append(r)
-            if not r.agrees:
-                i = int(np.argmax(np.abs(length - true)))
-                out.findings.append(
-                    r.finding(
-                        _NOT_RIGID,
-                        f"the equations put {a} and {b} {mm(length[0])} apart at the start and {mm(length[i])} in "
-                        f"the worst case; in the CAD both are on '{body}', {mm(true[0])} apart",
-                        f"{a}, {b}",
-                        cause=blamed.points[ends_off[0]] if ends_off else blamed.cause,
-                    )
+    def _distances(self, points: Mapping[str, Array], blamed: _Blame) -> None:
+        """Check that points of one body keep their distances; otherwise the equations do not describe a rigid body."""
+        on: dict[str, list[str]] = {}
+        for point in self.model.mechanism.points:
+            if point.name in points:
+                on.setdefault(point.body, []).append(point.name)
+        at = {"start": 0} | {p.name: int(np.argmin(np.abs(self.coarse.t - p.t1))) for p in self.clock.phases}
+        for body, names in on.items():
+            for a, b in combinations(names, 2):
+                length = np.linalg.norm(points[a] - points[b], axis=1)
+                true = np.linalg.norm(self.posed.points[a] - self.posed.points[b], axis=1)
+                shown = ", ".join(f"{n} {length[i] / MM:.3f}" for n, i in at.items())
+                facts = self.out.facts.setdefault("distances by the equations, mm (start, end of each phase)", {})
+                facts[f"{a}-{b} (CAD {true[0] / MM:.3f})"] = shown
+                off, limit = length - true, self.tolerances.position
+                ends = [n for n in (a, b) if n in blamed.points]
+                more = {"consequence_of": ends[0] if ends else blamed.row, "note": f"distance on '{body}'"}
+                worst = length[np.argmax(np.abs(off))]
+                self.out.judge(
+                    row("A-B", "point", f"{a}-{b}", "m", off, limit, self.coarse, **more),
+                    _NOT_RIGID,
+                    f"the equations put {a} and {b} {mm(length[0])} apart at the start and {mm(worst)} in "
+                    f"the worst case; in the CAD both are on '{body}', {mm(true[0])} apart",
+                    f"{a}, {b}",
+                    cause=blamed.points[ends[0]] if ends else blamed.cause,
                 )
 
+    def joints(self, kin: Kinematics, q: Array, blamed: _Blame) -> _Blame:
+        """Compare the equations' joint values q (k, n) with the mechanism's.
 
-def _driven(
-    kin: Kinematics,
-    posed: Run,
-    q: Array,
-    blamed: _Blame,
-    out: Comparison,
-    clock: Clock,
-    tolerances: Tolerances,
-) -> _Blame:
-    """Compare the mechanism's joint values with the equations', from the equations' points and the CAD's points."""
-    alone = None
-    if kin.closed_inverse and kin.formula.points:
-        names = [n for n, s in kin.formula.points.items() if _equation_of(kin, (s,) if isinstance(s, str) else s)]
-        if names and all(n in posed.points for n in names):
-            alone = kin.joints_from_points({n: posed.points[n] for n in names})
-    wrong: dict[str, tuple[Residual, str]] = {}
-    for i, joint in enumerate(kin.joints):
-        equation = _equation_of(kin, (kin.joints[i],))
-        if kin.auxiliary[i] or not np.isfinite(q[:, i]).any():
-            continue
-        unit = "rad" if kin.revolute[i] else "m"
-        tolerance = tolerances.rotation if kin.revolute[i] else tolerances.position
-        out.series[f"residual_driven.{joint}"] = np.abs(q[:, i] - posed.q[:, i])
-        innocent = alone is not None and float(np.abs(alone[:, i] - posed.q[:, i]).max()) <= tolerance
-        because = blamed.row if innocent else ""
-        difference = q[:, i] - posed.q[:, i]
-        r = row("A-B", "driven", joint, unit, difference, tolerance, clock, consequence_of=because, note=equation)
-        out.residuals.append(r)
-        if not r.agrees:
+        Joint values computed from the CAD's points show whether an equation is wrong, or only its inputs.
+        """
+        out, true = self.out, self.posed.q
+        alone = self._from_points(kin)
+        wrong: dict[str, tuple[Residual, str]] = {}
+        for i, joint in enumerate(kin.joints):
+            if kin.auxiliary[i] or not np.isfinite(q[:, i]).any():
+                continue
+            equation, off = _equation_of(kin, joint), q[:, i] - true[:, i]
+            unit, limit = ("rad", self.tolerances.rotation) if kin.revolute[i] else ("m", self.tolerances.position)
+            out.series[f"residual_driven.{joint}"] = np.abs(off)
+            innocent = alone is not None and float(np.abs(alone[:, i] - true[:, i]).max()) <= limit
+            because = blamed.row if innocent else ""
+            r = row("A-B", "driven", joint, unit, off, limit, self.coarse, consequence_of=because, note=equation)
             cause = blamed.cause if because else equation or _equation_of(kin, tuple(kin.joints)) or joint
-            wrong[joint] = r, cause
             by = f", because {because} is wrong," if because else f" by {equation}" if equation else ""
-            _add(out, r, f"joint {joint}{by} differs from the mechanism's", cause)
-    if alone is not None and blamed:
-        out.facts.setdefault("equations by themselves", {})[_equation_of(kin, kin.joints)] = (
-            "computed from the CAD's points, its joint values differ from the mechanism's by at most "
-            f"{text(float(np.abs(alone - posed.q).max()), 'm')}"
-        )
-    if not wrong:
-        return _Blame()
-    first = headline([r for r, _ in wrong.values()]).name
-    return _Blame(first, wrong[first][1])
-
-
-def _passive(
-    kin: Kinematics, posed: Run, Ts: Array, blamed: _Blame, out: Comparison, clock: Clock, tolerances: Tolerances
-) -> None:
-    for name, value in kin.passive_many(Ts=Ts, qs=posed.q).items():
-        if name not in posed.q_passive:
-            continue
-        difference = np.angle(np.exp(1j * (value - posed.q_passive[name])))  # modulo full turns
-        r = row("A-B", "passive", name, "rad", difference, tolerances.rotation, clock, consequence_of=blamed.row)
-        out.residuals.append(r)
-        if not r.agrees:
-            cause = blamed.cause or _equation_of(kin, (name,))
-            _add(out, r, f"passive joint {name} differs from the mechanism's", cause)
-
-
-def _tool(
-    kin: Kinematics,
-    model: ReferenceModel,
-    trajectory: Trajectory,
-    q: Array,
-    blamed: _Blame,
-    out: Comparison,
-    clock: Clock,
-    tolerances: Tolerances,
-    progress: Progress,
-) -> None:
-    """Drive the mechanism with the equations' joint values and compare its tool pose with the requested pose."""
-    Ts = trajectory.Ts_base_tool
-    if not np.isfinite(q).all():
-        return
-    try:
-        run = model.run(q, progress=lambda f: progress("mechanism driven by the equations", f))
-    except AssemblyError as failed:
-        out.findings.append(
-            finding(
-                "info" if blamed else "disagreement",
-                "tool.no_assembly",
-                ", ".join(kin.joints) if blamed else "mechanism",
-                f"the mechanism cannot be assembled at the joint values of the equations ({failed})",
-                suggestion=f"caused by {blamed.row}; fix that first" if blamed else "",
-                when=f"{clock.phase(0.0)}, from the start",
-                cause=blamed.cause,
+            out.differs(r, f"joint {joint}{by} differs from the mechanism's", cause)
+            if not r.agrees:
+                wrong[joint] = r, cause
+        if alone is not None and blamed:
+            out.facts.setdefault("equations by themselves", {})[_equation_of(kin, kin.joints)] = (
+                "computed from the CAD's points, its joint values differ from the mechanism's by at most "
+                f"{text(float(np.abs(alone - true).max()), 'm')}"
             )
-        )
-        return
-    out.driven = run
-    offset, turn = run.Ts_base_tool[:, :3, 3] - Ts[:, :3, 3], rotation_vectors(Ts, run.Ts_base_tool)
-    out.series |= {
-        "residual_tool": np.linalg.norm(offset, axis=1),
-        "residual_rotation": np.linalg.norm(turn, axis=1),
-        "p_tool_B": run.Ts_base_tool[out.coarse, :3, 3],
-    }
-    for name, unit, values, tolerance in (
-        ("tool", "m", offset, tolerances.position),
-        ("tool", "rad", turn, tolerances.rotation),
-    ):
-        r = row("A-B", "tool", name, unit, values, tolerance, clock, consequence_of=blamed.row)
-        out.residuals.append(r)
-        if not r.agrees:
-            _add(
-                out,
-                r,
-                "driven by the joint values of the equations, the mechanism's tool misses the requested pose",
-                blamed.cause,
+        if not wrong:
+            return _Blame()
+        first = headline([r for r, _ in wrong.values()]).name
+        return _Blame(first, wrong[first][1])
+
+    def _from_points(self, kin: Kinematics) -> Array | None:
+        """Return the equations' joint values (k, n) computed from the CAD's points; None if a point is missing."""
+        there = self.posed.points
+        names = [n for n, s in kin.formula.points.items() if _equation_of(kin, s)]
+        if not kin.closed_inverse or not names or any(n not in there for n in names):
+            return None
+        return kin.joints_from_points({n: there[n] for n in names})
+
+    def forward(self, kin: Kinematics) -> None:
+        """Compare the tool pose of the forward equations, at the mechanism's joint values, with the mechanism's."""
+        by = ", ".join(_reading(kin, e) for e in kin.formula.equations if e.stage == "forward")
+        Ts = kin.forward_many(self.posed.q)
+        lost = ~np.isfinite(Ts).all(axis=(1, 2))
+        if lost.any():
+            what = (
+                f"the forward equations have no real solution at {lost.sum()} of {len(Ts)} joint values that the "
+                f"mechanism can take ({by})"
             )
-    _closed(model, run, out, clock, tolerances, blamed.cause)
+            when = self.coarse.when(int(np.argmax(lost)))
+            self.out.findings.append(disagreement("forward.no_answer", "tool", what, when=when, cause=by))
+            return
+        limits = self.tolerances.position, self.tolerances.rotation
+        for r in pose_rows("A-B", "tool, forward", self.posed.Ts_base_tool, Ts, limits, self.coarse, note=by):
+            what = f"at the mechanism's joint values the tool pose of the forward equations ({by}) differs"
+            self.out.judge(r, _FORWARD, what, "tool", cause=by)
 
+    def passive(self, kin: Kinematics, blamed: _Blame) -> None:
+        """Compare the passive joint angles of the equations with the mechanism's."""
+        true, limit = self.posed.q_passive, self.tolerances.rotation
+        for name, value in kin.passive_many(Ts=self.Ts, qs=self.posed.q).items():
+            if name in true:
+                off = np.angle(np.exp(1j * (value - true[name])))  # modulo full turns
+                r = row("A-B", "passive", name, "rad", off, limit, self.coarse, consequence_of=blamed.row)
+                cause = blamed.cause or _equation_of(kin, name)
+                self.out.differs(r, f"passive joint {name} differs from the mechanism's", cause)
 
-def _closed(
-    model: ReferenceModel, run: Run, out: Comparison, clock: Clock, tolerances: Tolerances, cause: str = ""
-) -> None:
-    """Check that the loops of the driven mechanism close; `cause` names the wrong equation, if known."""
-    balls = {j.name for j in model.mechanism.loops if j.type == "spherical"}
-    for i, loop in enumerate(run.loop_names):
-        r = row("B", "loop", loop, "m", run.gaps[:, i, 0], tolerances.loop, clock)
-        turned = row("B", "loop", loop, "rad", run.gaps[:, i, 1], tolerances.rotation, clock)
-        for gap in (r,) if loop in balls else (r, turned):
-            out.residuals.append(gap)
-            if not gap.agrees:
-                _add(
-                    out,
-                    gap,
-                    f"loop {loop} does not close: its parts do not fit together (least-squares solution)",
-                    cause,
+    def tool(self, kin: Kinematics, q: Array, blamed: _Blame) -> None:
+        """Drive the mechanism with the equations' joint values and compare its tool pose with the requested pose."""
+        if not np.isfinite(q).all():
+            return
+        out, Ts = self.out, self.trajectory.Ts_base_tool
+        try:
+            run = self.model.run(q, progress=lambda f: self.progress("mechanism driven by the equations", f))
+        except AssemblyError as failed:
+            out.findings.append(
+                finding(
+                    "info" if blamed else "disagreement",
+                    "tool.no_assembly",
+                    ", ".join(kin.joints) if blamed else "mechanism",
+                    f"the mechanism cannot be assembled at the joint values of the equations ({failed})",
+                    suggestion=f"caused by {blamed.row}; fix that first" if blamed else "",
+                    when=f"{self.clock.phase(0.0)}, from the start",
+                    cause=blamed.cause,
                 )
+            )
+            return
+        out.driven = run
+        out.series |= {
+            "residual_tool": np.linalg.norm(run.Ts_base_tool[:, :3, 3] - Ts[:, :3, 3], axis=1),
+            "residual_rotation": np.linalg.norm(rotation_vectors(Ts, run.Ts_base_tool), axis=1),
+            "p_tool_B": run.Ts_base_tool[out.coarse, :3, 3],
+        }
+        limits = self.tolerances.position, self.tolerances.rotation
+        for r in pose_rows("A-B", "tool", Ts, run.Ts_base_tool, limits, self.clock, consequence_of=blamed.row):
+            what = "driven by the joint values of the equations, the mechanism's tool misses the requested pose"
+            out.differs(r, what, blamed.cause)
+        self.loops(run, blamed.cause)
+
+    def loops(self, run: Run, cause: str = "") -> None:
+        """Check that the loops of the driven mechanism close; `cause` names the wrong equation, if known."""
+        balls = {j.name for j in self.model.mechanism.loops if j.type == "spherical"}
+        for i, loop in enumerate(run.loop_names):
+            kinds = [("m", self.tolerances.loop), ("rad", self.tolerances.rotation)]
+            for k, (unit, limit) in enumerate(kinds[:1] if loop in balls else kinds):
+                r = row("B", "loop", loop, unit, run.gaps[:, i, k], limit, self.clock)
+                what = f"loop {loop} does not close: its parts do not fit together (least-squares solution)"
+                self.out.differs(r, what, cause)
 
 
-def _rates(
-    model: ReferenceModel,
-    trajectory: Trajectory,
-    out: Comparison,
-    states: Array,
-    rows: Index,
-    clock: Clock,
-    tolerances: Tolerances,
-) -> None:
-    """Compare the planned speed and acceleration of the tool with those from the mechanism's constraint Jacobian."""
-    twist, acceleration = model.rates(states, trajectory.qd[rows], trajectory.qdd[rows])
-    lever = trajectory.Ts_base_tool[rows, :3, 3] - trajectory.Ts_base_frame[rows, :3, 3]
+def _rates(check: _Check, states: Array) -> None:
+    """Compare the tool's planned speed and acceleration with values from the mechanism's constraint Jacobian."""
+    trajectory, rows, limits = check.trajectory, check.out.coarse, check.tolerances
+    twist, acceleration = check.model.rates(states, trajectory.qd[rows], trajectory.qdd[rows])
+    v, a = (x[rows] for x in tool_rates(trajectory))
     w, dw = trajectory.angular_velocity[rows], trajectory.angular_acceleration[rows]
-    v = trajectory.tip_velocity[rows] + np.cross(w, lever)
-    a = trajectory.tip_acceleration[rows] + np.cross(dw, lever) + np.cross(w, np.cross(w, lever))
-    out.series |= {"v_tool_B": twist[:, :3], "a_tool_B": acceleration[:, :3]}
-    for quantity, unit, difference, tolerance in (
-        ("speed", "m/s", twist[:, :3] - v, tolerances.speed),
-        ("speed", "rad/s", twist[:, 3:] - w, 10 * tolerances.speed),
-        ("acceleration", "m/s2", acceleration[:, :3] - a, tolerances.acceleration),
-        ("acceleration", "rad/s2", acceleration[:, 3:] - dw, 10 * tolerances.acceleration),
-    ):
-        kind: RowKind = "speed" if quantity == "speed" else "acceleration"
-        r = row("A-B", kind, "tool", unit, difference, tolerance, clock)
-        out.residuals.append(r)
-        if not r.agrees:
-            _add(out, r, f"the tool's planned {quantity} differs from the mechanism's")
-
-
-def _add(out: Comparison, r: Residual, what: str, cause: str = "") -> None:
-    """Add a disagreement for a row, or an info finding if the row is a consequence of another row."""
-    out.findings.append(
-        r.finding(
-            Kind(f"{r.quantity}.differs", "info" if r.consequence_of else "disagreement", word="tolerance"),
-            what,
-            suggestion=f"caused by {r.consequence_of}; fix that first" if r.consequence_of else "",
-            cause=cause,
-        )
+    check.out.series |= {"v_tool_B": twist[:, :3], "a_tool_B": acceleration[:, :3]}
+    kinds: tuple[tuple[RowKind, str, Array, float], ...] = (
+        ("speed", "m/s", twist[:, :3] - v, limits.speed),
+        ("speed", "rad/s", twist[:, 3:] - w, 10 * limits.speed),
+        ("acceleration", "m/s2", acceleration[:, :3] - a, limits.acceleration),
+        ("acceleration", "rad/s2", acceleration[:, 3:] - dw, 10 * limits.acceleration),
     )
+    for kind, unit, off, limit in kinds:
+        r = row("A-B", kind, "tool", unit, off, limit, check.coarse)
+        check.out.differs(r, f"the tool's planned {kind} differs from the mechanism's")

@@ -70,14 +70,7 @@ class Fix:
 def fixes(
     protocol: Protocol, trajectory: Trajectory, paths: PathKinematics, T_tool_frame: Array
 ) -> tuple[dict[str, str], list[Finding]]:
-    """Return fixes for each pivot with a monitored RCM that the shaft misses: (facts as text, findings).
-
-    Args:
-        protocol: the protocol.
-        trajectory: the planned trajectory.
-        paths: the robot's planning data.
-        T_tool_frame: (4, 4) pose of the moved frame in the tool frame.
-    """
+    """Return fixes for each pivot with a monitored RCM that the shaft misses: (facts as text, findings)."""
 
     def planner(changed: Protocol) -> Trajectory:
         return plan(changed, paths, T_tool_frame=T_tool_frame, dt=STEP)
@@ -111,11 +104,8 @@ def fixes(
 def nearest(T: Array, axis: Array, rcm: Array, lever: float) -> Array:
     """Return the pose (4, 4) nearest to T whose shaft passes through the RCM: smallest translation and rotation.
 
-    Args:
-        T: (4, 4) pose of the moved frame.
-        axis: (3,) shaft direction in the moved frame.
-        rcm: (3,) in m, in the frame in which T is given.
-        lever: weight of the rotation, in m per rad.
+    T is the pose (4, 4) of the moved frame, `axis` the shaft direction (3,) in this frame, `rcm` the RCM (3,) in m in
+    the parent frame of T. `lever` is the weight of the rotation in m per rad.
     """
     from scipy.optimize import minimize
 
@@ -184,7 +174,7 @@ def _tried(
 
 
 def _with(protocol: Protocol, span: PhaseSpan, waypoint: Waypoint, mode: str | None) -> Protocol:
-    """Return the protocol with a changed waypoint and, if `mode` is given, with an enforced pivot to it."""
+    """Return the protocol with a changed waypoint and, if `mode` is given, an enforced pivot to this waypoint."""
     phases = protocol.phases
     if mode is not None:
         phases = tuple(
@@ -201,7 +191,7 @@ def _missed(trajectory: Trajectory, phase: str) -> float:
 def _rcm(trajectory: Trajectory, span: PhaseSpan) -> list[Fix]:
     """Return the fix that moves the RCM to the point nearest to two shaft axes, or an empty list if they are parallel.
 
-    The axes are those at the first use of the RCM and at the end of the phase.
+    The two axes are taken at the first use of the RCM and at the end of the phase.
     """
     assert span.rcm is not None
     first = min(s.start for s in trajectory.phases if s.rcm is not None and np.array_equal(s.rcm, span.rcm))

@@ -56,14 +56,9 @@ class Laws(Protocol):
     def turn_unit(self) -> str: ...  # noqa: D102
 
     def tool(self, P_0: Array, W_0: Array, W_1: Array, T: Array, scale: float) -> Array:
-        """Return the next tool pose (4, 4) in {RB}.
+        """Return the tool pose (4, 4) in {RB} after the tool pose P_0 in {RB}, for the handle motion W_0 to W_1 in {H}.
 
-        Args:
-            P_0: (4, 4) current tool pose in {RB}.
-            W_0: (4, 4) previous handle pose in {H}.
-            W_1: (4, 4) current handle pose in {H}.
-            T: (4, 4) pose of {H} in {RB}.
-            scale: motion scale: tool displacement divided by hand displacement.
+        T (4, 4) is the pose of {H} in {RB}; `scale` is the tool displacement divided by the hand displacement.
         """
         ...
 
@@ -84,12 +79,7 @@ class Laws(Protocol):
 
 
 def judge(console: Laws, progress: Callable[[str, float], None] = lambda label, part: None) -> Contract:
-    """Measure every clause and return the result.
-
-    Args:
-        console: the equations.
-        progress: called with a description of the current step and the fraction done.
-    """
+    """Measure every clause and return the result."""
     clauses: list[Clause] = []
     path = np.zeros((0, 3))
     for i, part in enumerate((_still, _turn, _way, _clutch, _camera, _origin, _mirror, _roll, _force, _measure)):
@@ -140,14 +130,13 @@ def _turn(c: Laws) -> Iterator[Clause]:
     got = c.tool(P, W, _pose((0, 0, 0), axis), T, 1.0)[:3, :3] @ P[:3, :3].T
     wanted = Rotation.from_rotvec(T[:3, :3] @ axis).as_matrix()
     off = _angle(got @ wanted.T)
-    yield Clause(
+    yield _within(
         "turn.angle",
         "eq2",
         "the tool turns by the angle of the hand, about the hand's axis expressed in {RB}",
         off,
         "deg",
         _ANGLE,
-        off <= _ANGLE,
         f"the tool orientation differs by {off:.3f} deg from the hand rotation expressed in {{RB}}",
         "transform the rotation by R_T on both sides: R_T dR R_T^T",
     )
@@ -249,7 +238,7 @@ def _mirror(c: Laws) -> Iterator[Clause]:
         "in a left-handed scene (mirror S: p' = S p, R' = S R S) the motion is the mirror image",
         moved + np.radians(turned) * 1e-4,
         f"in a left-handed scene the tool ends {moved / _MM:.3f} mm and {turned:.3f} deg from the mirrored pose",
-        "mirror positions and rotations alike: p' = S p, R' = S R S",
+        "mirror both positions and rotations: p' = S p, R' = S R S",
     )
 
 
@@ -281,14 +270,13 @@ def _loop(c: Laws) -> tuple[list[Clause], Array]:
             f"the hand returns after {_INCREMENTS} increments, and the tool is {number(moved / _MM)} mm from its start",
             way,
         ),
-        Clause(
+        _within(
             "loop.angle",
             "eq2",
             f"a closed path of the hand returns the tool to its orientation, {where}",
             turned,
             "deg",
             _ANGLE,
-            turned <= _ANGLE,
             f"the hand returns after {_INCREMENTS} increments, and the tool has turned {turned:.3g} deg",
             way,
         ),
@@ -319,34 +307,33 @@ def _roll(c: Laws) -> Iterator[Clause]:
         "swap the factors: c = p0 x p1",
     )
     off = max(abs(x - 3) for x in said) if in_angle else worst
-    yield Clause(
+    yield _within(
         "roll.angle",
         "eq4",
         "the size of the turn is an angle, 3 deg",
         off,
         unit,
         1e-9,
-        in_angle and off <= 1e-9,
         (
             f"hands that turn 3 deg give {said[0]:.3f} and {said[1]:.3f} deg"
             if in_angle
             else "a cross product is an area and a displacement is a length: the paper prints no conversion to an angle"
         ),
         "roll = atan2((v0 x v1).n, v0.v1) with v = p_R - p_L",
+        also=in_angle,
     )
     right, left, up = np.array([80, 0, 0]) * _MM, np.array([-80, 0, 0]) * _MM, np.array([0, 5, 0]) * _MM
     here = [factor * x for x in c.turns(right, right + up, left, left - up, n)]
     o = np.array([200, 0, 0]) * _MM
     there = [factor * x for x in c.turns(right + o, right + up + o, left + o, left - up + o, n)]
     off = max(abs(a - b) for a, b in zip(here, there, strict=True))
-    yield Clause(
+    yield _within(
         "roll.origin",
         "eq4",
         "the position of the origin has no effect on the roll",
         off,
         unit,
         1e-9,
-        off <= 1e-9,
         f"right hand +5 mm, left hand -5 mm: (c_zR, c_zL) = ({here[0]:+.0f}, {here[1]:+.0f}) {unit} with the hands at "
         f"+-80 mm, ({there[0]:+.0f}, {there[1]:+.0f}) {unit} with the origin shifted 200 mm"
         + (": the signs disagree" if there[0] * there[1] < 0 else ""),
@@ -354,30 +341,29 @@ def _roll(c: Laws) -> Iterator[Clause]:
     )
     lifted = [factor * x for x in c.turns(right, right + up, left, left + up, n)]
     off = max(map(abs, lifted))
-    yield Clause(
+    yield _within(
         "roll.lift",
         "eq4",
         "both hands moving up together do not roll the camera",
         off,
         unit,
         1e-9,
-        off <= 1e-9,
         f"both hands move up 5 mm: (c_zR, c_zL) = ({lifted[0]:+.0f}, {lifted[1]:+.0f}) {unit}, not zero; "
         "the paper states the condition 'parallel and discordant' only in words",
         "use v = p_R - p_L, which a common motion does not change",
     )
     wanted = np.degrees(np.arctan2(5, 80))
     off = max(abs(x - wanted) for x in here) if in_angle else max(map(abs, here))
-    yield Clause(
+    yield _within(
         "roll.opposed",
         "eq4",
         f"hands at +-80 mm that move +-5 mm roll the camera {wanted:.3f} deg",
         off,
         unit,
         1e-9,
-        in_angle and off <= 1e-9,
         f"hands at +-80 mm that move +-5 mm give ({here[0]:+.4g}, {here[1]:+.4g}) {unit}, not {wanted:.3f} deg",
         "roll = atan2((v0 x v1).n, v0.v1) with v = p_R - p_L",
+        also=in_angle,
     )
 
 
@@ -386,62 +372,57 @@ def _roll(c: Laws) -> Iterator[Clause]:
 
 def _force(c: Laws) -> Iterator[Clause]:
     rest, moving = abs(c.force(1 * _MM, 0.0)), abs(c.force(1e-9, 10 * _MM))
-    yield Clause(
+    yield _within(
         "force.units",
         "eq5",
         "stiffness and damping have units",
         0.0 if c.force_units else 1000.0,
         "times",
         1.0,
-        bool(c.force_units),
-        f"neither constant has a unit: read in N/mm, 1 mm gives {1e3 * rest:.0f} mN and 10 mm/s {1e3 * moving:.0f} mN; "
-        f"read in N/m, {rest:.1g} and {moving:.1g} mN, which is imperceptible",
+        f"the constants have no units: in N/mm, 1 mm gives {1e3 * rest:.0f} mN and 10 mm/s {1e3 * moving:.0f} mN; "
+        f"in N/m, {rest:.1g} and {moving:.1g} mN, which is imperceptible",
         "state the units; N/mm and N s/mm give perceptible forces",
     )
-    yield Clause(
+    yield _within(
         "force.model",
         "eq5",
         "the model has the terms that its name implies",
         float("mass" in c.force_model),
         "terms missing",
         0.0,
-        "mass" not in c.force_model,
         f"the paper calls it a {c.force_model} model, but no term contains a mass or an acceleration",
         "call the model a spring-damper, or add the term m d2x/dt2",
     )
     pulls = c.force(0.1 * _MM, -100 * _MM)
-    yield Clause(
+    yield _within(
         "force.pull",
         "eq5",
         "a surface never pulls inwards",
         max(pulls, 0.0),
         "N",
         0.0,
-        pulls <= 0,
         f"at a depth of 0.1 mm, while it moves outwards at 100 mm/s, the tool is pulled inwards by {pulls:.2f} N",
         "limit the force along the surface normal to the outward direction",
     )
     most = max(abs(c.force(depth * _MM, rate)) for depth in (1, 5, 10, 20) for rate in (-0.1, 0.0, 0.1))
-    yield Clause(
+    yield _within(
         "force.largest",
         "eq5",
         "no force exceeds the maximum of a pen",
         most,
         "N",
         _PEN,
-        most <= _PEN,
         f"down to 20 mm depth the force reaches {most:.1f} N; a pen can apply {_PEN:g} N (ASSUMED)",
         f"clip the force at {_PEN:g} N, the saturation of the device",
     )
     off = max(abs(rest - 0.6), abs(moving - 0.1))
-    yield Clause(
+    yield _within(
         "force.size",
         "eq5",
         "a depth of 1 mm at rest gives 0.6 N; a rate of 10 mm/s at the surface gives 0.1 N",
         off,
         "N",
         1e-6,
-        off <= 1e-6,
         f"a depth of 1 mm at rest gives {rest:.3g} N; a rate of 10 mm/s at the surface gives {moving:.3g} N",
         "0.6 N/mm and 0.01 N s/mm",
     )
@@ -475,7 +456,7 @@ def _measure(c: Laws) -> Iterator[Clause]:
         off,
         f"the hand is still and the tool moves {gone / _MM:.3f} mm, as in the printed eqs (1), (2): eq. (7) gives "
         f"{shown / _MM:.3f} mm. Eq. (7) is circular: it compares eq. (2) with itself",
-        "compare displacements of the tool with those of the hand, without eq. (2)",
+        "compare displacements of the tool with displacements of the hand, without eq. (2)",
     )
 
 
@@ -507,6 +488,13 @@ def _angle(R: Array) -> float:
 
 def _point(name: str, equation: str, text: str, off: float, said: str, way: str) -> Clause:
     return Clause(name, equation, text, off / _MM, "mm", _POINT / _MM, off <= _POINT, said, way)
+
+
+def _within(
+    name: str, equation: str, text: str, value: float, unit: str, limit: float, said: str, way: str, also: bool = True
+) -> Clause:
+    """Return the clause that a value is at most its limit; `also` is a further condition."""
+    return Clause(name, equation, text, value, unit, limit, also and value <= limit, said, way)
 
 
 def _triple(v: Array) -> str:

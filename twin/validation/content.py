@@ -1,13 +1,14 @@
 """Compare the mechanism read back from a USD stage with the CAD's mechanism item by item, beyond the tool pose.
 
 If the build did not compute a mass, it is estimated from the CAD's meshes and densities by a sum over tetrahedra. This
-method is independent of the build's. For a coarse mesh the estimate is a few per cent too low.
+method differs from the method of the build. For a coarse mesh the estimate is a few per cent too low.
 """
 
 from __future__ import annotations
 
 import fnmatch
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator
+from typing import Any
 
 import numpy as np
 
@@ -24,7 +25,7 @@ from twin.model.mechanism import Mechanism
 from twin.validation.masses import solid
 
 SINGLE = 1e-5
-"""Relative difference explained by single precision."""
+"""Maximum relative difference that single precision can cause."""
 
 COARSE_MASS, COARSE_SIZE = 0.15, 0.04
 """(relative tolerance of a mass, tolerance of a mass centre relative to the body's size), for estimates from coarse
@@ -34,7 +35,6 @@ COARSE_MOMENT = 0.4
 """Relative tolerance of an estimated principal moment; it is large, because moments vary with the fourth power of
 size."""
 
-
 _AGAIN = "rebuild the stage with `twin build`"
 _CONTENT = Kind("stage.content", "disagreement", _AGAIN, word="CAD and description")
 _MISPLACED = Kind("stage.content", "disagreement", _AGAIN, word="")
@@ -43,10 +43,7 @@ _MISPLACED = Kind("stage.content", "disagreement", _AGAIN, word="")
 def content(mechanism: Mechanism, stage: Mechanism, description: Description) -> list[Finding]:
     """Return findings on data of a mechanism that are missing or different on its USD stage.
 
-    Args:
-        mechanism: the CAD's mechanism, with or without computed masses.
-        stage: the mechanism read back from the stage.
-        description: source of the densities for bodies without computed masses.
+    The description gives the densities for bodies without computed masses.
     """
     found: list[Finding] = []
     for kind, ours, theirs in (
@@ -63,24 +60,22 @@ def content(mechanism: Mechanism, stage: Mechanism, description: Description) ->
     lost, more = (sorted(set(a.trocars) - set(b.trocars)) for a, b in ((mechanism, stage), (stage, mechanism)))
     found += [_lost("trocar", n, "is not marked as a trocar on the stage") for n in lost]
     found += [_lost("trocar", n, "is marked as a trocar on the stage only") for n in more]
-    by_name: Mapping[str, Joint] = {j.name: j for j in stage.joints}
-    for joint in mechanism.joints:
-        if joint.name in by_name:
-            found += _joint(joint, by_name[joint.name])
+    for a, b in _common(mechanism.joints, stage.joints):
+        found += _joint(a, b)
     found += _motors(mechanism, stage)
-    frames = {f.name: (f.body, f.T_body_frame) for f in stage.frames}
-    for f in mechanism.frames:
-        if f.name in frames:
-            found += _place(f"frame '{f.name}'", f.name, f.T_body_frame, frames[f.name][1])
-    points = {p.name: p.p_body for p in stage.points}
-    for p in mechanism.points:
-        if p.name in points:
-            found += _place(f"point '{p.name}'", p.name, spatial.pose(p=p.p_body), spatial.pose(p=points[p.name]))
-    bodies = {b.name: b for b in stage.bodies}
-    for body in mechanism.bodies:
-        if body.name in bodies:
-            found += _body(body, bodies[body.name], description)
+    for a, b in _common(mechanism.frames, stage.frames):
+        found += _place(f"frame '{a.name}'", a.name, a.T_body_frame, b.T_body_frame)
+    for a, b in _common(mechanism.points, stage.points):
+        found += _place(f"point '{a.name}'", a.name, spatial.pose(p=a.p_body), spatial.pose(p=b.p_body))
+    for a, b in _common(mechanism.bodies, stage.bodies):
+        found += _body(a, b, description)
     return found
+
+
+def _common(ours: Iterable[Any], theirs: Iterable[Any]) -> list[tuple[Any, Any]]:
+    """Return the pairs of items of both collections that have the same name."""
+    by_name = {x.name: x for x in theirs}
+    return [(x, by_name[x.name]) for x in ours if x.name in by_name]
 
 
 def _lost(kind: str, name: str, text: str) -> Finding:
@@ -128,15 +123,12 @@ def _joint(a: Joint, b: Joint) -> Iterator[Finding]:
 
 
 def _motors(mechanism: Mechanism, stage: Mechanism) -> Iterator[Finding]:
-    """Compare actuators and transmission matrices with the stage, which stores them in double precision."""
-    theirs = {a.name: a for a in stage.actuators}
-    for a in mechanism.actuators:
+    """Compare actuators and transmission matrices with the stage; the stage stores double precision."""
+    for a, b in _common(mechanism.actuators, stage.actuators):
         for key, ours in vars(a).items():
-            if a.name in theirs and (said := getattr(theirs[a.name], key)) != ours:
-                yield _lost(f"{key} of actuator", a.name, f"is {said} on the stage; the description says {ours}")
-    by_name = {t.name: t for t in stage.transmissions}
-    for t in mechanism.transmissions:
-        u = by_name.get(t.name, t)
+            if (theirs := getattr(b, key)) != ours:
+                yield _lost(f"{key} of actuator", a.name, f"is {theirs} on the stage; the description says {ours}")
+    for t, u in _common(mechanism.transmissions, stage.transmissions):
         if (t.joints, t.actuators) != (u.joints, u.actuators) or not np.array_equal(t.matrix, u.matrix):
             yield _lost("transmission", t.name, "has a different matrix on the stage")
 
@@ -191,19 +183,17 @@ def _size(body: Body) -> float:
 
 
 def _meshes(a: Body, b: Body) -> Iterator[Finding]:
-    theirs = {m.name: m for m in b.meshes}
-    for mesh in a.meshes:
-        other = theirs.pop(mesh.name, None)
-        if other is None:
-            yield _lost("mesh", mesh.name, "is not on the stage")
-            continue
+    ours, theirs = {m.name for m in a.meshes}, {m.name for m in b.meshes}
+    for name in (m.name for m in a.meshes if m.name not in theirs):
+        yield _lost("mesh", name, "is not on the stage")
+    for mesh, other in _common(a.meshes, b.meshes):
         same = mesh.vertices.shape == other.vertices.shape and mesh.triangles.shape == other.triangles.shape
         off = float(np.abs(mesh.vertices - other.vertices).max(initial=0.0)) if same else np.inf
         limit = 1e-6 + SINGLE * float(np.abs(mesh.vertices).max(initial=0.0))
         if off > limit or not np.array_equal(mesh.triangles, other.triangles):
             much = f"up to {off / MM:.4g} mm off" if same and off > limit else "a different mesh"
             yield _lost("mesh", mesh.name, f"is {much} on the stage")
-    for name in theirs:
+    for name in (m.name for m in b.meshes if m.name not in ours):
         yield _lost("mesh", name, "is on the stage only")
 
 

@@ -164,12 +164,7 @@ def load(path: Path) -> GroupTables:
 
 
 def recompute(tables: GroupTables, run: Measured) -> Recomputed:
-    """Check the printed numbers; return tables, data and findings.
-
-    Args:
-        tables: the printed tables.
-        run: function that simulates the accuracy test.
-    """
+    """Check the printed numbers; return tables, data and findings."""
     users = {g.name: g.users for g in tables.group}
     outcomes, rows = [], []
     findings: list[Finding] = []
@@ -398,7 +393,10 @@ def _twice(t: Twice) -> Iterator[Finding]:
     if len({tuple(v) for v in t.values}) > 1:
         said = "; ".join(f"{w}: {' to '.join(f'{x:+g}' for x in v)}" for w, v in zip(t.where, t.values, strict=True))
         yield disagreement(
-            "study.twice", t.name, f"{t.name} is printed with several values ({said})", suggestion="correct one of them"
+            "study.twice",
+            t.name,
+            f"{t.name} is printed with several values ({said})",
+            suggestion="correct the wrong values",
         )
 
 
@@ -413,7 +411,7 @@ def _chain(c: Chain, printed: Accuracy, measured: Mapping[str, Any], stds: Seque
             "even with an exact pen (no quantisation) the equations have an error: largest error",
             Quantity(exact, "mm"),
             1e-6,
-            "judge its equations: twin console davinci",
+            "judge the equations of the console: twin console davinci",
         )
     largest = measured["largest_error_mm"]
     if largest > c.required_mm:

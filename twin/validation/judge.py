@@ -18,7 +18,7 @@ from twin.model.mechanism import Mechanism
 from twin.planning.trajectory import Trajectory
 from twin.reference import ReferenceModel
 from twin.validation.case import PARTS, Case, Known, Part, summaries
-from twin.validation.compare import Comparison, compare
+from twin.validation.compare import Comparison, compare, tool_rates
 from twin.validation.content import content
 from twin.validation.fulcrum import fulcrum
 from twin.validation.lengths import lengths, put_down
@@ -27,21 +27,19 @@ from twin.validation.motion import Measured, Samples, baked_rows, clearance_fact
 from twin.validation.passage import about_rcm, of_protocol, passage, passive_limits
 from twin.validation.plausible import apart
 from twin.validation.result import Report
-from twin.validation.rows import Clock, rotation_vectors, row, text
+from twin.validation.rows import Clock, pose_rows, row, text
 from twin.validation.trocars import as_written, through_trocars
 
 _PACKAGES = ("numpy", "casadi", "pin", "coal", "usd-core", "cascadio", "toppra")
 
 Progress = Callable[[str, float], None]
 
-
 _NO_EQUATIONS = info(
     "equations.none",
     "formula.py",
-    "no equations yet: only mechanism, stage and motion are checked",
+    "the robot has no equations: only mechanism, stage and motion are checked",
     suggestion="write `inverse` or `forward` there",
 )
-
 
 _STAGE = Kind("stage.differs", "disagreement", "rebuild the stage with `twin build`", word="tolerance")
 
@@ -54,11 +52,8 @@ def judge(
 ) -> Report:
     """Run the validation of one robot along one trajectory and return the report.
 
-    Args:
-        case: the input of the validation.
-        progress: called with a description of the current step and the fraction done.
-        parts: the parts to run. "stage" and "motion" need the mechanism's states, from "equations" or from `known`.
-        known: results to reuse; None: compute everything.
+    The parts "stage" and "motion" need the states of the mechanism, from the part "equations" or from `known` (results
+    to reuse).
     """
     mechanism, trajectory = case.cad.mechanism, case.trajectory
     model = ReferenceModel(mechanism)
@@ -142,21 +137,20 @@ def _cannot_take(mechanism: Mechanism, error: AssemblyError) -> Finding:
         "mechanism.no_assembly",
         mechanism.name,
         f"the mechanism cannot reach the tool poses of the protocol: {error}",
-        suggestion="the workspace of the CAD is smaller than that of the equations; compare the lengths in `twin info`",
+        suggestion="the CAD has a smaller workspace than the equations; compare the lengths in `twin info`",
     )
 
 
 def _curves(out: Comparison, trajectory: Trajectory) -> None:
-    lever = trajectory.Ts_base_tool[:, :3, 3] - trajectory.Ts_base_frame[:, :3, 3]
-    w, dw = trajectory.angular_velocity, trajectory.angular_acceleration
+    v_tool, a_tool = tool_rates(trajectory)
     out.series.setdefault("q", trajectory.q)
     out.series |= {
         "t": trajectory.t,
         "qd": trajectory.qd,
         "qdd": trajectory.qdd,
         "p_tool": trajectory.Ts_base_tool[:, :3, 3],
-        "v_tool": trajectory.tip_velocity + np.cross(w, lever),
-        "a_tool": trajectory.tip_acceleration + np.cross(dw, lever) + np.cross(w, np.cross(w, lever)),
+        "v_tool": v_tool,
+        "a_tool": a_tool,
         "angles": np.unwrap(spatial.euler_angles(trajectory.Ts_base_tool[:, :3, :3], "zyx"), axis=0),
         "rcm_error": trajectory.rcm_error,
         "fulcrum": fulcrum(trajectory),
@@ -204,7 +198,6 @@ def _stage(case: Case, model: ReferenceModel, out: Comparison, clock: Clock, pro
         out.findings.append(disagreement("stage.unreadable", str(case.stage.name), f"stage: {error}"))
         return
     at = clock.at(out.coarse)
-    Ts = run.Ts_base_tool
     spread = of_rounding(model, run.x[0])
     note = (
         f"single precision causes an error of {text(spread.expected[0], 'm')} and {text(spread.expected[1], 'rad')} "
@@ -212,18 +205,10 @@ def _stage(case: Case, model: ReferenceModel, out: Comparison, clock: Clock, pro
     )
     out.facts["stage"] = {"float32 joint frames": note, "most sensitive joint": spread.worst_joint}
     t = case.tolerances
-    for name, unit, difference, tolerance in (
-        ("tool", "m", back.Ts_base_tool[:, :3, 3] - Ts[:, :3, 3], t.stage_position),
-        ("tool", "rad", rotation_vectors(Ts, back.Ts_base_tool), t.stage_rotation),
-    ):
-        r = row("B-C", "tool", name, unit, difference, tolerance, at, note=note)
-        out.residuals.append(r)
-        if not r.agrees:
-            out.findings.append(
-                r.finding(
-                    _STAGE, "the tool of the stage read back differs from that of the CAD's mechanism", case.stage.name
-                )
-            )
+    limits = t.stage_position, t.stage_rotation
+    for r in pose_rows("B-C", "tool", run.Ts_base_tool, back.Ts_base_tool, limits, at, note=note):
+        what = "the tool of the stage read back differs from the tool of the CAD's mechanism"
+        out.judge(r, _STAGE, what, case.stage.name)
     for i, loop in enumerate(back.loop_names):
         out.residuals.append(row("C", "loop", loop, "m", back.gaps[:, i, 0], t.stage_position, at))
 

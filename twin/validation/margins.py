@@ -18,7 +18,6 @@ from twin.validation.rows import Clock
 SINGULAR = 1e-6
 """Conditioning below which a Jacobian of the mechanism counts as singular in double precision."""
 
-
 _SINGULAR = Kind(
     "singularity.mechanism",
     "disagreement",
@@ -32,11 +31,7 @@ _JUMP = Kind(
 def margins(trajectory: Trajectory, mechanism: Mechanism, paths: PathKinematics, clock: Clock) -> dict[str, str]:
     """Return the minimum margin and its time, as text, for each joint, gap, reach and singularity measure.
 
-    Args:
-        trajectory: the trajectory.
-        mechanism: source of the joint limits.
-        paths: the robot's planning data: gaps, reach and singularity measures, evaluated at every sample.
-        clock: clock of the trajectory.
+    Joint limits come from the mechanism; gaps, reach and singularity measures from `paths`.
     """
     out: dict[str, str] = {}
     for j, joint in enumerate(mechanism.active):
@@ -49,33 +44,31 @@ def margins(trajectory: Trajectory, mechanism: Mechanism, paths: PathKinematics,
         share = 100 * sides[side, k] / (joint.limits[1] - joint.limits[0])
         end = ("lower", "upper")[side]
         size = f"{sides[side, k] / scale:.2f} {unit} to its {end} limit ({share:.0f} % of its range)"
-        out[f"joint {joint.name}"] = f"{size}, {_when(clock, k)}"
+        out[f"joint {joint.name}"] = f"{size}, {clock.when(k)}"
     for i, name in enumerate(paths.motors.names):
         m, (unit, scale) = trajectory.q @ paths.motors.rows[i], paths.motors.unit(i)
         sides = np.minimum(m - paths.motors.lower[i], paths.motors.upper[i] - m)
         rates = np.abs(trajectory.qd @ paths.motors.rows[i])
         k, fastest = int(np.argmin(sides)), int(np.argmax(rates))
-        left = f"{sides[k] / scale:.2f} {unit} to a limit, {_when(clock, k)}; " if np.isfinite(sides[k]) else ""
+        left = f"{sides[k] / scale:.2f} {unit} to a limit, {clock.when(k)}; " if np.isfinite(sides[k]) else ""
         most = paths.motors.max_speed[i] / scale
         of = f" of {most:.4g}" if np.isfinite(most) else ""
-        out[f"motor {name}"] = f"{left}at most {rates[fastest] / scale:.4g}{of} {unit}/s, {_when(clock, fastest)}"
+        out[f"motor {name}"] = f"{left}at most {rates[fastest] / scale:.4g}{of} {unit}/s, {clock.when(fastest)}"
     for gap in paths.gaps:
         apart = np.abs(trajectory.q[:, gap.i] - trajectory.q[:, gap.j])
         k = int(np.argmin(apart))
-        out[f"gap {gap.name}"] = f"{apart[k] / MM:.2f} mm (required {gap.smallest / MM:g} mm), {_when(clock, k)}"
+        out[f"gap {gap.name}"] = f"{apart[k] / MM:.2f} mm (required {gap.smallest / MM:g} mm), {clock.when(k)}"
     for name, values in paths.reach(trajectory.Ts_base_tool).items():
         k = int(np.argmin(values))
-        out[f"reach {name}"] = f"{values[k] / MM:.2f} mm, {_when(clock, k)}"
+        out[f"reach {name}"] = f"{values[k] / MM:.2f} mm, {clock.when(k)}"
     for name, values in paths.singularity(trajectory.Ts_base_tool, trajectory.q).items():
         k = int(np.argmin(np.abs(values)))
         alarm = f", alarm below {paths.alarm(name):g}" if paths.alarm(name) else ""
-        out[f"singularity {name}"] = f"{values[k]:.4f}{alarm}, {_when(clock, k)}"
+        out[f"singularity {name}"] = f"{values[k]:.4f}{alarm}, {clock.when(k)}"
     if paths.branch is not None:
         labels = paths.branch(trajectory.Ts_base_tool, trajectory.q)
         k = int(np.argmax(labels != labels[0]))
-        out["working mode"] = (
-            f"{labels[0]} throughout" if not k else f"{labels[0]}, then {labels[k]}, {_when(clock, k)}"
-        )
+        out["working mode"] = f"{labels[0]} throughout" if not k else f"{labels[0]}, then {labels[k]}, {clock.when(k)}"
     return out
 
 
@@ -86,13 +79,7 @@ def of_mechanism(
 
     While the Jacobians have full rank, the coordinates follow the driven joints continuously and the assembly mode
     cannot change. Full rank at every compared sample and coordinates without jumps therefore exclude a change of the
-    assembly mode, independently of the equations.
-
-    Args:
-        model: model of the mechanism.
-        posed: states of the mechanism at the samples `rows`.
-        rows: sample indices of `posed` in the trajectory.
-        clock: clock of the trajectory.
+    assembly mode, independently of the equations. `rows` are the sample indices of `posed` in the trajectory.
     """
     found = conditioning(model, posed.x, LENGTH_SCALE)
     at = clock.at(rows)
@@ -102,7 +89,7 @@ def of_mechanism(
         ("mechanism, drives at rest (type 2)", found.moves, "the tool moves while every drive is at rest"),
     ):
         k = int(np.argmin(values))
-        facts[name] = f"{values[k]:.4f} (0: singular, 1: best), {_when(at, k)}"
+        facts[name] = f"{values[k]:.4f} (0: singular, 1: best), {at.when(k)}"
         if values[k] < SINGULAR:
             findings.append(
                 _SINGULAR(
@@ -110,7 +97,7 @@ def of_mechanism(
                     f"the mechanism becomes singular ({words}): conditioning",
                     Quantity(values[k]),
                     SINGULAR,
-                    when=_when(at, k),
+                    when=at.when(k),
                 )
             )
     findings += _jumps(model, posed, at)
@@ -141,15 +128,10 @@ def _jumps(model: ReferenceModel, posed: Run, at: Clock) -> list[Finding]:
                     f"passive joint {joint.name} jumps between two samples: the mechanism changes its assembly mode",
                     moved(steps[k], joint.is_angle),
                     moved(usual[k], joint.is_angle),
-                    when=_when(at, k + 1),
+                    when=at.when(k + 1),
                 )
             )
     return out
-
-
-def _when(clock: Clock, k: int) -> str:
-    t = float(clock.t[k])
-    return f"{clock.phase(t)}, t = {t:.2f} s"
 
 
 def _usual(steps: Array) -> Array:

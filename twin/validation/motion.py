@@ -39,8 +39,8 @@ MIDDLE = 4
 TIME = 1e-6
 """Tolerance in s of time codes."""
 
-
 _DIFFERS = Kind("baked.differs", "disagreement", word="tolerance")
+_CONTACT = Kind("clearance.contact", "disagreement", "change the parts, or the protocol", word="")
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,6 @@ class Samples:
     """Tool poses and joint values of a motion at the times that are checked.
 
     Attributes:
-        name: name of the protocol.
         keys, Ts_keys, q_keys: times (k,) in s of the baked keys, with T_base_tool (k, 4, 4) and joint values (k, n).
         middle, Ts_middle, q_middle: the same in the middle between keys.
         sparse, Ts_sparse, q_sparse: the same at the times at which clearances are measured.
@@ -125,10 +124,7 @@ def samples(trajectory: Trajectory) -> Samples:
 def measure(mechanism: Mechanism, samples: Samples, written: Path | None = None) -> Measured:
     """Bake the mechanism's motion, read it back, and measure clearances between parts.
 
-    Args:
-        mechanism: the moved mechanism.
-        samples: the checked times, with poses and joint values.
-        written: a stage with an existing baked motion, to be compared with the mechanism; None if there is none.
+    `written` is a stage with an existing baked motion to compare with the mechanism, or None.
 
     Raises:
         AssemblyError: the mechanism cannot be assembled at one of the tool poses.
@@ -142,15 +138,13 @@ def measure(mechanism: Mechanism, samples: Samples, written: Path | None = None)
         files = write_motion(bare, Path(folder), Motion(samples.name, samples.keys, links))
         times, back = read_motion(files.root)
     between = samples.links(model, samples.Ts_middle, samples.q_middle)
-    position, rotation = np.zeros(len(samples.keys)), np.zeros(len(samples.keys))
+    position = rotation = np.zeros(len(samples.keys))
     apart = np.zeros(len(samples.middle))
     if len(times) == len(samples.keys):
-        for name, Ts in links.items():
-            read = back[name]
-            position = np.maximum(position, np.linalg.norm(read[:, :3, 3] - Ts[:, :3, 3], axis=1))
-            rotation = np.maximum(rotation, np.linalg.norm(rotation_vectors(Ts, read), axis=1))
-            blend = 0.5 * (read[1:, :3, 3] + read[:-1, :3, 3])[::MIDDLE]
-            apart = np.maximum(apart, np.linalg.norm(blend - between[name][:, :3, 3], axis=1))
+        position, rotation = _errors(links, back, len(times))
+        for name, Ts in between.items():
+            blend = 0.5 * (back[name][1:, :3, 3] + back[name][:-1, :3, 3])[::MIDDLE]
+            apart = np.maximum(apart, np.linalg.norm(blend - Ts[:, :3, 3], axis=1))
     found = None
     if any(b.meshes for b in mechanism.bodies):
         found = clearance(mechanism, samples.links(model, samples.Ts_sparse, samples.q_sparse))
@@ -170,12 +164,17 @@ def written_motion(root: Path | None, keys: Array, links: Mapping[str, Array]) -
     missing = tuple(n for n in links if n not in back)
     if len(times) != len(keys) or np.abs(times - keys).max() > TIME:
         return Written(root.name, times, np.zeros(0), np.zeros(0), missing)
-    position, rotation = np.zeros(len(keys)), np.zeros(len(keys))
+    return Written(root.name, times, *_errors(links, back, len(keys)), missing)
+
+
+def _errors(links: Mapping[str, Array], back: Mapping[str, Array], count: int) -> tuple[Array, Array]:
+    """Return the largest errors (count,) in m and rad of the poses `back` of any link; missing links are skipped."""
+    position, rotation = np.zeros(count), np.zeros(count)
     for name, Ts in links.items():
         if name in back:
             position = np.maximum(position, np.linalg.norm(back[name][:, :3, 3] - Ts[:, :3, 3], axis=1))
             rotation = np.maximum(rotation, np.linalg.norm(rotation_vectors(Ts, back[name]), axis=1))
-    return Written(root.name, times, position, rotation, missing)
+    return position, rotation
 
 
 def written_rows(
@@ -183,13 +182,8 @@ def written_rows(
 ) -> tuple[list[Residual], list[Finding]]:
     """Return rows and findings on an existing baked motion.
 
-    Args:
-        written: errors of the existing motion, from `measure`.
-        samples: the intended motion.
-        phases: phases of the protocol.
-        tolerances: maximum deviations that count as agreement.
-        due: whether the motion was baked from this trajectory. Otherwise the motion may be older than the protocol, so
-            a difference is only a warning.
+    `due`: whether the motion was baked from this trajectory. Otherwise the motion may be older than the protocol, so a
+    difference is only a warning.
     """
     keys = Clock(samples.keys, phases)
     severity: Severity = "disagreement" if due else "warning"
@@ -222,7 +216,7 @@ def baked_rows(
     """Return rows and findings on the baked motion (D), compared with the mechanism (B)."""
     keys, middle = Clock(samples.keys, phases), Clock(samples.middle, phases)
     if len(measured.times) != len(samples.keys) or np.abs(measured.times - samples.keys).max() > 1e-9:
-        return [], [disagreement("baked.times", "", "the baked time codes differ from those requested")]
+        return [], [disagreement("baked.times", "", "the baked time codes differ from the requested time codes")]
     name = "links at their time codes"
     rows = [
         row("B-D", "baked", name, "m", measured.position, tolerances.baked_position, keys),
@@ -242,29 +236,15 @@ def clearance_facts(
 ) -> tuple[dict[str, str], list[Finding]]:
     """Return the minimum clearance as text, and a finding for each contact."""
     clock = Clock(times, phases)
-
-    def when(t: float) -> str:
-        return f"{clock.phase(t)}, t = {t:.2f} s"
-
     k = int(np.argmin(found.distance))
     a, b = found.pair[k]
     facts = {
-        "minimum clearance": f"{found.distance[k] / MM:.2f} mm between {a} and {b}, {when(float(times[k]))}",
+        "minimum clearance": f"{found.distance[k] / MM:.2f} mm between {a} and {b}, {clock.when(k)}",
         "method": f"triangle meshes of the CAD (chord tolerance 0.1 mm), {CLEARANCE_RATE:g} Hz; pairs of "
         "bodies without a common joint, and parts of jointed bodies that do not form the joint",
     }
-    contacts = [(float(times[i]), p, q) for i, p, q in found.contacts]
-    if found.distance[k] <= 0:
-        contacts.insert(0, (float(times[k]), a, b))
+    contacts = [(k, a, b)] if found.distance[k] <= 0 else []
     return facts, [
-        disagreement(
-            "clearance.contact",
-            f"{p}, {q}",
-            f"{p} and {q} collide",
-            mm(0.0),
-            suggestion="change the parts, or the protocol",
-            when=when(t),
-            word="",
-        )
-        for t, p, q in contacts
+        _CONTACT(f"{p}, {q}", f"{p} and {q} collide", mm(0.0), when=clock.when(i))
+        for i, p, q in [*contacts, *found.contacts]
     ]

@@ -37,26 +37,13 @@ def about_rcm(case: Case, out: Comparison, clock: Clock) -> None:
         missed = spatial.point_to_line(span.rcm, Ts[rows, :3, 3], axis)
         enforced = span.rcm_mode != "monitored"
         tolerance = case.tolerances.rcm if enforced else case.protocol.tolerances.rcm
-        r = row(
-            "B",
-            "rcm",
-            span.name,
-            "m",
-            missed,
-            tolerance,
-            clock.at(rows),
-            note=f"{'enforced' if enforced else 'monitored'}, on the mechanism driven by the equations",
-        )
-        out.residuals.append(r)
-        if not r.agrees and enforced:
-            out.findings.append(
-                r.finding(
-                    _MECHANISM,
-                    "the mechanism's shaft misses the enforced RCM",
-                    "RCM",
-                    when=f"{span.name}, t = {r.t:.2f} s",
-                )
-            )
+        note = f"{'enforced' if enforced else 'monitored'}, on the mechanism driven by the equations"
+        r = row("B", "rcm", span.name, "m", missed, tolerance, clock.at(rows), note=note)
+        if enforced:
+            when = f"{span.name}, t = {r.t:.2f} s"
+            out.judge(r, _MECHANISM, "the mechanism's shaft misses the enforced RCM", "RCM", when=when)
+        else:
+            out.residuals.append(r)
 
 
 def passive_limits(model: ReferenceModel, out: Comparison, clock: Clock) -> None:
@@ -81,27 +68,19 @@ def passive_limits(model: ReferenceModel, out: Comparison, clock: Clock) -> None
         else:
             continue
         k = int(np.argmin(margin))
-        when = f"{at.phase(float(at.t[k]))}, t = {at.t[k]:.2f} s"
+        when = at.when(k)
         left[joint.name] = f"{margin[k] / scale:.1f} {unit} left, {when}"
         if margin[k] < 0:
-            out.findings.append(
-                _PASSIVE(
-                    joint.name,
-                    f"passive joint {joint.name} is {moved(-margin[k], joint.is_angle)} beyond its limit",
-                    moved(-margin[k], joint.is_angle),
-                    0.0,
-                    when=when,
-                )
-            )
+            beyond = moved(-margin[k], joint.is_angle)
+            what = f"passive joint {joint.name} is {beyond} beyond its limit"
+            out.findings.append(_PASSIVE(joint.name, what, beyond, 0.0, when=when))
     out.facts["limits of passive joints"] = left
 
 
 def passage(case: Case, model: ReferenceModel, out: Comparison, clock: Clock) -> None:
     """Check the RCM between samples, and the distance of the mechanism from singularities."""
     if out.driven is not None and not any(r.consequence_of for r in out.residuals if r.quantity == "tool"):
-        rows, found = between_samples(model, case.trajectory, case.protocol.tolerances.rcm, clock)
-        out.residuals += rows
-        out.findings += found
+        between_samples(model, case.trajectory, case.protocol.tolerances.rcm, out, clock)
     if out.posed is not None:
         facts, found, curves = of_mechanism(model, out.posed, out.coarse, clock)
         out.facts["margins along the path"] = facts

@@ -17,9 +17,8 @@ TURNS = 8 * np.pi
 SIZES = 4.0
 """Range of a sliding joint, divided by the robot's size, above which its limits are probably in a wrong unit."""
 
-
 _IMPLAUSIBLE = Kind(
-    "limit.implausible", "disagreement", "check the unit of its limits; a joint without end stops has none"
+    "limit.implausible", "disagreement", "check the unit of its limits; omit the limits of a joint without end stops"
 )
 _APART = Kind("cad.apart", "disagreement", "check scale and place of the shapes of both bodies")
 

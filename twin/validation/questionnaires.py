@@ -18,9 +18,9 @@ from twin.schema import Identifier, Table, at, load_toml
 _UNSCORED = {
     "simtlx": "the SIM-TLX (D. Harris, M. Wilson, S. Vine, Virtual Reality 24, 2020) has ratings of nine dimensions "
     "and weights from comparisons of pairs; the paper of this console does not print whether its values are weighted, "
-    "and no rule could be checked against an example: the columns are compared as they are"
+    "and no rule could be checked against an example: the columns are compared without scoring"
 }
-"""Reasons for which questionnaires are not scored, by the beginning of the names of their columns."""
+"""Reason why a questionnaire is not scored, by the first letters of its column names."""
 
 
 class Item(Table):
@@ -69,10 +69,9 @@ class Key(Table):
         return [f"{self.name}_{k}" for k in range(1, len(self.item) + 1)]
 
     def scores(self, answers: Sequence[float]) -> dict[str, float]:
-        """Return the scales, and the total if there is one, of one user; NaN where an answer is missing (NaN).
+        """Return the scales and, if defined, the total of one user; a score is NaN if an answer is missing (NaN).
 
-        Args:
-            answers: one number per item, `low` to `high`.
+        `answers` has one number per item, `low` to `high`.
         """
         counted = [
             (self.zero - x) if item.reversed else (x - self.zero) for x, item in zip(answers, self.item, strict=True)
@@ -100,12 +99,10 @@ def keys() -> list[Key]:
 def scored(
     path: Path, columns: Mapping[str, Sequence[float]], lines: Sequence[int]
 ) -> tuple[dict[str, list[float]], list[Finding]]:
-    """Return the columns of a table of users with scores instead of answers, and findings on what is not scored.
+    """Return the columns of a table of users with scores instead of answers, and findings on unscored questionnaires.
 
-    Args:
-        path: file of the table, for messages.
-        columns: values of the users, by name of the column; NaN: an empty cell.
-        lines: line of each user in the file.
+    `path` and `lines` (line of each user in the file) are used in messages. `columns` contains the values of the users
+    by name of the column; NaN: an empty cell.
 
     Raises:
         DescriptionError: a column of a questionnaire is missing, or an answer is not one of its numbers.
@@ -121,7 +118,7 @@ def scored(
                 f"{', '.join(missing)} {'is' if len(missing) == 1 else 'are'} missing"
             )
         if more := [n for n in mine if n not in key.columns]:
-            raise DescriptionError(f"{path}:1: {key.name.upper()} has {len(key.item)} items; {more[0]} is none of them")
+            raise DescriptionError(f"{path}:1: {key.name.upper()} has {len(key.item)} items; {more[0]} is not an item")
         for n in key.columns:
             for value, line in zip(columns[n], lines, strict=True):
                 if not math.isnan(value) and (value != int(value) or not key.low <= value <= key.high):

@@ -1,8 +1,9 @@
 """Compare groups of users by rank tests in each measure, with a correction for the number of tests.
 
 The effect is the rank-biserial correlation, which equals Cliff's delta (N. Cliff, Psychological Bulletin 114(3), 1993):
-the fraction of pairs in which the value of the first group is larger, minus that in which it is smaller. The measure A
-of Vargha and Delaney (J. Educational and Behavioral Statistics 25(2), 2000) is (effect + 1) / 2.
+the fraction of pairs with the larger value in the first group, minus the fraction of pairs with the smaller value in
+the first group. The measure A of Vargha and Delaney (J. Educational and Behavioral Statistics 25(2), 2000) is
+(effect + 1) / 2.
 """
 
 from __future__ import annotations
@@ -107,7 +108,6 @@ class Ranks(Result):
     """Rank tests of all groups of users.
 
     Attributes:
-        users: the table.
         comparisons: one per pair of groups and measure.
         findings: warnings about groups too small for a significant result, and notes on questionnaires.
     """
@@ -168,10 +168,8 @@ def compare(path: Path) -> Ranks:
     """Test every pair of groups in every numeric column of a CSV file; empty cells are skipped.
 
     Columns ssq_1 to ssq_16 and ueq_1 to ueq_26 are answers to questionnaires, and are scored. With a column `session`,
-    rows are sessions of the same users: the last ones of all groups are compared, and the first with the last ones.
-
-    Args:
-        path: CSV file with a header, a column `group`, and one row per user or session.
+    rows are sessions of the same users: the last ones of all groups are compared, and the first with the last ones. The
+    file has a header, a column `group`, and one row per user or session.
 
     Raises:
         DescriptionError: the column is missing, there is only one group, every group has only one value, or a cell is
@@ -220,7 +218,7 @@ def _repeated(users: Users) -> Iterator[Finding]:
         yield info(
             "study.repeated",
             _SESSION,
-            "the rank test takes first and last sessions as values of different users; those of one user are not "
+            "the rank test takes first and last sessions as values of different users; values of one user are not "
             "independent",
         )
 

@@ -62,13 +62,8 @@ class Residual:
     ) -> Finding:
         """Return a finding for this row with the message `what`, the largest deviation, the tolerance, place and time.
 
-        Args:
-            kind: code and severity of the finding.
-            what: the message.
-            where: the place; "" for the name of the row.
-            suggestion: how to correct the fault; "" for the suggestion of `kind`.
-            when: phase and time; "" for those of the largest deviation.
-            cause: name of the cause; "" if unknown.
+        Empty texts have defaults: `where` the name of the row, `suggestion` the suggestion of `kind`, `when` phase and
+        time of the largest deviation.
         """
         limit = None if self.tolerance is None else si(self.tolerance, self.unit)
         at = when or f"{self.phase}, t = {self.t:.2f} s"
@@ -117,7 +112,6 @@ class Report(Result):
         reasons: why the default variant differs from the printed equation, by name of the equation.
         residuals: the residual matrix.
         findings: findings of all checks (CAD, protocol, comparison, stage, clearance); they determine the verdict.
-        phases: phases of the protocol, in order.
         parameters: parameters of equations, mechanism, protocol and CAD, with provenance.
         facts: short texts with numbers (mobility, mass, sample rates, ...), by heading and name.
         environment: software versions and machine.

@@ -67,6 +67,11 @@ class Clock:
         """Return the name of the phase at a time in s."""
         return next((p.name for p in self.phases if t <= p.t1 + 1e-9), self.phases[-1].name if self.phases else "")
 
+    def when(self, k: int) -> str:
+        """Return phase and time of sample k as text."""
+        t = float(self.t[k])
+        return f"{self.phase(t)}, t = {t:.2f} s"
+
     def at(self, rows: Index) -> Clock:
         """Return the clock of the selected samples."""
         return Clock(self.t[rows], self.phases)
@@ -82,7 +87,7 @@ def row(
     clock: Clock,
     **more: str,
 ) -> Residual:
-    """Return a row from differences: scalars (k,), or vectors (k, 3), of which the lengths are compared."""
+    """Return a row from differences: scalars (k,), or vectors (k, 3), whose lengths are compared."""
     values = np.linalg.norm(differences, axis=-1) if differences.ndim > 1 else np.abs(differences)
     i = int(np.argmax(np.where(np.isnan(values), -1.0, values))) if len(values) else 0
     component = ""
@@ -102,6 +107,26 @@ def row(
         component,
         len(values),
         **more,
+    )
+
+
+def pose_rows(
+    pair: str,
+    name: str,
+    Ts: Array,
+    others: Array,
+    limits: tuple[float, float],
+    clock: Clock,
+    **more: str,
+) -> tuple[Residual, Residual]:
+    """Return the rows of position and rotation of the tool: poses `others` (k, 4, 4) compared with Ts (k, 4, 4).
+
+    `limits` are the tolerances in m and rad.
+    """
+    offset = others[:, :3, 3] - Ts[:, :3, 3]
+    return (
+        row(pair, "tool", name, "m", offset, limits[0], clock, **more),
+        row(pair, "tool", name, "rad", rotation_vectors(Ts, others), limits[1], clock, **more),
     )
 
 

@@ -5,8 +5,8 @@ moves the shaft. The vector from the shaft to the RCM is then a smooth function 
 driven mechanism in the intervals where this vector is longest or bends most (in short phases, in all intervals).
 
 In the other intervals, the maximum is estimated: the larger distance at the ends plus an eighth of the squared time
-step times the second derivative of the vector. The second derivative is taken as twice that of the samples. The result
-is an estimate, not a proof.
+step times the second derivative of the vector. The second derivative is estimated as twice the second difference of the
+samples. The result is an estimate, not a proof.
 """
 
 from __future__ import annotations
@@ -17,12 +17,12 @@ import numpy as np
 
 from twin.core import spatial
 from twin.core.errors import AssemblyError
-from twin.core.findings import Finding, Kind
+from twin.core.findings import Kind
 from twin.core.quantity import mm
 from twin.core.spatial import Array, Index
 from twin.planning.trajectory import PhaseSpan, Trajectory
 from twin.reference import ReferenceModel
-from twin.validation.result import Residual
+from twin.validation.compare import Comparison
 from twin.validation.rows import Clock, row, text
 
 ALL, LOOKED = 64, 12
@@ -31,7 +31,6 @@ phases)."""
 
 _INSIDE = np.linspace(0.0, 1.0, 9)[1:-1]
 """Positions (0 to 1) within an interval at which the distance is measured; a parabola refines the maximum."""
-
 
 _BETWEEN = Kind(
     "rcm.between",
@@ -68,10 +67,7 @@ class Passage:
 def offset(Ts: Array, axis: Array, rcm: Array) -> Array:
     """Return the vector (k, 3) in m from the nearest point of the shaft axis to the RCM (3,).
 
-    Args:
-        Ts: (k, 4, 4) poses of the moved frame.
-        axis: (3,) shaft direction in the moved frame.
-        rcm: (3,) in m, in the frame in which Ts is given.
+    `axis` (3,) is the shaft direction in the moved frame; Ts (k, 4, 4) are poses of this frame.
     """
     u = Ts[:, :3, :3] @ (axis / np.linalg.norm(axis))
     w = rcm - Ts[:, :3, 3]
@@ -79,12 +75,7 @@ def offset(Ts: Array, axis: Array, rcm: Array) -> Array:
 
 
 def passages(model: ReferenceModel, trajectory: Trajectory) -> list[Passage]:
-    """Return the distances for each phase with an RCM.
-
-    Args:
-        model: model of the mechanism that carries the shaft.
-        trajectory: source of the sampled joint values `q` and speeds `qd`.
-    """
+    """Return the distances for each phase with an RCM."""
     spans = [s for s in trajectory.phases if s.rcm is not None and s.stop > s.start]
     at = [_suspects(trajectory, s) for s in spans]
     if not spans:
@@ -101,7 +92,7 @@ def passages(model: ReferenceModel, trajectory: Trajectory) -> list[Passage]:
 
 
 def _suspects(trajectory: Trajectory, span: PhaseSpan) -> Index:
-    """Return the first samples of the intervals to measure: all, or those with the largest distances and curvatures."""
+    """Return the first samples of the intervals to measure: all, or those with largest distance and curvature."""
     assert span.rcm is not None
     rows = np.arange(span.start, span.stop + 1)
     if len(rows) <= ALL:
@@ -171,37 +162,24 @@ def _summit(values: Array, j: int) -> tuple[float, float]:
 
 
 def between_samples(
-    model: ReferenceModel, trajectory: Trajectory, tolerance: float, clock: Clock
-) -> tuple[list[Residual], list[Finding]]:
-    """Return a row for each phase with an RCM, and a finding if the shaft misses it only between samples.
+    model: ReferenceModel, trajectory: Trajectory, tolerance: float, out: Comparison, clock: Clock
+) -> None:
+    """Add a row for each phase with an RCM to `out`, and a finding if the shaft misses it only between samples.
 
-    Args:
-        model: model of the mechanism.
-        trajectory: the trajectory.
-        tolerance: largest accepted distance in m.
-        clock: clock of the trajectory.
+    `tolerance` is the largest accepted distance in m.
     """
     try:
         found = passages(model, trajectory)
     except AssemblyError:  # already reported by the comparison
-        return [], []
-    rows, findings = [], []
+        return
     for p in found:
-        k = np.array([np.searchsorted(trajectory.t, p.t)])
-        judged = p.enforced or p.at_samples <= tolerance
+        at = clock.at(np.array([np.searchsorted(trajectory.t, p.t)]))
+        limit = tolerance if p.enforced or p.at_samples <= tolerance else None
         note = f"measured in {p.looked} of {p.intervals} intervals; estimated bound elsewhere {text(p.bound, 'm')}"
-        name = f"{p.phase}, between samples"
-        limit = tolerance if judged else None
-        r = row("B", "rcm", name, "m", np.array([p.between]), limit, clock.at(k), note=note)
-        rows.append(r)
-        if judged and p.between > tolerance:
-            findings.append(
-                _BETWEEN(
-                    "RCM",
-                    f"between samples the shaft misses the RCM by more than at samples ({mm(p.at_samples)})",
-                    mm(p.between),
-                    mm(tolerance),
-                    when=f"phase '{p.phase}', t = {p.t:.3f} s",
-                )
-            )
-    return rows, findings
+        out.judge(
+            row("B", "rcm", f"{p.phase}, between samples", "m", np.array([p.between]), limit, at, note=note),
+            _BETWEEN,
+            f"between samples the shaft misses the RCM by more than at samples ({mm(p.at_samples)})",
+            "RCM",
+            when=f"phase '{p.phase}', t = {p.t:.3f} s",
+        )

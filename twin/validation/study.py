@@ -174,6 +174,6 @@ def _claim(claim: Claim, tables: Tables) -> list[Finding]:
         against = [f"{r.name} {r.printed_p:.2f}" for r in tables.rating if r.printed_p >= 0.05]
         text = (
             f"'{claim.text}': these printed p are at or above 0.05 ({', '.join(against)}), so the sign should be >=. "
-            f"With {tables.users} users, such values do not prove equality either"
+            f"With {tables.users} users, such values are no proof of equality"
         )
     return [warning("study.claim", "prose", text)] if against else []

@@ -1,4 +1,4 @@
-"""Move one joint through its stroke and compare the tool pose of the equations with that of the mechanism.
+"""Move one joint through its stroke and compare the tool poses of equations and mechanism.
 
 For comparison, the errors of two common simplified loop models are computed. Both models are fitted to the mechanism,
 so no model of the same kind has smaller errors:
@@ -11,7 +11,7 @@ so no model of the same kind has smaller errors:
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -33,7 +33,6 @@ STANDINS = ("serial", "mimic")
 
 _STILL = 1e-9
 """Change (m, rad, or quaternion component) below which a coordinate counts as constant."""
-
 
 _TOOL = Kind("stroke.tool", "disagreement", "`twin explain` finds the edit that makes them agree", word="tolerance")
 
@@ -125,20 +124,10 @@ def sweep(
     home: Array,
     standins: tuple[str, ...] = (),
     samples: int = 501,
-    tolerances: Tolerances | None = None,
-    progress: Callable[[float], None] | None = None,
 ) -> Sweep:
     """Compare equations and mechanism while one active joint moves from limit to limit.
 
-    Args:
-        kin: the equations.
-        model: model of the mechanism.
-        joint: the moved joint.
-        home: (n,) joint values of the other joints.
-        standins: simplified models to compute: "mimic", "serial".
-        samples: number of joint values between the limits.
-        tolerances: largest deviations that count as agreement; None for the defaults.
-        progress: called with the fraction done.
+    `home` (n,) contains the values of the other joints; `standins` names the simplified models to compute.
 
     Raises:
         TwinError: the joint has no limits, or no part of its stroke is reachable.
@@ -147,14 +136,12 @@ def sweep(
     limits = model.mechanism.joint(joint).limits
     if limits is None:
         raise TwinError(f"joint '{joint}' has no limits, so its stroke is unknown; add a [[limit]]")
-    tolerances = tolerances or Tolerances()
+    tolerances = Tolerances()
     q = np.tile(home, (samples, 1))
     q[:, i] = np.linspace(*limits, samples)
     start = model.solve(home)
     Ts = _formula(kin, q, i, home, start.T_base_tool)
     q, Ts, run = _reachable(kin, model, q, Ts, i, home)
-    if progress is not None:
-        progress(1.0)
     formula = Curve(
         Ts[:, :3, 3] - run.Ts_base_tool[:, :3, 3], np.linalg.norm(rotation_vectors(run.Ts_base_tool, Ts), axis=1)
     )
@@ -264,7 +251,6 @@ class Strokes(Result):
     """Comparisons over the strokes of several joints.
 
     Attributes:
-        robot: name of the robot.
         sweeps: one comparison per joint.
         requirement: (required position accuracy of the tool in m, provenance, reason), or None.
     """

@@ -6,7 +6,7 @@ limit, each mean value also respects the limit, for any time step. Every reporte
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -20,7 +20,7 @@ from twin.core.units import DEG, MM
 from twin.model.mechanism import Mechanism
 from twin.planning.check import AGAIN
 from twin.planning.protocol import Protocol
-from twin.planning.trajectory import Trajectory
+from twin.planning.trajectory import PhaseSpan, Trajectory
 
 OVER = 2e-3
 """Accepted relative excess of a mean value: one half for the planner's tolerance, one half for rounding."""
@@ -63,17 +63,20 @@ class Load:
 def timing(trajectory: Trajectory, mechanism: Mechanism, protocol: Protocol) -> tuple[dict[str, str], list[Finding]]:
     """Check speeds and accelerations against their limits: (maximum of each quantity as text, findings).
 
-    Args:
-        trajectory: source of times, joint values, poses and phase bounds; its stated speeds (`qd`, tip) are checked.
-        mechanism: source of the joint limits.
-        protocol: source of the limits of the tip.
+    The stated speeds (`qd`, tip) of the trajectory are also checked. Joint limits come from the mechanism, limits of
+    the tip from the protocol.
     """
     findings = [*_clock(trajectory)]
     if findings:  # without valid times no rates can be computed
         return {}, findings
-    loads = [*_joints(trajectory, mechanism), *_tip(trajectory, protocol)]
+    joints = _joints(trajectory, mechanism)
+    frames = [_frames(trajectory, protocol, span) for span in trajectory.phases]
+    moving = [*joints, *(m for pair in frames for m in pair)]
+    loads = [load for m in moving for load in _loads(trajectory, m)]
     findings += [_excess(load) for load in loads if load.size > load.limit * (1 + OVER)]
-    findings += [*_rest(trajectory, mechanism, protocol), *_claims(trajectory, mechanism, protocol)]
+    for span, pair in zip(trajectory.phases, frames, strict=True):
+        findings += _rest(trajectory, span, [*pair, *joints])
+    findings += [f for m in moving for f in _claims(trajectory, m)]
     return _facts(loads, trajectory), findings
 
 
@@ -119,139 +122,130 @@ def _clock(trajectory: Trajectory) -> Iterator[Finding]:
         )
 
 
+@dataclass(frozen=True)
+class _Moving:
+    """A joint, or the moved frame in one phase (its position or its rotation), with the sampled motion.
+
+    Attributes:
+        what: the quantity whose speed is stated, for messages.
+        subject, where: what moves, for messages, and the place of the findings.
+        codes, names: codes and names of its speed, acceleration and jerk.
+        unit, factor: display unit of a displacement, and this unit in SI.
+        first: index of the first sample.
+        steps: (k, d) displacements from sample to sample, in SI.
+        stated: (k + 1, d) stated speeds at the samples, in SI.
+        limits: limits of speed, acceleration and jerk, in SI; infinite without a limit.
+        size: largest absolute value of a sample, which determines the rounding error; 0 for exact samples.
+    """
+
+    what: str
+    subject: str
+    where: str
+    codes: Sequence[str]
+    names: Sequence[str]
+    unit: str
+    factor: float
+    first: int
+    steps: Array
+    stated: Array
+    limits: tuple[float, ...]
+    size: float = 0.0
+
+
+_RATES = ("speed", "acceleration", "jerk")
+
+
+def _joints(trajectory: Trajectory, mechanism: Mechanism) -> list[_Moving]:
+    out = []
+    for j, joint in enumerate(mechanism.active):
+        q, qd = trajectory.q[:, j : j + 1], trajectory.qd[:, j : j + 1]
+        unit, factor = ("deg", DEG) if joint.is_angle else ("mm", MM)
+        limits = tuple(np.inf if x is None else x for x in (joint.max_speed, joint.max_acceleration, None))
+        what, steps = f"joint {joint.name}", np.diff(q, axis=0)
+        names = [what] * 3
+        size = float(np.abs(q).max())
+        out.append(_Moving(what, what, joint.name, _RATES, names, unit, factor, 0, steps, qd, limits, size))
+    return out
+
+
+def _frames(trajectory: Trajectory, protocol: Protocol, span: PhaseSpan) -> list[_Moving]:
+    """Return position and rotation of the moved frame in one phase."""
+    name, limits = trajectory.frame, protocol.limits[span.type]
+    rows = slice(span.start, span.stop + 1)
+    p, R = trajectory.Ts_base_frame[rows, :3, 3], trajectory.Ts_base_frame[rows, :3, :3]
+    turns = spatial.log_so3(R[1:] @ np.swapaxes(R[:-1], 1, 2))
+    out = []
+    for kind, subject, unit, factor, steps, stated in (
+        ("tip", name, "mm", MM, np.diff(p, axis=0), trajectory.tip_velocity[rows]),
+        ("rotation", f"{name} (rotation)", "deg", DEG, turns, trajectory.angular_velocity[rows]),
+    ):
+        codes = [f"{kind}_{rate}" for rate in _RATES]
+        names = [f"{kind} {rate} of {name} in phase '{span.name}'" for rate in _RATES]
+        most = tuple(getattr(limits, code) for code in codes)
+        out.append(
+            _Moving(f"{kind} of {name}", subject, name, codes, names, unit, factor, span.start, steps, stated, most)
+        )
+    return out
+
+
 def _phase(trajectory: Trajectory, sample: int) -> str:
     return next(s.name for s in trajectory.phases if sample <= s.stop)
 
 
-def _joints(trajectory: Trajectory, mechanism: Mechanism) -> Iterator[Load]:
-    q, dt = trajectory.q, trajectory.step
-    for order, name in ((1, "speed"), (2, "acceleration"), (3, "jerk")):
-        if len(q) <= order:
+def _loads(trajectory: Trajectory, m: _Moving) -> Iterator[Load]:
+    """Yield the largest speed, acceleration and jerk; a jerk of the moved frame only if it has a limit."""
+    dt = trajectory.step
+    for order, (code, name, limit) in enumerate(zip(m.codes, m.names, m.limits, strict=True), 1):
+        if len(m.steps) < order or (code.endswith("_jerk") and not np.isfinite(limit)):
             return
-        rates = np.diff(q, n=order, axis=0) / dt**order
-        noise = _ROUNDING * 2**order * np.abs(q).max(axis=0) / dt**order
-        for j, joint in enumerate(mechanism.active):
-            limit = {1: joint.max_speed, 2: joint.max_acceleration}.get(order)
-            unit, factor = ("deg", DEG) if joint.is_angle else ("mm", MM)
-            per = "/s" if order == 1 else f"/s{order}"
-            k = int(np.argmax(np.abs(rates[:, j])))
-            size = max(0.0, float(abs(rates[k, j])) - float(noise[j]))
-            shown = np.inf if limit is None else limit / factor
-            t = float(trajectory.t[k] + order * dt / 2)
-            where = _phase(trajectory, min(k + order, len(q) - 1))
-            yield Load(f"timing.{name}", f"joint {joint.name}", joint.name, unit + per, size / factor, shown, t, where)
+        rates = np.linalg.norm(np.diff(m.steps, n=order - 1, axis=0), axis=1) / dt**order
+        k = int(np.argmax(rates))
+        noise = _ROUNDING * 2**order * m.size / dt**order
+        unit = f"{m.unit}/s" if order == 1 else f"{m.unit}/s{order}"
+        size = max(0.0, float(rates[k]) - noise) / m.factor
+        t, phase = float(trajectory.t[m.first + k] + order * dt / 2), _phase(trajectory, m.first + k + order)
+        yield Load(f"timing.{code}", name, m.where, unit, size, limit / m.factor, t, phase)
 
 
-def _tip(trajectory: Trajectory, protocol: Protocol) -> Iterator[Load]:
+def _rest(trajectory: Trajectory, span: PhaseSpan, moving: list[_Moving]) -> Iterator[Finding]:
+    """Check that a phase begins and ends at rest: the first and last step are short enough for the acceleration."""
     dt = trajectory.step
-    for span in trajectory.phases:
-        limits = protocol.limits[span.type]
-        v, w = _tip_speeds(trajectory, slice(span.start, span.stop + 1))
-        a, dw = np.diff(v, axis=0) / dt, np.diff(w, axis=0) / dt
-        j, ddw = np.diff(a, axis=0) / dt, np.diff(dw, axis=0) / dt
-        for code, values, limit, unit, factor in (
-            ("timing.tip_speed", v, limits.tip_speed, "mm/s", MM),
-            ("timing.tip_acceleration", a, limits.tip_acceleration, "mm/s2", MM),
-            ("timing.tip_jerk", j, limits.tip_jerk, "mm/s3", MM),
-            ("timing.rotation_speed", w, limits.rotation_speed, "deg/s", DEG),
-            ("timing.rotation_acceleration", dw, limits.rotation_acceleration, "deg/s2", DEG),
-            ("timing.rotation_jerk", ddw, limits.rotation_jerk, "deg/s3", DEG),
-        ):
-            if not len(values) or ("jerk" in code and not np.isfinite(limit)):
-                continue
-            norms = np.linalg.norm(values, axis=1)
-            k = int(np.argmax(norms))
-            what = f"{code.removeprefix('timing.').replace('_', ' ')} of {trajectory.frame}"
-            t = float(trajectory.t[span.start + k] + dt / 2)
-            size, name = float(norms[k]) / factor, trajectory.frame
-            yield Load(code, f"{what} in phase '{span.name}'", name, unit, size, limit / factor, t, span.name)
+    for sample, step, verb in ((span.start, span.start, "begin"), (span.stop, span.stop - 1, "end")):
+        for m in moving:
+            way = float(np.linalg.norm(m.steps[step - m.first]))
+            reach = 0.5 * m.limits[1] * dt**2 * (1 + OVER) + 1e-12
+            if way > reach:
+                yield disagreement(
+                    "timing.rest",
+                    m.where,
+                    f"phase '{span.name}' does not {verb} at rest: {m.subject} moves too far in one step of {dt:g} s",
+                    Quantity(way / m.factor, m.unit),
+                    reach / m.factor,
+                    AGAIN,
+                    when=f"phase '{span.name}', t = {trajectory.t[sample]:.3f} s",
+                )
+                break
 
 
-def _tip_speeds(trajectory: Trajectory, rows: slice) -> tuple[Array, Array]:
-    """Return mean (velocities, angular velocities), each (k - 1, 3), of the moved frame between its k poses."""
-    Ts, dt = trajectory.Ts_base_frame[rows], trajectory.step
-    R = Ts[:, :3, :3]
-    return np.diff(Ts[:, :3, 3], axis=0) / dt, spatial.log_so3(R[1:] @ np.swapaxes(R[:-1], 1, 2)) / dt
-
-
-def _rest(trajectory: Trajectory, mechanism: Mechanism, protocol: Protocol) -> Iterator[Finding]:
-    """Check that each phase begins and ends at rest: the first and last step are short enough for the acceleration."""
-    dt = trajectory.step
-    for span in trajectory.phases:
-        limits = protocol.limits[span.type]
-        for here, there, verb in ((span.start, span.start + 1, "begin"), (span.stop, span.stop - 1, "end")):
-            T0, T1 = trajectory.Ts_base_frame[[here, there]]
-            turn = float(spatial.rotation_angle(T0[:3, :3].T @ T1[:3, :3]))
-            name = trajectory.frame
-            ways = [
-                (name, name, float(np.linalg.norm(T1[:3, 3] - T0[:3, 3])), limits.tip_acceleration, ("mm", MM)),
-                (f"{name} (rotation)", name, turn, limits.rotation_acceleration, ("deg", DEG)),
-            ]
-            for j, joint in enumerate(mechanism.active):
-                if joint.max_acceleration is not None:
-                    way = abs(float(trajectory.q[there, j] - trajectory.q[here, j]))
-                    unit = ("deg", DEG) if joint.is_angle else ("mm", MM)
-                    ways.append((f"joint {joint.name}", joint.name, way, joint.max_acceleration, unit))
-            for what, where, way, acceleration, (unit, factor) in ways:
-                reach = 0.5 * acceleration * dt**2 * (1 + OVER) + 1e-12
-                if way > reach:
-                    yield disagreement(
-                        "timing.rest",
-                        where,
-                        f"phase '{span.name}' does not {verb} at rest: {what} moves too far in one step of {dt:g} s",
-                        Quantity(way / factor, unit),
-                        reach / factor,
-                        AGAIN,
-                        when=f"phase '{span.name}', t = {trajectory.t[here]:.3f} s",
-                    )
-                    break
-
-
-def _claims(trajectory: Trajectory, mechanism: Mechanism, protocol: Protocol) -> Iterator[Finding]:
-    """Compare the stated speeds of a trajectory with the difference quotients of its positions.
+def _claims(trajectory: Trajectory, m: _Moving) -> Iterator[Finding]:
+    """Compare the stated speeds with the difference quotients of the positions.
 
     The average of the stated speeds at both ends of a step equals the mean speed in the step if the acceleration is
-    constant. With an acceleration limit a, the difference is at most a dt/4.
+    constant. With an acceleration limit a, the difference is at most a dt/4. The first step of a phase is skipped if
+    its first sample belongs to the earlier phase.
     """
-    dt = trajectory.step
-    for j, joint in enumerate(mechanism.active):
-        if joint.max_acceleration is None:
-            continue
-        mean = np.diff(trajectory.q[:, j]) / dt
-        stated = 0.5 * (trajectory.qd[1:, j] + trajectory.qd[:-1, j])
-        off, limit = np.abs(mean - stated), dt * joint.max_acceleration * (1 + OVER) / 4
-        k = int(np.argmax(off))
-        if off[k] > limit:
-            unit, factor = ("deg/s", DEG) if joint.is_angle else ("mm/s", MM)
-            yield _claim(trajectory, f"joint {joint.name}", joint.name, k, off[k] / factor, limit / factor, unit)
-    for span in trajectory.phases:
-        limits = protocol.limits[span.type]
-        rows = slice(
-            span.start + (1 if span.start else 0), span.stop + 1
-        )  # a sample shared by two phases counts for the earlier phase
-        v, w = _tip_speeds(trajectory, rows)
-        for name, mean, given, most, unit, factor in (
-            ("tip", v, trajectory.tip_velocity, limits.tip_acceleration, "mm/s", MM),
-            ("rotation", w, trajectory.angular_velocity, limits.rotation_acceleration, "deg/s", DEG),
-        ):
-            if not len(mean):
-                continue
-            stated = 0.5 * (given[rows][1:] + given[rows][:-1])
-            off, limit = np.linalg.norm(mean - stated, axis=1), dt * most * (1 + OVER) / 4
-            k = int(np.argmax(off))
-            if off[k] > limit:
-                where = rows.start + k
-                yield _claim(trajectory, f"{name} of {trajectory.frame}", trajectory.frame, where, off[k] / factor,
-                             limit / factor, unit)  # fmt: skip
-
-
-def _claim(trajectory: Trajectory, what: str, where: str, sample: int, size: float, limit: float, unit: str) -> Finding:
-    return disagreement(
+    dt, skip = trajectory.step, 1 if m.first else 0
+    off = np.linalg.norm(m.steps / dt - 0.5 * (m.stated[1:] + m.stated[:-1]), axis=1)[skip:]
+    limit = dt * m.limits[1] * (1 + OVER) / 4
+    if not len(off) or off.max() <= limit:
+        return
+    sample = m.first + skip + int(np.argmax(off))
+    yield disagreement(
         "timing.claimed",
-        where,
-        f"the stated speed of {what} differs from the difference quotient of the positions",
-        Quantity(size, unit),
-        limit,
+        m.where,
+        f"the stated speed of {m.what} differs from the difference quotient of the positions",
+        Quantity(float(off.max()) / m.factor, f"{m.unit}/s"),
+        limit / m.factor,
         AGAIN,
         when=f"phase '{_phase(trajectory, sample)}', t = {trajectory.t[sample]:.3f} s",
         word="tolerance",

@@ -17,7 +17,6 @@ from twin.validation.rows import Clock, row
 SINGLE = 1e-6
 """Tolerance in m of a position stored in single precision."""
 
-
 _TROCAR = Kind(
     "rcm.trocar", "disagreement", "correct the frames of the trocar's joints or of the instrument", word="tolerance"
 )
@@ -34,9 +33,7 @@ def through_trocars(case: Case, model: ReferenceModel, out: Comparison, clock: C
         T = links[shaft.body] @ shaft.T_body_frame
         missed = spatial.point_to_line(mechanism.trocar_at(name), T[:, :3, 3], T[:, :3, 2])
         r = row("B", "rcm", name, "m", missed, tolerance, clock.at(out.coarse), note=f"{shaft.body} in trocar {name}")
-        out.residuals.append(r)
-        if not r.agrees:
-            out.findings.append(r.finding(_TROCAR, f"{shaft.body} misses trocar '{name}'"))
+        out.judge(r, _TROCAR, f"{shaft.body} misses trocar '{name}'")
 
 
 def as_written(case: Case) -> list[Finding]:

@@ -100,4 +100,11 @@ namespace UnityEngine
             return enter > 0f;
         }
     }
+
+    public struct Color
+    {
+        public float r, g, b, a;
+
+        public Color(float r, float g, float b, float a) { this.r = r; this.g = g; this.b = b; this.a = a; }
+    }
 }

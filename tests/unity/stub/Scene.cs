@@ -161,6 +161,40 @@ namespace UnityEngine
     {
     }
 
+    public class Mesh : Object
+    {
+        private Vector3[] corners = new Vector3[0];
+
+        public Vector3[] vertices
+        {
+            get { return (Vector3[])corners.Clone(); }
+            set { corners = (Vector3[])value.Clone(); }
+        }
+
+        public int[] triangles { get; set; }
+        public void MarkDynamic() { }
+        public void Clear() { corners = new Vector3[0]; triangles = null; }
+        public void RecalculateNormals() { }
+        public void RecalculateBounds() { }
+    }
+
+    public class Material : Object
+    {
+        public Material(Material other) { color = other.color; }
+
+        public Color color { get; set; }
+    }
+
+    public class MeshFilter : Component
+    {
+        public Mesh sharedMesh { get; set; }
+    }
+
+    public class MeshRenderer : Renderer
+    {
+        public Material material { get; set; }
+    }
+
     public class Renderer : Component
     {
         public Bounds bounds { get; set; }

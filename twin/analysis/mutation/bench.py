@@ -158,7 +158,7 @@ class Bench:
     def _heard(self, fault: Fault, folder: Path) -> tuple[Finding | None, str]:
         """Return (new finding or None, reason why the fault has no effect or "").
 
-        The finding is the first one that changes the verdict, or else a warning. After a warning, only one more
+        The finding is the first finding that changes the verdict, or else a warning. After a warning, only one more
         part of the validator is run. If the first part finds nothing, the function checks whether the fault has any
         effect before the next part is run.
         """

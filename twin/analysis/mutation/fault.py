@@ -25,8 +25,8 @@ MEANING: dict[Family, str] = {
 }
 
 State = Literal["caught", "warned", "missed", "equivalent"]
-"""caught: the verdict changes. warned: there is a new warning. equivalent: the fault has no effect. missed: none of
-these."""
+"""caught: the verdict changes. warned: there is a new warning. equivalent: the fault has no effect. missed: the
+validator reports nothing, although the fault has an effect."""
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,6 @@ class Outcome:
 
     Attributes:
         family, kind, what: see `Fault`.
-        state: see `State`.
         code: code of the most severe new finding, or of the raised error; "" if there is none.
         where: place of the finding.
         message: text of the finding, or the reason why the fault is equivalent.

@@ -1,4 +1,4 @@
-"""Seed faults into the equations: each fault is one edit of their source, of a kind that occurs in misprints."""
+"""Seed faults into the equations: each fault is one edit of the source, of a kind that occurs in misprints."""
 
 from __future__ import annotations
 
@@ -33,13 +33,13 @@ KINDS: dict[str, tuple[str, ...]] = {
     "operator": ("operator", "order", "transpose"),
     "added term": ("missing",),
 }
-"""Kinds of faults, seeded equally often, with the kinds of edits that produce each of them."""
+"""Kinds of faults, each seeded equally often, with the kinds of edits that produce the fault."""
 
 _TRIES = 40
 
 
 def functions(formula: Formula) -> list[FunctionType]:
-    """Return the functions in a formula's own file that its published equations use, including helpers they call."""
+    """Return the functions in a formula's own file that its published equations use, including the called helpers."""
     todo: list[Any] = [inspect.unwrap(e.variants[e.default]) for e in formula.equations if e.stage != "helper"]
     found: list[FunctionType] = []
     home = todo[0].__globals__

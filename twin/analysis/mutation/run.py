@@ -35,13 +35,8 @@ def selftest(
 ) -> Score:
     """Return the mutation score of the validator on a robot.
 
-    Args:
-        robot: name or folder of a robot with equations, CAD and a protocol.
-        protocol: name of the protocol to validate along; default: the robot's default protocol.
-        families: the families of faults to seed.
-        count: total number of faults.
-        seed: seed of the random faults; the same seed draws the same faults.
-        progress: called with a description of the current step and the fraction done.
+    `robot` is the name or folder of a robot with equations, CAD and a protocol; the default protocol is that robot's
+    default. `count` is the total number of faults. The same seed draws the same faults.
 
     Raises:
         TwinError: the robot has no equations, or its protocol cannot be planned.

@@ -21,7 +21,7 @@ class Budget:
         depth: maximum nesting of its parts.
         count: maximum number of its parts: elements of XML, objects and lists of JSON, nodes of glTF, prims of USD,
             rows of PLY.
-        numbers: maximum number of values or vertices; those of a part that is used n times count n times.
+        numbers: maximum number of values or vertices; triangles of a part that is used n times count n times.
         seconds, seconds_per_mb: processor time of the native parser in s, plus the time for each MB of the file.
         memory, memory_per_byte: memory of the native parser in bytes, plus the memory for each byte of the file.
     """

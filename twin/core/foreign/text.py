@@ -86,10 +86,7 @@ class _Counted(ElementTree.TreeBuilder):
 def parse_xml(path: Path, data: bytes | None = None, kind: str = "XML") -> ElementTree.Element:
     """Return the root element of XML in any encoding.
 
-    Args:
-        path: the file; used in error messages.
-        data: the XML text; None: it is read from the file.
-        kind: the format whose limits apply.
+    Error messages name the file `path`, which is read if `data` is None. `kind` is the format whose limits apply.
 
     Raises:
         BudgetError: the file is too large, nested too deeply, or has too many elements.

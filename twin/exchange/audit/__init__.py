@@ -4,7 +4,7 @@ poses       quaternions and matrices, implemented independently of the writers
 motion      the common result of the readers: clips of link poses in the world frame
 gltf, usd, tracks, mjcf, urdf      readers
 physics     mechanism data of a file, in a common form for all formats; physics_<format> convert to this form
-sense       physically impossible data in one file
+sense       find physically impossible data in one file
 compare     compare the pose of every link at every key between files
 compare_physics    compare joints, drives, masses, frames, surfaces, colours between files and with the mechanism
 claims      check what files state about themselves: errors between keys, assumptions, README.txt
@@ -32,7 +32,7 @@ from twin.exchange.audit.compare_physics import compare_physics
 from twin.exchange.audit.folder import Found, find
 from twin.exchange.audit.motion import Content, check_names
 from twin.exchange.audit.physics_truth import mechanism_physics
-from twin.exchange.audit.report import AuditReport, Check, Ledger, finished
+from twin.exchange.audit.report import AuditReport, Check, Ledger, ReadError, finished
 from twin.exchange.audit.scene import FILE as SCENE
 from twin.exchange.audit.scene import audit_scene
 from twin.exchange.audit.sense import check_sense
@@ -60,7 +60,7 @@ def audit(
 
     Args:
         path: a .glb, .gltf, USD, .usdz, track, MJCF or URDF file, a folder with any of them, or an exported scene.
-        truth: poses of the reference model by clip; None: poses are compared with those of the tracks.
+        truth: poses of the reference model by clip; None: poses are compared with the poses in the tracks.
         mechanism: the expected mechanism; masses, joints, drives and frames of the files are compared with it. None:
             they are compared only between files.
         progress: see `Progress`.
@@ -164,6 +164,8 @@ def _guarded(read: Callable[[Path, Ledger], Any], path: Path, ledger: Ledger) ->
             ledger.add("file.empty", "error", "the file is empty.")
             return None
         return read(path, ledger)
+    except ReadError as error:
+        ledger.add(error.code or f"{_KINDS.get(path.suffix.lower(), 'usd')}.unreadable", "error", f"{error}.")
     except (BudgetError, SourceError) as error:
         ledger.add("file.budget", "error", f"{error}")
     except OSError as error:
@@ -174,23 +176,22 @@ def _guarded(read: Callable[[Path, Ledger], Any], path: Path, ledger: Ledger) ->
     return None
 
 
+_KINDS = {".csv": "tracks", ".json": "tracks", ".urdf": "urdf", ".xml": "mjcf"}
+"""First part of the codes of findings by file name suffix; "usd" for all other suffixes."""
+
+
 def _gltf(path: Path, ledger: Ledger) -> Content | None:
     from twin.exchange.audit.gltf import read_gltf
-    from twin.exchange.audit.gltf_file import GltfError
 
     ledger.tool, ledger.version = "twin.exchange.audit gltf", "2.0"
     admit(path)
-    try:
-        return read_gltf(path, ledger)
-    except GltfError as error:
-        ledger.add(error.code, "error", f"{error}.")
-    return None
+    return read_gltf(path, ledger)
 
 
 def _usd(path: Path, ledger: Ledger, admitted: Collection[Path]) -> Content | None:
     from pxr import Tf
 
-    from twin.exchange.audit.usd import UsdError, read_usd
+    from twin.exchange.audit.usd import read_usd
     from twin.exchange.audit.usd_checks import check_usd, version
     from twin.exchange.audit.usdc import trouble
     from twin.exchange.audit.usdz import check_usdz
@@ -202,36 +203,24 @@ def _usd(path: Path, ledger: Ledger, admitted: Collection[Path]) -> Content | No
         if not check_usdz(path, ledger):
             return None
     if broken := trouble(path.read_bytes()):
-        ledger.add("usd.header", "error", f"{broken}.")
-        return None
+        raise ReadError(broken, "usd.header")
     if path not in admitted:
         admit(path)
     try:
         content = read_usd(path, ledger)
         check_usd(path, bool(content.extra["physics"]), ledger)
-    except UsdError as error:
-        ledger.add("usd.unreadable", "error", f"{error}.")
     except Tf.ErrorException as error:  # OpenUSD detects some faults only when it reads the data
-        ledger.add(
-            "usd.unreadable",
-            "error",
-            f"OpenUSD cannot read the stage: {str(error).strip().splitlines()[-1].strip()[:200]}.",
-        )
-    else:
-        return content
-    return None
+        reason = str(error).strip().splitlines()[-1].strip()[:200]
+        raise ReadError(f"OpenUSD cannot read the stage: {reason}") from error
+    return content
 
 
 def _tracks(path: Path, ledger: Ledger) -> Content | None:
-    from twin.exchange.audit.tracks import TrackError, read_csv, read_json
+    from twin.exchange.audit.tracks import read_csv, read_json
 
     ledger.tool, ledger.version = "twin.exchange.audit tracks", "1"
     admit(path)
-    try:
-        return read_csv(path, ledger) if path.suffix.lower() == ".csv" else read_json(path, ledger)
-    except TrackError as error:
-        ledger.add("tracks.unreadable", "error", f"{error}.")
-    return None
+    return read_csv(path, ledger) if path.suffix.lower() == ".csv" else read_json(path, ledger)
 
 
 def _plays(stem: str, clip: str, models: Sequence[str]) -> bool:
@@ -249,27 +238,19 @@ def _tree(path: Path, ledger: Ledger, tracks: list[Content], models: Sequence[st
     `models` are the names without suffix of all models of this format; a model may be for a single clip, with its own
     trocar positions.
     """
-    from twin.exchange.audit.urdf import Urdf, UrdfError
-
     admit(path)
-    try:
-        if path.suffix.lower() == ".urdf":
-            ledger.tool, ledger.version = "twin.exchange.audit urdf", "1"
-            tree = Urdf(path, ledger)
-        else:
-            import mujoco
+    if path.suffix.lower() == ".urdf":
+        from twin.exchange.audit.urdf import Urdf
 
-            from twin.exchange.audit.mjcf import Mjcf, MjcfError
+        ledger.tool, ledger.version = "twin.exchange.audit urdf", "1"
+        tree = Urdf(path, ledger)
+    else:
+        import mujoco
 
-            ledger.tool, ledger.version = "mujoco", mujoco.__version__
-            try:
-                tree = Mjcf(path, ledger)
-            except MjcfError as error:
-                ledger.add("mjcf.unreadable", "error", f"{error}.")
-                return None
-    except UrdfError as error:
-        ledger.add(f"{'urdf' if path.suffix.lower() == '.urdf' else 'mjcf'}.unreadable", "error", f"{error}.")
-        return None
+        from twin.exchange.audit.mjcf import Mjcf
+
+        ledger.tool, ledger.version = "mujoco", mujoco.__version__
+        tree = Mjcf(path, ledger)
     for track in tracks:
         for clip in track.clips:
             if _plays(path.stem, clip.name, models):

@@ -11,17 +11,17 @@ from pxr import Tf, Usd, UsdGeom
 from twin.core.foreign.budget import check_size
 from twin.exchange.audit import poses
 from twin.exchange.audit.gltf_clips import Clips
-from twin.exchange.audit.gltf_file import Gltf, GltfError, open_gltf
+from twin.exchange.audit.gltf_file import Gltf, open_gltf
 from twin.exchange.audit.gltf_nodes import parents_first, read_nodes
 from twin.exchange.audit.poses import Array
-from twin.exchange.audit.report import Ledger, quantity
+from twin.exchange.audit.report import Ledger, Measured, ReadError, quantity
 from twin.exchange.audit.usdc import trouble
 
 GLB, USD = "organs.glb", "usd/organs.usdc"
 """Files of the deformables, in the folder of the scene."""
 
 TOLERANCE = 10e-6
-"""Largest distance in m between a vertex in both files."""
+"""Maximum distance in m between a vertex in one file and the same vertex in the other file."""
 
 _TIMES = 16
 """Number of samples of each mesh, evenly distributed, at which the files are compared."""
@@ -50,11 +50,10 @@ def audit_bends(folder: Path) -> list[Ledger]:
             ledger.row(f"edges of '{name}' that do not join two triangles", float(open_edges), "found", 0.0)
             if open_edges:
                 text = f"'{name}' is open: {open_edges} edges do not join two triangles."
-                ledger.add("bend.open", "disagreement", text, where=name, size=float(open_edges), limit=0.0)
-    except (GltfError, Tf.ErrorException, KeyError, TypeError, ValueError, IndexError) as error:
-        ledger.add(
-            "bend.unreadable", "error", f"the deformables cannot be read: {type(error).__name__}, {str(error)[:200]}."
-        )
+                ledger.wrong("bend.open", text, name, size=Measured(open_edges, 0.0))
+    except (ReadError, Tf.ErrorException, KeyError, TypeError, ValueError, IndexError) as error:
+        text = f"the deformables cannot be read: {type(error).__name__}, {str(error)[:200]}."
+        ledger.add("bend.unreadable", "error", text)
     return [ledger]
 
 
@@ -105,7 +104,7 @@ def _compare(shown: _Played, stage: Usd.Stage, ledger: Ledger) -> None:
     meshes = {p.GetName(): UsdGeom.Mesh(p) for p in stage.Traverse() if p.IsA(UsdGeom.Mesh)}
     for name in sorted({*shown.names} ^ {*meshes}):
         text = f"'{name}' is in only one of {GLB} and {USD}."
-        ledger.add("bend.missing", "disagreement", text, where=name)
+        ledger.wrong("bend.missing", text, name)
     for name in shown.names:
         if name not in meshes:
             continue
@@ -128,8 +127,7 @@ def _compare(shown: _Played, stage: Usd.Stage, ledger: Ledger) -> None:
                 else "have different vertex counts or triangles"
             )
             text = f"'{name}': {GLB} and {USD} {off}."
-            ledger.add("bend.vertices", "disagreement", text, where=name, when=when, size=worst, unit="m",
-                       limit=TOLERANCE)  # fmt: skip
+            ledger.wrong("bend.vertices", text, name, size=Measured(worst, TOLERANCE, "m"), when=when)
 
 
 def _unpaired(triangles: np.ndarray) -> int:

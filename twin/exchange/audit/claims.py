@@ -11,10 +11,10 @@ from typing import Any
 from twin.exchange.audit.between import halved
 from twin.exchange.audit.motion import Content, Shape
 from twin.exchange.audit.physics import Joint, Physics
-from twin.exchange.audit.report import Ledger, quantity
+from twin.exchange.audit.report import Ledger, Measured, quantity
 
 TOO_GOOD = 3.0
-"""Maximum ratio of the estimated error to the stated error; at higher ratios the stated error is too small."""
+"""Maximum ratio of the estimated error to the stated error; at higher ratios, the stated error is too small."""
 
 TOO_BAD = 20.0
 """Maximum ratio of the stated error to the estimated error.
@@ -62,25 +62,15 @@ def _check_between(content: Content, shapes: Mapping[str, Shape], joints: Sequen
             continue
         low = said < estimate / TOO_GOOD and estimate > floor
         high = said > TOO_BAD * max(estimate, floor) and (shapes or key != "between_position")
-        content.ledger.row(
-            f"{key}: stated error compared with an estimate from every second key",
-            abs(estimate - said),
-            unit,
-            fits=not low,
-        )
+        message = f"{key}: stated error compared with an estimate from every second key"
+        content.ledger.row(message, abs(estimate - said), unit, fits=not low)
         if low or high:
-            content.ledger.add(
-                f"claims.{key}",
-                "disagreement",
+            message = (
                 f"{key} states an error of {quantity(said, unit)} for {text}, but the estimate is "
                 f"{quantity(estimate, unit)}: a quarter of the error with every second key left out, "
-                f"{quantity(cost, unit)}.",
-                where=key,
-                size=float(said),
-                unit=unit,
-                limit=estimate,
-                suggestion="measure the error between keys again",
+                f"{quantity(cost, unit)}."
             )
+            content.ledger.wrong(f"claims.{key}", message, key, size=Measured(said, estimate, unit))
 
 
 def _check_heads(table: Content, other: Content) -> None:
@@ -93,7 +83,7 @@ def _check_heads(table: Content, other: Content) -> None:
             text = f"'{key}' is {_short(mine[key])}; in {other.file} it is {_short(its[key])}."
         else:
             continue
-        table.ledger.add("claims.head", "disagreement", text, where=key, suggestion="write both files from one source")
+        table.ledger.wrong("claims.head", text, key, suggestion="write both files from one source")
 
 
 def _equal(a: Any, b: Any) -> bool:
@@ -119,7 +109,7 @@ def _check_same_robot(tracks: Sequence[Content]) -> None:
             a, b = (c.extra["data"].get(key) for c in (content, first))
             if not _equal(a, b):
                 text = f"'{key}' is {_short(a)}; in {first.file} it is {_short(b)}."
-                content.ledger.add("claims.robot", "disagreement", text, where=key)
+                content.ledger.wrong("claims.robot", text, key)
 
 
 def _check_assumed(contents: Sequence[Content], tracks: Sequence[Content]) -> None:
@@ -137,7 +127,7 @@ def _check_assumed(contents: Sequence[Content], tracks: Sequence[Content]) -> No
             text = (
                 f"the file's list of assumed numbers lacks '{lacking[0]}'{more}, which {known.file} lists as assumed."
             )
-            content.ledger.add("claims.assumed", "disagreement", text, where="assumed", size=float(len(lacking)))
+            content.ledger.wrong("claims.assumed", text, "assumed", size=float(len(lacking)))
 
 
 def head(line: str) -> str:
@@ -182,7 +172,7 @@ def check_readme(path: Path, contents: Sequence[Content], ledger: Ledger) -> Non
     try:
         raw = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
-        ledger.add("readme.unreadable", "disagreement", f"README.txt cannot be read: {error}.")
+        ledger.wrong("readme.unreadable", f"README.txt cannot be read: {error}.")
         return
     text = re.sub(r"[ \t]*\n[ \t]+", " ", raw)  # join wrapped lines
     for topic, pattern, expected in STATEMENTS:
@@ -190,7 +180,7 @@ def check_readme(path: Path, contents: Sequence[Content], ledger: Ledger) -> Non
         if found and tuple(g.lower() for g in found.groups()) != expected:
             said = " / ".join(found.groups())
             message = f"statement about {topic}: '{said}'; the files have '{' / '.join(expected)}'."
-            ledger.add("readme.convention", "disagreement", message, where=topic)
+            ledger.wrong("readme.convention", message, topic)
     _check_listed(path.parent, raw, contents, ledger)
     _check_motions(text, contents, ledger)
     _check_list(text, contents, ledger)
@@ -204,26 +194,22 @@ def _check_listed(folder: Path, raw: str, contents: Sequence[Content], ledger: L
     for name, also, what in rows:
         for file in (name, *([str(Path(name).with_suffix(also))] if also else [])):
             if file != "proof.json" and not (folder / file).exists():
-                ledger.add(
-                    "readme.file", "disagreement", f"README.txt lists '{file}', which does not exist.", where=file
-                )
+                ledger.wrong("readme.file", f"README.txt lists '{file}', which does not exist.", file)
         playing = re.search(r"playing (\w+)", what)
         if playing and clips and playing[1] not in clips and not any(c.endswith(f"_{playing[1]}") for c in clips):
             message = f"README.txt states that '{name}' plays '{playing[1]}', but the files have no such motion."
-            ledger.add("readme.file", "disagreement", message, where=name)
+            ledger.wrong("readme.file", message, name)
 
 
 def _check_motions(text: str, contents: Sequence[Content], ledger: Ledger) -> None:
     tables = {str(c.extra["data"].get("protocol")): c for c in contents if c.format == "tracks" and c.clips}
     said = {m["name"]: m for m in _MOTION.finditer(text)}
     for name in tables.keys() - said.keys() if said else ():
-        ledger.add(
-            "readme.motion", "disagreement", f"motion '{name}' is missing in the list of README.txt.", where=name
-        )
+        ledger.wrong("readme.motion", f"motion '{name}' is missing in the list of README.txt.", name)
     for name, m in said.items():
         if (track := tables.get(name)) is None:
             if tables:
-                ledger.add("readme.motion", "disagreement", f"motion '{name}' has no track.", where=name)
+                ledger.wrong("readme.motion", f"motion '{name}' has no track.", name)
             continue
         data, clip = track.extra["data"], track.clips[0]
         for what, value, real in (
@@ -237,10 +223,10 @@ def _check_motions(text: str, contents: Sequence[Content], ledger: Ledger) -> No
             digits = len(value.partition(".")[2])
             if isinstance(real, int | float) and abs(float(value) - real) > 0.51 * 10.0**-digits:
                 message = f"motion '{name}': {what} is {value}; in {track.file} it is {real:.{max(digits, 1)}f}."
-                ledger.add("readme.motion", "disagreement", message, where=name)
+                ledger.wrong("readme.motion", message, name)
         if str(data.get("title", m["title"])) != m["title"]:
             message = f"motion '{name}' has the title '{m['title']}'; in {track.file} it is '{data.get('title')}'."
-            ledger.add("readme.motion", "disagreement", message, where=name)
+            ledger.wrong("readme.motion", message, name)
 
 
 def _times(value: Any, factor: float) -> Any:
@@ -264,7 +250,7 @@ def _check_list(text: str, contents: Sequence[Content], ledger: Ledger) -> None:
         if lacking:
             more = f" and {len(lacking) - 1} more" if len(lacking) > 1 else ""
             text = f"the assumption '{_clipped(lacking[0])}'{more} is not in {who}."
-            ledger.add("readme.assumed", "disagreement", text, where="Assumed", size=float(len(lacking)))
+            ledger.wrong("readme.assumed", text, "Assumed", size=float(len(lacking)))
 
 
 def _clipped(line: str) -> str:
@@ -301,4 +287,4 @@ def check_proof_clips(path: Path, contents: Iterable[Content], ledger: Ledger) -
             said = row.get(key)
             if isinstance(real, int | float) and isinstance(said, int | float) and abs(said - real) > 1e-5 * abs(real):
                 text = f"clip '{row['protocol']}': {key} is {said:g}; in {track.file} it is {real:g}."
-                ledger.add("proof.clip", "disagreement", text, where=key)
+                ledger.wrong("proof.clip", text, key)

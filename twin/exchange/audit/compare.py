@@ -11,7 +11,7 @@ from twin.exchange.audit.between import midway
 from twin.exchange.audit.diagnose import why
 from twin.exchange.audit.motion import Clip, Content, largest
 from twin.exchange.audit.poses import Array, angle
-from twin.exchange.audit.report import POSITION_TOL, ROTATION_TOL, quantity, told_apart
+from twin.exchange.audit.report import POSITION_TOL, ROTATION_TOL, Measured, quantity, told_apart, um
 
 TIME_TOL = 1e-5
 """Maximum difference in s between the times of the same key in two files: glTF stores times in single precision."""
@@ -60,7 +60,7 @@ def compare(contents: Sequence[Content], refs: Mapping[str, Reference]) -> None:
             if name is None:
                 if len(contents) > 1 and refs:
                     text = f"clip '{clip.name}' has no counterpart; known clips: {', '.join(sorted(refs))}."
-                    content.ledger.add("compare.clip", "warning", text, where=clip.name)
+                    content.ledger.add("compare.clip", "warning", text, clip.name)
                 continue
             ref = refs[name]
             if ref.source == content.file:
@@ -108,14 +108,12 @@ def _compare_clip(content: Content, clip: Clip, ref: Reference, name: str) -> No
     label = f"clip '{name}'"
     against = f"against {ref.source}"
     if len(mine) < max(len(clip.times), len(ref.clip.times)):
-        ledger.add(
+        message = f"{label}: {_times_apart(clip, ref, mine, its)}."
+        ledger.wrong(
             "compare.times",
-            "disagreement",
-            f"{label}: {_times_apart(clip, ref, mine, its)}.",
-            where=name,
-            size=float(len(mine)),
-            limit=float(max(len(clip.times), len(ref.clip.times))),
-            suggestion="check the rate, and the units of time",
+            message,
+            name,
+            size=Measured(float(len(mine)), float(max(len(clip.times), len(ref.clip.times)))),
         )
     if len(mine):
         off = np.abs(clip.times[mine] - ref.clip.times[its])
@@ -128,7 +126,7 @@ def _compare_clip(content: Content, clip: Clip, ref: Reference, name: str) -> No
     for names, code, text in ((missing, "missing", "is missing"), (extra, "extra", f"is not in {ref.source}")):
         for n in names:
             message = f"{label}: link '{n}' {text}."
-            ledger.add(f"compare.{code}_link", "disagreement", message, where=n)
+            ledger.wrong(f"compare.{code}_link", message, n)
     shared = [n for n in ref.clip.links if n in clip.links]
     if not shared or not len(mine):
         return
@@ -148,17 +146,19 @@ def _compare_clip(content: Content, clip: Clip, ref: Reference, name: str) -> No
     for n in sorted(wrong, key=lambda n: -rows[n][0]):
         p, i, r, j = rows[n]
         by_place = p > POSITION_TOL or not np.isfinite(p)
-        ledger.add(
+        message = f"{label}: link '{n}' differs by {quantity(p, 'm')} and {np.degrees(r):.4g} deg from {ref.source}" + (
+            f": {reason}." if reason else "."
+        )
+        ledger.wrong(
             "compare.pose",
-            "disagreement",
-            f"{label}: link '{n}' differs by {quantity(p, 'm')} and {np.degrees(r):.4g} deg from {ref.source}"
-            + (f": {reason}." if reason else "."),
-            where=n,
+            message,
+            n,
+            size=Measured(
+                p * 1e6 if by_place else float(np.degrees(r)),
+                POSITION_TOL * 1e6 if by_place else float(np.degrees(ROTATION_TOL)),
+                "um" if by_place else "deg",
+            ),
             when=_at(times[i if by_place else j]),
-            size=p * 1e6 if by_place else float(np.degrees(r)),
-            unit="um" if by_place else "deg",
-            limit=POSITION_TOL * 1e6 if by_place else float(np.degrees(ROTATION_TOL)),
-            suggestion="find out which of the two is right: `twin audit --robot NAME` recomputes the poses",
         )
     _compare_joints(content, clip, ref, name, mine, its)
     if clip.middle and len(mine) == len(clip.times) == len(ref.clip.times):
@@ -172,7 +172,7 @@ def _times_apart(clip: Clip, ref: Reference, mine: Array, its: Array) -> str:
         here, there = told_apart(clip.duration, ref.clip.duration)
         return (
             f"the clip lasts {here} s; in {ref.source} it lasts {there} s (ratio {ratio:.6g}); {len(mine)} "
-            f"of its {len(clip.times)} key times are among the {len(ref.clip.times)} key times there"
+            f"of its {len(clip.times)} key times are among the {len(ref.clip.times)} key times of that clip"
         )
     said = []
     for times, shared, text in (
@@ -199,17 +199,12 @@ def _compare_middle(content: Content, clip: Clip, ref: Reference, name: str) -> 
         f"clip '{name}': halfway between keys against {ref.source}", worst, "m", BETWEEN_TOL, where=where
     )
     if worst > BETWEEN_TOL:
-        content.ledger.add(
-            "compare.between",
-            "disagreement",
+        text = (
             f"clip '{name}': halfway between two keys, link '{where}' differs by {quantity(worst, 'm')} from the "
-            f"linear interpolation of {ref.source}.",
-            where=where,
-            when=_at(float(clip.times[k])),
-            size=worst * 1e6,
-            unit="um",
-            limit=BETWEEN_TOL * 1e6,
-            suggestion="use LINEAR interpolation between the keys",
+            f"linear interpolation of {ref.source}."
+        )
+        content.ledger.wrong(
+            "compare.between", text, where, size=um(worst, BETWEEN_TOL), when=_at(float(clip.times[k]))
         )
 
 
@@ -233,15 +228,9 @@ def _compare_joints(content: Content, clip: Clip, ref: Reference, name: str, min
                 if min(abs(ratio * np.pi / 180 - 1), abs(ratio * 180 / np.pi - 1)) < 1e-3
                 else ""
             )
-            content.ledger.add(
-                "compare.joint",
-                "disagreement",
-                f"clip '{name}': joint '{n}' is {got:.6g}; in {ref.source} it is {meant:.6g}.{hint}",
-                where=n,
-                when=_at(clip.times[mine][k]),
-                size=float(off[k]),
-                limit=tolerance,
-                suggestion="joint values are radians and metres",
+            message = f"clip '{name}': joint '{n}' is {got:.6g}; in {ref.source} it is {meant:.6g}.{hint}"
+            content.ledger.wrong(
+                "compare.joint", message, n, size=Measured(off[k], tolerance), when=_at(clip.times[mine][k])
             )
     text = f"clip '{name}': joint values against {ref.source}, {len(shared)} joints"
     content.ledger.row(text, worst, "rad or m", ROTATION_TOL, where=where, when=when)
@@ -278,7 +267,7 @@ def _blame(contents: Sequence[Content], refs: Mapping[str, Reference], compared:
                 f"clip '{name}': {first.file} and {', '.join(c.file for c, _ in others)} agree with each other, and "
                 "all differ from this file, so this file is wrong."
             )
-            source.ledger.add("compare.odd_one_out", "disagreement", text, where=name)
+            source.ledger.wrong("compare.odd_one_out", text, name)
 
 
 def _agrees(A: Array, B: Array) -> bool:
@@ -291,7 +280,7 @@ def _check_silent(contents: Sequence[Content], refs: Mapping[str, Reference]) ->
     for content in contents:
         if content.format in ("glb", "gltf") and content.declared and not content.clips and refs:
             text = f"the file has no motion; {next(iter(refs.values())).source} has '{next(iter(refs))}'."
-            content.ledger.add("compare.no_motion", "warning", text, where="animations")
+            content.ledger.add("compare.no_motion", "warning", text, "animations")
 
 
 def _check_missing(contents: Sequence[Content], refs: Mapping[str, Reference]) -> None:
@@ -300,13 +289,13 @@ def _check_missing(contents: Sequence[Content], refs: Mapping[str, Reference]) -
         if content.format in ("glb", "gltf") and content.clips and content.declared:
             for name in sorted(set(refs) - {c.name for c in content.clips}):
                 text = f"clip '{name}' of {refs[name].source} is missing."
-                content.ledger.add("compare.missing_clip", "disagreement", text, where=name)
+                content.ledger.wrong("compare.missing_clip", text, name)
     for kinds in (STAGES, ("tracks",), ("csv",)):
         group = [c for c in contents if c.format in kinds and c.clips]
         have = {_counterpart(c, clip, refs) for c in group for clip in c.clips}
         if len(group) and (missing := sorted(set(refs) - have)):
             text = f"no file of this format contains clip '{missing[0]}' of {refs[missing[0]].source}."
-            group[0].ledger.add("compare.missing_clip", "disagreement", text, where=missing[0])
+            group[0].ledger.wrong("compare.missing_clip", text, missing[0])
 
 
 def compare_rest(contents: Sequence[Content]) -> None:
@@ -327,13 +316,13 @@ def compare_rest(contents: Sequence[Content]) -> None:
         content.ledger.row(f"rest: rotation against {first.file}", turn[turned], "rad", ROTATION_TOL, where=turned)
         if (apart[far] > POSITION_TOL or turn[turned] > ROTATION_TOL) and (clip := _begins(content)):
             text = f"its rest pose is the first pose of clip '{clip}', not the rest pose of {first.file}."
-            content.ledger.add("compare.rest", "info", text, where=clip)
+            content.ledger.add("compare.rest", "info", text, clip)
         elif apart[far] > POSITION_TOL or turn[turned] > ROTATION_TOL:
             text = (
                 f"rest poses differ from {first.file}: by {quantity(apart[far], 'm')} at link '{far}'; the rotation "
                 f"differs most at link '{turned}'."
             )
-            content.ledger.add("compare.rest", "disagreement", text, where=far, size=apart[far] * 1e6, unit="um")
+            content.ledger.wrong("compare.rest", text, far, size=um(apart[far]))
 
 
 def _begins(content: Content) -> str:
@@ -357,32 +346,19 @@ def compare_shapes(contents: Sequence[Content]) -> None:
             if off >= worst:
                 worst, where = off, name
             if off > BOX_TOL + 1e-6 * size:
-                content.ledger.add(
-                    "compare.shape",
-                    "disagreement",
+                text = (
                     f"the bounding box of the meshes of link '{name}' differs by {off * 1e3:.4g} mm from {first.file}; "
-                    f"its diagonal is {float(np.linalg.norm(a.high - a.low)):.4g} m; in that file it is {size:.4g} m.",
-                    where=name,
-                    size=off * 1e3,
-                    unit="mm",
-                    limit=BOX_TOL * 1e3,
-                    suggestion="check units, mirroring and the link of each mesh",
+                    f"its diagonal is {float(np.linalg.norm(a.high - a.low)):.4g} m; in that file it is {size:.4g} m."
                 )
+                content.ledger.wrong("compare.shape", text, name, size=Measured(off * 1e3, BOX_TOL * 1e3, "mm"))
             elif a.closed and b.closed and abs(a.volume - b.volume) > 0.01 * abs(b.volume):
-                content.ledger.add(
-                    "compare.volume",
-                    "disagreement",
-                    f"the volume of link '{name}' is {a.volume:.4g} m3; in {first.file} it is {b.volume:.4g} m3.",
-                    where=name,
-                    size=a.volume,
-                    unit="m3",
-                    limit=b.volume,
-                )
+                text = f"the volume of link '{name}' is {a.volume:.4g} m3; in {first.file} it is {b.volume:.4g} m3."
+                content.ledger.wrong("compare.volume", text, name, size=Measured(a.volume, b.volume, "m3"))
         content.ledger.row(f"shapes of links against {first.file}", worst, "m", BOX_TOL, where=where)
 
 
 def compare_hashes(contents: Sequence[Content], proof: str = "") -> None:
-    """Report files whose model hash differs from that of proof.json or, without a proof, of most other files."""
+    """Report files whose model hash differs from the hash in proof.json or, without a proof, in most other files."""
     said: dict[str, dict[str, str]] = {}
     for c in contents:
         if c.model_hash:
@@ -394,14 +370,10 @@ def compare_hashes(contents: Sequence[Content], proof: str = "") -> None:
     for content in contents:
         if content.model_hash and content.model_hash != common:
             tie = not proof and len(said[common]) == len(said[content.model_hash])
-            content.ledger.add(
-                "compare.model_hash",
-                "disagreement",
-                f"the file was made from model {content.model_hash[:23]}…, {others} from {common[:23]}…."
-                + (" One of the two is wrong." if tie else ""),
-                where="model_hash",
-                suggestion="export all files again, together",
+            text = f"the file was made from model {content.model_hash[:23]}…, {others} from {common[:23]}…." + (
+                " One of the two is wrong." if tie else ""
             )
+            content.ledger.wrong("compare.model_hash", text, "model_hash")
 
 
 def _at(t: float) -> str:

@@ -16,18 +16,21 @@ from scipy.spatial import cKDTree
 
 from twin.exchange.audit import poses
 from twin.exchange.audit.colors import Rgba, apart
-from twin.exchange.audit.couplings import solved
 from twin.exchange.audit.motion import Content, Shape
-from twin.exchange.audit.physics import Frame, Joint, Mass, Motor, Physics
+from twin.exchange.audit.physics import Joint, Physics
 from twin.exchange.audit.physics_tracks import TOOL
 from twin.exchange.audit.poses import Array
-from twin.exchange.audit.report import Ledger, quantity
+from twin.exchange.audit.report import Ledger, Measured, quantity
 
 TRUTH = "the mechanism"
 
 _TRUST = ("truth", "usda", "usd", "usdc", "mjcf", "tracks", "urdf", "csv", "glb", "gltf", "usdz")
 _FAMILY = {"usda": "usd", "usdc": "usd", "gltf": "glb", "csv": "tracks"}
 """Source of formats that are written from the same data and count as one source, by format."""
+
+
+_ZERO = 1e-6
+"""Magnitude up to which a ratio counts as zero, after each row is divided by its largest ratio (single precision)."""
 
 
 def _number(a: float, b: float) -> float:
@@ -68,7 +71,7 @@ def _direction(a: Array, b: Array) -> float:
 
 
 def _sense(a: tuple[Array, bool], b: tuple[Array, bool]) -> float:
-    """Return the distance between two unit vectors; the sign is ignored unless both files state it."""
+    """Return the distance between two unit vectors; the sign is ignored if one of the files does not state it."""
     return _distance(a[0], b[0]) if a[1] and b[1] else _direction(a[0], b[0])
 
 
@@ -183,6 +186,10 @@ class View:
         """Name of the source; formats that are written from the same data have the same source."""
         return _FAMILY.get(self.format, self.format)
 
+    def say(self, subject: str, values: Mapping[str, Any]) -> None:
+        """Store the values of a subject by quantity; None: the file does not state the value."""
+        self.said |= {(subject, name): value for name, value in values.items() if value is not None}
+
 
 def compare_physics(contents: Sequence[Content], truth: Physics | None = None) -> None:
     """Compare links, joints, frames and gravity of all files, and report differences in each file's ledger."""
@@ -238,7 +245,7 @@ def _ends_on(links: Collection[str] | None) -> tuple[str, ...]:
 
 
 def _known_links(views: Sequence[View]) -> set[str]:
-    """Return the links without auxiliary links: those of the mechanism, else of tracks, USD or GLB, else all."""
+    """Return the links without auxiliary links, from the mechanism, tracks, USD or GLB; else all links."""
     for family in ("truth", "tracks", "usd", "glb"):
         for v in views:
             if v.family == family and v.physics.links:
@@ -311,21 +318,20 @@ def _parts(joint: Joint, name: str) -> bool:
 
 
 def _state(view: View, canonical: Mapping[str, Joint], known: set[str], movable: set[str]) -> None:
-    say = view.said
     p = view.physics
     for link, shape in view.shapes.items():
         if link in known:
-            say[f"link '{link}'", "surface"] = shape.points
-            say[f"link '{link}'", "closed"] = shape.closed
+            view.say(f"link '{link}'", {"surface": shape.points, "closed": shape.closed})
     for link, shares in view.colors.items():
         if link in known:
-            say[f"link '{link}'", "colours"] = shares
-    for link, mass in p.masses.items():
+            view.say(f"link '{link}'", {"colours": shares})
+    for link, m in p.masses.items():
         if link in known:
-            _state_mass(say, link, mass)
+            inertial = {"weighed": True, "mass": m.mass, "mass centre": m.center, "inertia": m.inertia}
+            view.say(f"link '{link}'", inertial)
     if view.format in ("urdf", "mjcf", "usda", "usd", "usdc") and p.masses:
         for link in known & set(p.links) - set(p.masses) - (p.held or frozenset()) - {"world"}:
-            say[f"link '{link}'", "weighed"] = False
+            view.say(f"link '{link}'", {"weighed": False})
     found = set()
     for joint in p.reduced(known):
         if not {joint.parent, joint.child} <= known | {""}:
@@ -333,10 +339,10 @@ def _state(view: View, canonical: Mapping[str, Joint], known: set[str], movable:
         name = _match(joint, canonical, view)
         if not name:
             if joint.names and (joint.kind != "fixed" or joint.tied):
-                say[f"joint '{_stem(joint)}'", "existence"] = True
+                view.say(f"joint '{_stem(joint)}'", {"existence": True})
             continue
         found.add(name)
-        _state_joint(say, name, joint, canonical[name], name in movable)
+        _state_joint(view, name, joint, canonical[name], name in movable)
     for name, joint in canonical.items():
         if name in found or (joint.kind == "fixed" and not joint.parent):
             continue
@@ -345,91 +351,98 @@ def _state(view: View, canonical: Mapping[str, Joint], known: set[str], movable:
             or (view.format == "tracks" and joint.kind in ("revolute", "prismatic"))
             or (view.format in ("glb", "gltf") and p.joints)
         ):
-            say[f"joint '{name}'", "existence"] = False
-    for name, frame in p.frames.items():
-        _state_frame(say, name, frame)
-    if p.tool and TOOL not in p.frames and p.tool in p.frames:
-        _state_frame(say, TOOL, p.frames[p.tool])
-    if p.gravity is not None:
-        say["the world", "gravity"] = p.gravity
-    if p.held is not None:
-        say["the world", "held"] = tuple(sorted(p.held & known))
+            view.say(f"joint '{name}'", {"existence": False})
+    frames = dict(p.frames)
+    if p.tool in frames:
+        frames.setdefault(TOOL, frames[p.tool])
+    for name, frame in frames.items():
+        subject = "the tool frame" if name == TOOL else f"frame '{name}'"
+        view.say(subject, {"link": frame.link, "frame pose": frame.T})
+    held = None if p.held is None else tuple(sorted(p.held & known))
+    view.say("the world", {"gravity": p.gravity, "held": held})
     for name, (ratios, total) in solved(p.couplings or {}).items():
-        say[f"coupling of '{name}'", "existence"] = True
-        say[f"coupling of '{name}'", "links"] = tuple(sorted(ratios))
-        say[f"coupling of '{name}'", "ratios"] = np.array([ratios[n] for n in sorted(ratios)])
-        say[f"coupling of '{name}'", "sum"] = total
-
+        joints = tuple(sorted(ratios))
+        numbers = np.array([ratios[n] for n in joints])
+        view.say(f"coupling of '{name}'", {"existence": True, "links": joints, "ratios": numbers, "sum": total})
     for name, motor in (p.motors or {}).items():
-        _state_motor(say, f"motor '{name}'", motor, p.all_motors)
+        values = {
+            "existence": True if p.all_motors else None,
+            "row": motor.row,
+            "kind": motor.kind,
+            "limits": motor.limits,
+            "largest effort": motor.effort,
+            "largest speed": motor.speed,
+            "rotor inertia": motor.inertia,
+            "stiffness": motor.stiffness,
+            "damping": motor.damping,
+        }
+        view.say(f"motor '{name}'", values)
 
 
-def _state_motor(say: dict, subject: str, motor: Motor, exists: bool) -> None:
-    if exists:
-        say[subject, "existence"] = True
-    for quantity_, value in (
-        ("row", motor.row),
-        ("kind", motor.kind),
-        ("limits", motor.limits),
-        ("largest effort", motor.effort),
-        ("largest speed", motor.speed),
-        ("rotor inertia", motor.inertia),
-        ("stiffness", motor.stiffness),
-        ("damping", motor.damping),
-    ):
-        if value is not None:
-            say[subject, quantity_] = value
+def solved(couplings: Mapping[str, tuple[Mapping[str, float], float]]) -> dict[str, tuple[dict[str, float], float]]:
+    """Return couplings in reduced row echelon form; the key of a row is its first joint in alphabetical order.
+
+    The form is the same whether a file couples each joint of a chain to the next or all joints to the first. Couplings
+    with numbers that are not finite are left out. A coupling is (ratios by joint, constant sum of ratio times joint
+    coordinate).
+    """
+    joints = sorted({n for ratios, _ in couplings.values() for n in ratios})
+    rows = np.array([[*(ratios.get(n, 0.0) for n in joints), total] for ratios, total in couplings.values()], float)
+    rows = rows[np.isfinite(rows).all(axis=1) & rows[:, :-1].any(axis=1)] if len(rows) else rows
+    if not len(rows):
+        return {}
+    rows /= np.abs(rows[:, :-1]).max(axis=1, keepdims=True)
+    out: dict[str, tuple[dict[str, float], float]] = {}
+    done = 0
+    for k in range(len(joints)):
+        if done == len(rows):
+            break
+        at = done + int(np.argmax(np.abs(rows[done:, k])))
+        if abs(rows[at, k]) <= _ZERO:
+            continue
+        rows[[done, at]] = rows[[at, done]]
+        rows[done] /= rows[done, k]
+        others = np.arange(len(rows)) != done
+        rows[others] -= rows[others, k, None] * rows[done]
+        done += 1
+    for row in rows[:done]:
+        ratios = {n: float(r) for n, r in zip(joints, row[:-1], strict=True) if abs(r) > _ZERO}
+        out[next(iter(ratios))] = ratios, float(row[-1])
+    return out
 
 
-def _state_mass(say: dict, link: str, mass: Mass) -> None:
-    say[f"link '{link}'", "weighed"] = True
-    say[f"link '{link}'", "mass"] = mass.mass
-    if mass.center is not None:
-        say[f"link '{link}'", "mass centre"] = mass.center
-    if mass.inertia is not None:
-        say[f"link '{link}'", "inertia"] = mass.inertia
-
-
-def _state_joint(say: dict, name: str, joint: Joint, canonical: Joint, movable: bool) -> None:
+def _state_joint(view: View, name: str, joint: Joint, canonical: Joint, movable: bool) -> None:
     subject = f"joint '{name}'"
-    say[subject, "existence"] = True
     part = joint.kind_said and joint.names != canonical.names  # one coordinate of a ball joint, in a track
-    if joint.names and not part:
-        own = name in (*joint.names, _stem(joint)) or (len(joint.names) > 1 and _parts(joint, name))
-        say[subject, "name"] = name if own else _stem(joint)
-    if joint.kind and not part:
-        say[subject, "kind"] = joint.kind
-    if joint.parent:
-        say[subject, "links"] = tuple(sorted((joint.parent, joint.child)))
+    own = name in (*joint.names, _stem(joint)) or (len(joint.names) > 1 and _parts(joint, name))
+    identity = {
+        "existence": True,
+        "name": (name if own else _stem(joint)) if joint.names and not part else None,
+        "kind": joint.kind if joint.kind and not part else None,
+        "links": tuple(sorted((joint.parent, joint.child))) if joint.parent else None,
+    }
+    view.say(subject, identity)
     for link in (joint.parent, joint.child) if joint.parent else ():
         if (end := joint.end(link)) is None or joint.kind.startswith(("chain", "free")):
             continue
         point, direction = end
-        if joint.kind != "prismatic" and not movable:
-            say[f"{subject} on '{link}'", "place"] = (point, direction)
-        if direction is not None:
-            say[f"{subject} on '{link}'", "axis"] = (direction, not joint.tied)
+        place = (point, direction) if joint.kind != "prismatic" and not movable else None
+        axis = None if direction is None else (direction, not joint.tied)
+        view.say(f"{subject} on '{link}'", {"place": place, "axis": axis})
     if joint.kind == "fixed" and joint.T is not None and joint.parent and not movable:
         first = joint if joint.parent < joint.child else joint.turned()
-        say[subject, "pose"] = first.T
+        view.say(subject, {"pose": first.T})
     d = joint.drive
     if joint.kind in ("revolute", "prismatic"):
-        for quantity_, value in (
-            ("limits", d.limits),
-            ("driven", d.driven),
-            ("stiffness", d.stiffness),
-            ("damping", d.damping),
-            ("largest effort", d.effort),
-            ("largest speed", d.speed),
-        ):
-            if value is not None and not (joint.tied and quantity_ == "limits"):
-                say[subject, quantity_] = value
-
-
-def _state_frame(say: dict, name: str, frame: Frame) -> None:
-    subject = "the tool frame" if name == TOOL else f"frame '{name}'"
-    say[subject, "link"] = frame.link
-    say[subject, "frame pose"] = frame.T
+        drive = {
+            "limits": None if joint.tied else d.limits,
+            "driven": d.driven,
+            "stiffness": d.stiffness,
+            "damping": d.damping,
+            "largest effort": d.effort,
+            "largest speed": d.speed,
+        }
+        view.say(subject, drive)
 
 
 # --------------------------------------------------------------------------------------------- the comparison
@@ -457,15 +470,13 @@ def _hold(subject: str, name: str, views: Sequence[View], worst: dict) -> None:
         others = [v.file for v in right]
         tie = len({v.family for v in right}) == 1 and right[0].format != "truth"
         text = _text(subject, name, q, view.said[key], right[0].said[key], _listed(others))
-        view.ledger.add(
+        message = text + (" One of the two is wrong." if tie else "")
+        view.ledger.wrong(
             f"physics.{name.replace(' ', '_')}",
-            "disagreement",
-            text + (" One of the two is wrong." if tie else ""),
-            where=subject,
-            size=off if np.isfinite(off) else None,
-            unit="" if q.relative else q.unit,
-            limit=q.tolerance,
+            message,
+            subject,
             suggestion="find out which of the two is right: `twin audit --robot NAME` compares with the mechanism",
+            size=Measured(off if np.isfinite(off) else None, q.tolerance, "" if q.relative else q.unit),
         )
 
 

@@ -25,9 +25,7 @@ _LOOKS = 20
 def why(found: Mapping[str, Array], meant: Mapping[str, Array]) -> str:
     """Return a text on the mistake that explains wrong poses; "" if no known mistake explains them.
 
-    Args:
-        found: poses (k, 4, 4) in the file, by link.
-        meant: expected poses (k, 4, 4), by link.
+    `found` has the poses (k, 4, 4) in the file, `meant` the expected poses, by link.
     """
     names = [n for n in found if n in meant]
     if not names:

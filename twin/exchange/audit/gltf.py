@@ -17,7 +17,7 @@ from twin.exchange.audit.meshes import check_mesh, joined
 from twin.exchange.audit.motion import Content, Shape, check_poses
 from twin.exchange.audit.physics import Frame, Joint, Mass, Physics
 from twin.exchange.audit.poses import Array
-from twin.exchange.audit.report import Ledger
+from twin.exchange.audit.report import Ledger, Measured
 
 SCALE_TOL = 1e-4
 """Relative deviation from scale 1 that counts as rounding."""
@@ -29,7 +29,7 @@ def read_gltf(path: Path, ledger: Ledger) -> Content:
     """Return the content of a .glb or .gltf file, and report its faults.
 
     Raises:
-        GltfError: the container, the tree of nodes or an accessor cannot be read.
+        ReadError: the container, the tree of nodes or an accessor cannot be read.
     """
     file = open_gltf(path, ledger)
     nodes = read_nodes(file)
@@ -62,7 +62,7 @@ def read_gltf(path: Path, ledger: Ledger) -> Content:
         out.clips.append(clip)
     twice = [name for name, n in Counter(c.name for c in out.clips).items() if n > 1]
     if twice:
-        ledger.add("gltf.duplicate_clip", "disagreement", f"two clips are named '{twice[0]}'.", where=twice[0])
+        ledger.wrong("gltf.duplicate_clip", f"two clips are named '{twice[0]}'.", twice[0])
     _check_materials(file)
     out.shapes, out.colors = _shapes(file, nodes, rest)
     if links:
@@ -95,39 +95,26 @@ def _check_names(file: Gltf, nodes: list[Node], animated: set[int]) -> None:
         other = first.setdefault(n.name, n) if n.name else n
         if other is not n:
             grave = any(m.is_link or m.index in animated for m in (n, other))
-            file.ledger.add(
-                "gltf.duplicate_name",
-                "disagreement" if grave else "warning",
+            text = (
                 f"nodes {other.index} and {n.index} are both named '{n.name}': players that find nodes by name move "
-                "the wrong one.",
-                where=n.name,
-                suggestion="give each node a unique name",
+                "the wrong one."
             )
+            file.ledger.add("gltf.duplicate_name", "disagreement" if grave else "warning", text, n.name)
     for i in sorted(animated):
         if not nodes[i].name:
-            file.ledger.add("gltf.unnamed", "warning", f"animated node {i} has no name.", where=f"node {i}")
+            file.ledger.add("gltf.unnamed", "warning", f"animated node {i} has no name.", f"node {i}")
     for n in nodes:
         told = n.spec["extras"]["link"] if n.is_link else None
         if isinstance(told, str) and told != n.name:
-            file.ledger.add(
-                "gltf.link_name",
-                "disagreement",
-                f"node '{n.label}' states in its extras that it is link '{told}'.",
-                where=n.label,
-                suggestion="give the node the name of its link",
-            )
+            text = f"node '{n.label}' states in its extras that it is link '{told}'."
+            file.ledger.wrong("gltf.link_name", text, n.label, suggestion="give the node the name of its link")
 
 
 def _check_matrices(nodes: list[Node], animated: set[int], ledger: Ledger) -> None:
     for n in nodes:
         if n.matrix is not None and n.index in animated:
-            ledger.add(
-                "gltf.matrix",
-                "disagreement",
-                f"node '{n.label}' is animated and has a matrix: some players use the matrix, others the animation.",
-                where=n.label,
-                suggestion="write translation, rotation and scale instead of a matrix",
-            )
+            text = f"node '{n.label}' is animated and has a matrix: some players use the matrix, others the animation."
+            ledger.wrong("gltf.matrix", text, n.label)
 
 
 def _check_scales(nodes: list[Node], world: list[Array], animated: set[int], ledger: Ledger) -> None:
@@ -135,24 +122,23 @@ def _check_scales(nodes: list[Node], world: list[Array], animated: set[int], led
     for n in nodes:
         _, size = poses.split(world[n.index][0])
         if np.linalg.det(world[n.index][0, :3, :3]) < 0 and (n.is_link or "mesh" in n.spec):
+            text = f"node '{n.label}' is mirrored, which is not a rigid motion."
             ledger.add(
                 "gltf.mirrored",
                 "disagreement" if n.is_link else "warning",
-                f"node '{n.label}' is mirrored, which is not a rigid motion.",
-                where=n.label,
-                size=-1.0,
-                limit=0.0,
+                text,
+                n.label,
+                size=Measured(-1.0, 0.0),
                 suggestion="mirror the points of the mesh and reverse its faces",
             )
         elif (n.is_link if declared else n.index in animated) and np.max(np.abs(size - 1)) > SCALE_TOL:
+            text = f"node '{n.label}' is scaled by {size[0]:.5g}, {size[1]:.5g}, {size[2]:.5g} in the world."
             ledger.add(
                 "gltf.scale",
                 "disagreement" if n.is_link else "info",
-                f"node '{n.label}' is scaled by {size[0]:.5g}, {size[1]:.5g}, {size[2]:.5g} in the world.",
-                where=n.label,
-                size=float(size[np.argmax(np.abs(size - 1))]),
-                limit=1.0,
-                suggestion="scale the mesh points instead",
+                text,
+                n.label,
+                size=Measured(float(size[np.argmax(np.abs(size - 1))]), 1.0),
             )
 
 
@@ -163,15 +149,8 @@ def _check_materials(file: Gltf) -> None:
         color = pbr.get("baseColorFactor", (1, 1, 1, 1)) if isinstance(pbr, dict) else (1, 1, 1, 1)
         alpha = float(numbers(color, 4, f"{name}: baseColorFactor")[3])
         if alpha < 1 and spec.get("alphaMode", "OPAQUE") == "OPAQUE":
-            file.ledger.add(
-                "gltf.alpha",
-                "disagreement",
-                f"material '{name}' has alpha {alpha:.3g} but no alphaMode: it is shown opaque.",
-                where=name,
-                size=alpha,
-                limit=1.0,
-                suggestion='write alphaMode "BLEND"',
-            )
+            text = f"material '{name}' has alpha {alpha:.3g} but no alphaMode: it is shown opaque."
+            file.ledger.wrong("gltf.alpha", text, name, size=Measured(alpha, 1.0), suggestion='write alphaMode "BLEND"')
 
 
 def _physics(nodes: list[Node], world: list[Array]) -> Physics:
@@ -249,7 +228,7 @@ def _corners(file: Gltf, mesh: dict[str, Any], name: str) -> tuple[Array, Array]
         spec = file.item("accessors", attributes["POSITION"])
         if not ("min" in spec and "max" in spec):
             text = f"mesh '{name}': the accessor of its positions lacks min and max."
-            file.ledger.add("gltf.minmax", "disagreement", text, where=name)
+            file.ledger.wrong("gltf.minmax", text, name)
         vertices = file.accessor(attributes["POSITION"])
         index = primitive.get("indices")
         indices = np.arange(len(vertices)) if index is None else file.accessor(index)[:, 0].astype(int)

@@ -9,10 +9,11 @@ from typing import Any
 import numpy as np
 
 from twin.exchange.audit import poses
-from twin.exchange.audit.gltf_file import Gltf, GltfError
+from twin.exchange.audit.gltf_file import Gltf
 from twin.exchange.audit.gltf_nodes import Node, local
 from twin.exchange.audit.motion import Clip, check_quaternions, check_times
 from twin.exchange.audit.poses import Array
+from twin.exchange.audit.report import Measured, ReadError
 
 PATHS = {"translation": 3, "rotation": 4, "scale": 3}
 MODES = ("LINEAR", "STEP", "CUBICSPLINE")
@@ -92,14 +93,12 @@ class Clips:
         for name, found in self._clips:
             usable = [c for c in found if len(c.times)]
             if not usable:
-                self._ledger.add(
-                    "gltf.empty_clip", "warning", f"clip '{name}' moves no node that is a link.", where=name
-                )
+                self._ledger.add("gltf.empty_clip", "warning", f"clip '{name}' moves no node that is a link.", name)
                 continue
             times = np.unique(np.concatenate([c.times for c in usable]))
             if len(times) * len(self._nodes) > MOST_POSES:
-                raise GltfError(
-                    "gltf.size", f"clip '{name}' has {len(times)} keys on {len(self._nodes)} nodes: too many"
+                raise ReadError(
+                    f"clip '{name}' has {len(times)} keys on {len(self._nodes)} nodes: too many", "gltf.size"
                 )
             self._tell_jumps(name, usable)
             middle = self._placed(usable, shown, (times[1:] + times[:-1]) / 2)
@@ -120,9 +119,9 @@ class Clips:
         if jumping:
             node = self._nodes[jumping[0].node].label
             text = (
-                f"clip '{clip}' jumps from key to key (STEP) in {len(jumping)} channels, such as that of node '{node}'."
+                f"clip '{clip}' jumps from key to key (STEP) in {len(jumping)} channels, for instance of node '{node}'."
             )
-            self._ledger.add("gltf.jumps", "info", text, where=clip, suggestion="use LINEAR for a motion")
+            self._ledger.add("gltf.jumps", "info", text, clip, suggestion="use LINEAR for a motion")
 
 
 def channels(file: Gltf, spec: dict[str, Any], clip: str) -> Iterator[Channel]:
@@ -136,18 +135,18 @@ def channels(file: Gltf, spec: dict[str, Any], clip: str) -> Iterator[Channel]:
         if path not in PATHS or node is None:
             if path not in ("weights", "pointer"):
                 text = f"clip '{clip}', channel {i}: target path '{path}' is not in the glTF specification."
-                file.ledger.add("gltf.channel", "disagreement", text, where=clip)
+                file.ledger.wrong("gltf.channel", text, clip)
             continue
         file.item("nodes", node)
         where = str(file.item("nodes", node).get("name") or f"node {node}")
         if (node, path) in seen:
             text = f"clip '{clip}' animates {path} of '{where}' twice."
-            file.ledger.add("gltf.channel", "disagreement", text, where=where)
+            file.ledger.wrong("gltf.channel", text, where)
             continue
         seen.add((node, path))
         which = entry.get("sampler")
         if isinstance(which, bool) or not isinstance(which, int) or not 0 <= which < len(samplers):
-            raise GltfError("gltf.reference", f"clip '{clip}', channel {i}: there is no sampler {which}")
+            raise ReadError(f"clip '{clip}', channel {i}: there is no sampler {which}", "gltf.reference")
         channel = _channel(file, samplers[which], clip, node, path, where, timed)
         if channel is not None:
             yield channel
@@ -162,9 +161,9 @@ def _channel(
     times, values = file.accessor(sampler["input"]), file.accessor(sampler.get("output"))
     if not ("min" in spec and "max" in spec):
         text = f"clip '{clip}': the accessor of its key times lacks min and max, from which players take the duration."
-        ledger.add("gltf.minmax", "disagreement", text, where=where)
+        ledger.wrong("gltf.minmax", text, where)
     if mode not in MODES:
-        ledger.add("gltf.channel", "disagreement", f"clip '{clip}': interpolation '{mode}' is unknown.", where=where)
+        ledger.wrong("gltf.channel", f"clip '{clip}': interpolation '{mode}' is unknown.", where)
         return None
     times = times[:, 0]
     if (key := times.tobytes()) not in timed:  # most channels of a clip share one array of times
@@ -173,15 +172,11 @@ def _channel(
         return None
     per_key = 3 if mode == "CUBICSPLINE" else 1
     if values.shape != (per_key * len(times), PATHS[path]):
-        ledger.add(
-            "gltf.samples",
-            "disagreement",
+        text = (
             f"clip '{clip}': {path} of '{where}' has {values.shape[0]} values of {values.shape[1]} numbers for "
-            f"{len(times)} keys.",
-            where=where,
-            size=float(len(values)),
-            limit=float(per_key * len(times)),
+            f"{len(times)} keys."
         )
+        ledger.wrong("gltf.samples", text, where, size=Measured(float(len(values)), float(per_key * len(times))))
         return None
     if not np.all(np.isfinite(values)):
         return None  # already reported when the accessor was read
@@ -191,7 +186,5 @@ def _channel(
     if path == "rotation":
         check_quaternions(ledger, values, times, where, "gltf", mode != "STEP")
     if path == "scale" and np.min(values) <= 0:
-        ledger.add(
-            "gltf.mirrored", "disagreement", f"clip '{clip}' mirrors '{where}' by a negative scale.", where=where
-        )
+        ledger.wrong("gltf.mirrored", f"clip '{clip}' mirrors '{where}' by a negative scale.", where)
     return Channel(node, path, mode, times, values, incoming, outgoing)

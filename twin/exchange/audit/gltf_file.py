@@ -14,7 +14,7 @@ from urllib.parse import unquote
 import numpy as np
 
 from twin.exchange.audit.poses import Array
-from twin.exchange.audit.report import Ledger
+from twin.exchange.audit.report import Ledger, Measured, ReadError
 
 _TYPES = {5120: "i1", 5121: "u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 _WIDTH = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
@@ -22,14 +22,6 @@ _MAGIC, _JSON, _BIN = 0x46546C67, 0x4E4F534A, 0x004E4942
 
 MOST_NUMBERS = 50_000_000
 """Maximum count of numbers in one accessor; a larger count is an error."""
-
-
-class GltfError(Exception):
-    """A fault after which the file cannot be read further; `code` is the code of the finding."""
-
-    def __init__(self, code: str, message: str) -> None:
-        super().__init__(message)
-        self.code = code
 
 
 @dataclass
@@ -46,29 +38,29 @@ class Gltf:
         """Return a top-level array of objects of the JSON; [] if it is missing.
 
         Raises:
-            GltfError: the entry is not an array of objects.
+            ReadError: the entry is not an array of objects.
         """
         value = self.json.get(name, [])
         if not isinstance(value, list) or not all(isinstance(v, dict) for v in value):
-            raise GltfError("gltf.json", f"'{name}' is not an array of objects")
+            raise ReadError(f"'{name}' is not an array of objects", "gltf.json")
         return value
 
     def item(self, name: str, index: Any) -> dict[str, Any]:
         """Return one object of a top-level array.
 
         Raises:
-            GltfError: the index does not exist.
+            ReadError: the index does not exist.
         """
         values = self.items(name)
         if isinstance(index, bool) or not isinstance(index, int) or not 0 <= index < len(values):
-            raise GltfError("gltf.reference", f"{name}[{index}] does not exist; the file has {len(values)}")
+            raise ReadError(f"{name}[{index}] does not exist; the file has {len(values)}", "gltf.reference")
         return values[index]
 
     def accessor(self, index: Any) -> Array:
         """Return the numbers of an accessor as float64 (count, width); normalised integers are converted to fractions.
 
         Raises:
-            GltfError: the accessor exceeds its buffer, or has an unknown type.
+            ReadError: the accessor exceeds its buffer, or has an unknown type.
         """
         spec = self.item("accessors", index)
         if index not in self._read:
@@ -80,11 +72,11 @@ class Gltf:
         kind, width = _TYPES.get(spec.get("componentType", 0)), _WIDTH.get(spec.get("type", ""))
         if kind is None or width is None:
             text = f"{name}: componentType {spec.get('componentType')} and type {spec.get('type')} are not supported"
-            raise GltfError("gltf.accessor", text)
+            raise ReadError(text, "gltf.accessor")
         count = natural(spec, "count", name, 0)
         if count * width > MOST_NUMBERS:
-            raise GltfError(
-                "gltf.bounds", f"{name} has {count} elements of {width} numbers, more than the audit accepts"
+            raise ReadError(
+                f"{name} has {count} elements of {width} numbers, more than the audit accepts", "gltf.bounds"
             )
         dtype = np.dtype(kind)
         if "bufferView" in spec:
@@ -103,38 +95,36 @@ class Gltf:
         view = self.item("bufferViews", index)
         label = f"bufferView {index}"
         if "extensions" in view:
-            raise GltfError(
-                "gltf.extension",
+            raise ReadError(
                 f"{label} is compressed by {', '.join(view['extensions'])}, which the audit does not support",
+                "gltf.extension",
             )
         start, length = natural(view, "byteOffset", label, 0), natural(view, "byteLength", label)
         which = natural(view, "buffer", label)
         self.item("buffers", which)
         data = self.buffers[which]
         if start + length > len(data):
-            raise GltfError("gltf.bounds", f"{label} ends at byte {start + length} of a buffer of {len(data)} bytes")
+            raise ReadError(f"{label} ends at byte {start + length} of a buffer of {len(data)} bytes", "gltf.bounds")
         size = dtype.itemsize * width
         stride = natural(view, "byteStride", label, 0) or size
         end = offset + stride * (count - 1) + size if count else offset
         if end > length or stride < size:
-            raise GltfError("gltf.bounds", f"{name} ends at byte {end} of {label}, which has {length} bytes")
+            raise ReadError(f"{name} ends at byte {end} of {label}, which has {length} bytes", "gltf.bounds")
         if offset % dtype.itemsize or start % dtype.itemsize:
-            self.ledger.add(
-                "gltf.alignment", "disagreement", f"{name} is not aligned to the size of its components.", where=name
-            )
+            self.ledger.wrong("gltf.alignment", f"{name} is not aligned to the size of its components.", name)
         return np.ndarray((count, width), dtype, data, start + offset, (stride, dtype.itemsize))
 
     def _sparse(self, sparse: Any, out: Array, count: int, width: int, dtype: np.dtype, name: str) -> Array:
         n = natural(sparse, "count", name)
         if n > count:
-            raise GltfError("gltf.bounds", f"{name}: {n} sparse elements, but the accessor has {count}")
+            raise ReadError(f"{name}: {n} sparse elements, but the accessor has {count}", "gltf.bounds")
         where, what = sparse["indices"], sparse["values"]
         kind = np.dtype(_TYPES[where["componentType"]])
         rows = self._view(where["bufferView"], natural(where, "byteOffset", name, 0), n, 1, kind, name)[:, 0]
         values = self._view(what["bufferView"], natural(what, "byteOffset", name, 0), n, width, dtype, name)
         if n and int(rows.max()) >= count:
-            raise GltfError(
-                "gltf.bounds", f"{name}: sparse index {int(rows.max())}, but the accessor has {count} elements"
+            raise ReadError(
+                f"{name}: sparse index {int(rows.max())}, but the accessor has {count} elements", "gltf.bounds"
             )
         out[rows.astype(int)] = values
         return out
@@ -143,7 +133,7 @@ class Gltf:
         """Compare an accessor's min and max with its numbers; viewers use them for framing, culling and timing."""
         name = f"accessor {index}"
         if not np.all(np.isfinite(values)):
-            self.ledger.add("gltf.finite", "disagreement", f"{name} contains numbers that are not finite.", where=name)
+            self.ledger.wrong("gltf.finite", f"{name} contains numbers that are not finite.", name)
             return
         if not len(values) or spec.get("normalized"):
             return
@@ -153,19 +143,18 @@ class Gltf:
             told = np.asarray(spec[key], float).ravel()
             if told.shape != real.shape:
                 text = f"{name}: {key} has {len(told)} numbers, not {len(real)}."
-                self.ledger.add("gltf.minmax", "disagreement", text, where=name)
+                self.ledger.wrong("gltf.minmax", text, name)
                 continue
             # min and max are decimal numbers in JSON; the data are in single precision.
             off = np.abs(told - real)
             k = int(np.argmax(off))
             if off[k] > 1e-6 * max(1.0, abs(real[k])):
-                self.ledger.add(
+                text = f"{name}: its stated {key} is {told[k]:.7g}, but its actual {key} is {real[k]:.7g}."
+                self.ledger.wrong(
                     "gltf.minmax",
-                    "disagreement",
-                    f"{name}: its stated {key} is {told[k]:.7g}, but its actual {key} is {real[k]:.7g}.",
-                    where=name,
-                    size=float(told[k]),
-                    limit=float(real[k]),
+                    text,
+                    name,
+                    size=Measured(told[k], real[k]),
                     suggestion="state the minimum and maximum of the stored numbers",
                 )
 
@@ -174,13 +163,13 @@ def natural(spec: Any, key: str, name: str, default: int | None = None) -> int:
     """Return an entry of a JSON object that must be a whole number >= 0; the default if the entry is missing.
 
     Raises:
-        GltfError: a required entry is missing, or the entry is not a whole number >= 0.
+        ReadError: a required entry is missing, or the entry is not a whole number >= 0.
     """
     value = spec.get(key, default) if isinstance(spec, dict) else None
     if isinstance(value, float) and value.is_integer():
         value = int(value)
     if isinstance(value, bool) or not isinstance(value, int) or value < 0:
-        raise GltfError("gltf.json", f"{name}: '{key}' is {value!r}, not a whole number")
+        raise ReadError(f"{name}: '{key}' is {value!r}, not a whole number", "gltf.json")
     return value
 
 
@@ -188,7 +177,7 @@ def open_gltf(path: Path, ledger: Ledger) -> Gltf:
     """Open a .glb or .gltf file.
 
     Raises:
-        GltfError: the file is not glTF, or is inconsistent.
+        ReadError: the file is not glTF, or is inconsistent.
     """
     data = path.read_bytes()
     if data[:4] == b"glTF":
@@ -198,11 +187,11 @@ def open_gltf(path: Path, ledger: Ledger) -> Gltf:
     try:
         parsed = json.loads(text.decode("utf-8"))
     except (UnicodeDecodeError, ValueError, RecursionError) as error:
-        raise GltfError("gltf.json", f"its JSON cannot be read: {str(error)[:120]}") from error
+        raise ReadError(f"its JSON cannot be read: {str(error)[:120]}", "gltf.json") from error
     if not isinstance(parsed, dict) or not isinstance(parsed.get("asset"), dict):
-        raise GltfError("gltf.json", "its JSON is not glTF: 'asset' is missing")
+        raise ReadError("its JSON is not glTF: 'asset' is missing", "gltf.json")
     if not str(parsed["asset"].get("version", "")).startswith("2."):
-        raise GltfError("gltf.version", f"it is glTF {parsed['asset'].get('version')!r}, not 2.0")
+        raise ReadError(f"it is glTF {parsed['asset'].get('version')!r}, not 2.0", "gltf.version")
     out = Gltf(path, ledger, parsed, [])
     for i, spec in enumerate(out.items("buffers")):
         out.buffers.append(_buffer(path, i, spec, binary))
@@ -211,29 +200,29 @@ def open_gltf(path: Path, ledger: Ledger) -> Gltf:
 
 def _chunks(data: bytes, ledger: Ledger) -> tuple[bytes, bytes | None]:
     if len(data) < 20:
-        raise GltfError("gltf.header", f"the file has {len(data)} bytes; a GLB has at least 20")
+        raise ReadError(f"the file has {len(data)} bytes; a GLB has at least 20", "gltf.header")
     magic, version, length = struct.unpack_from("<III", data)
     if magic != _MAGIC or version != 2:
-        raise GltfError("gltf.version", f"its header states version {version}, not 2")
+        raise ReadError(f"its header states version {version}, not 2", "gltf.version")
     if length > len(data):
-        raise GltfError(
-            "gltf.header", f"its header states {length} bytes, but it has {len(data)}: the file is truncated"
+        raise ReadError(
+            f"its header states {length} bytes, but it has {len(data)}: the file is truncated", "gltf.header"
         )
     if length != len(data):
         text = f"its header states {length} bytes, but it has {len(data)}."
-        ledger.add("gltf.header", "disagreement", text, size=float(len(data)), limit=float(length))
+        ledger.wrong("gltf.header", text, size=Measured(float(len(data)), length))
     found: dict[int, bytes] = {}
     at = 12
     while at + 8 <= length:
         size, kind = struct.unpack_from("<II", data, at)
         if at + 8 + size > length:
-            raise GltfError("gltf.header", f"a chunk of {size} bytes at byte {at} extends beyond the end of the file")
+            raise ReadError(f"a chunk of {size} bytes at byte {at} extends beyond the end of the file", "gltf.header")
         if size % 4:
-            ledger.add("gltf.alignment", "disagreement", f"the chunk at byte {at} is not padded to 4 bytes.")
+            ledger.wrong("gltf.alignment", f"the chunk at byte {at} is not padded to 4 bytes.")
         found.setdefault(kind, data[at + 8 : at + 8 + size])
         at += 8 + size
     if _JSON not in found:
-        raise GltfError("gltf.header", "it has no JSON chunk")
+        raise ReadError("it has no JSON chunk", "gltf.header")
     return found[_JSON], found.get(_BIN)
 
 
@@ -243,30 +232,30 @@ def _buffer(path: Path, index: int, spec: dict[str, Any], binary: bytes | None) 
     uri = spec.get("uri")
     if uri is None:
         if index or binary is None:
-            raise GltfError("gltf.buffer", f"{name} has neither a uri nor a binary chunk")
+            raise ReadError(f"{name} has neither a uri nor a binary chunk", "gltf.buffer")
         data = binary
     elif not isinstance(uri, str):
-        raise GltfError("gltf.json", f"{name}: its uri is not text")
+        raise ReadError(f"{name}: its uri is not text", "gltf.json")
     elif uri.startswith("data:"):
         try:
             data = base64.b64decode(uri.partition(",")[2], validate=True)
         except (binascii.Error, ValueError) as error:
-            raise GltfError("gltf.buffer", f"{name}: its data uri is not base64") from error
+            raise ReadError(f"{name}: its data uri is not base64", "gltf.buffer") from error
     else:
         data = _beside(path, name, unquote(uri))
     if length > len(data):
-        raise GltfError("gltf.bounds", f"{name} states {length} bytes, but {len(data)} exist")
+        raise ReadError(f"{name} states {length} bytes, but {len(data)} exist", "gltf.bounds")
     return data[:length]
 
 
 def _beside(path: Path, name: str, uri: str) -> bytes:
     folder = path.resolve().parent
     if "\0" in uri or "://" in uri:
-        raise GltfError("gltf.buffer", f"{name}: '{uri[:80]}' is not a file in the same folder and is not read")
+        raise ReadError(f"{name}: '{uri[:80]}' is not a file in the same folder and is not read", "gltf.buffer")
     file = (folder / uri).resolve()
     if not file.is_relative_to(folder):
-        raise GltfError("gltf.buffer", f"{name}: '{uri[:80]}' is outside of the file's folder and is not read")
+        raise ReadError(f"{name}: '{uri[:80]}' is outside of the file's folder and is not read", "gltf.buffer")
     try:
         return file.read_bytes()
     except OSError as error:
-        raise GltfError("gltf.buffer", f"{name}: '{uri[:80]}' cannot be read: {error.strerror}") from error
+        raise ReadError(f"{name}: '{uri[:80]}' cannot be read: {error.strerror}", "gltf.buffer") from error

@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 
 from twin.exchange.audit import poses
-from twin.exchange.audit.gltf_file import Gltf, GltfError
+from twin.exchange.audit.gltf_file import Gltf
 from twin.exchange.audit.motion import UNIT_TOL
 from twin.exchange.audit.poses import Array
+from twin.exchange.audit.report import Measured, ReadError
 
 
 @dataclass(frozen=True)
@@ -77,7 +78,7 @@ def read_nodes(file: Gltf) -> list[Node]:
     """Return the nodes of a file.
 
     Raises:
-        GltfError: a child does not exist, or has two parents.
+        ReadError: a child does not exist, or has two parents.
     """
     specs = file.items("nodes")
     parent = [-1] * len(specs)
@@ -85,7 +86,7 @@ def read_nodes(file: Gltf) -> list[Node]:
         for child in spec.get("children", []):
             file.item("nodes", child)
             if parent[child] >= 0 or child == i:
-                raise GltfError("gltf.tree", f"node {child} has two parents, {parent[child]} and {i}")
+                raise ReadError(f"node {child} has two parents, {parent[child]} and {i}", "gltf.tree")
             parent[child] = i
     out = []
     for i, spec in enumerate(specs):
@@ -99,15 +100,8 @@ def read_nodes(file: Gltf) -> list[Node]:
         out.append(Node(i, name if isinstance(name, str) else "", parent[i], t, r, s, matrix, spec, copied))
         size = float(np.linalg.norm(r))
         if abs(size - 1) > UNIT_TOL:
-            file.ledger.add(
-                "gltf.quaternion",
-                "disagreement",
-                f"node '{out[-1].label}': its rotation has length {size:.6g}.",
-                where=out[-1].label,
-                size=size,
-                limit=1.0,
-                suggestion="normalise the quaternion; its order in glTF is x, y, z, w",
-            )
+            text = f"node '{out[-1].label}': its rotation has length {size:.6g}."
+            file.ledger.wrong("gltf.quaternion", text, out[-1].label, size=Measured(size, 1.0))
     return out
 
 
@@ -132,14 +126,14 @@ def numbers(value: Any, n: int, name: str) -> Array:
     """Return a JSON list of n finite numbers as an array (n,).
 
     Raises:
-        GltfError: the value is not a list of n finite numbers.
+        ReadError: the value is not a list of n finite numbers.
     """
     try:
         out = np.array(value, float)
     except (TypeError, ValueError) as error:
-        raise GltfError("gltf.json", f"{name} is not a list of {n} numbers") from error
+        raise ReadError(f"{name} is not a list of {n} numbers", "gltf.json") from error
     if out.shape != (n,) or not np.all(np.isfinite(out)):
-        raise GltfError("gltf.json", f"{name} is not a list of {n} finite numbers")
+        raise ReadError(f"{name} is not a list of {n} finite numbers", "gltf.json")
     return out
 
 
@@ -147,7 +141,7 @@ def parents_first(nodes: list[Node]) -> list[int]:
     """Return the indices of the nodes, parents before children.
 
     Raises:
-        GltfError: a node is its own ancestor.
+        ReadError: a node is its own ancestor.
     """
     children: dict[int, list[int]] = {}
     for n in nodes:
@@ -159,5 +153,5 @@ def parents_first(nodes: list[Node]) -> list[int]:
         pending += children.get(i, [])
     if len(out) < len(nodes):
         missing = min(set(range(len(nodes))) - set(out))
-        raise GltfError("gltf.tree", f"node {missing} is its own ancestor")
+        raise ReadError(f"node {missing} is its own ancestor", "gltf.tree")
     return out

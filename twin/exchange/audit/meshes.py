@@ -10,7 +10,7 @@ import numpy as np
 from twin.exchange.audit.colors import surface_area
 from twin.exchange.audit.motion import Shape
 from twin.exchange.audit.poses import Array
-from twin.exchange.audit.report import Ledger
+from twin.exchange.audit.report import Ledger, Measured
 
 AGAINST = 0.01
 """Maximum fraction of a mesh's area with normals opposite to the winding; normals of thin triangles are inaccurate."""
@@ -21,52 +21,27 @@ def check_mesh(
 ) -> Shape | None:
     """Report the faults of a mesh, and return its shape; None if its triangles are invalid.
 
-    Args:
-        ledger: receives the findings.
-        where: name of the mesh.
-        vertices: (n, 3) in m.
-        triangles: (m, 3) indices.
-        normals: unit normals (3 m, 3), one for each corner of a triangle, or None.
-        code: first part of the codes of the findings.
+    Vertices are (n, 3) in m, triangles (m, 3); `normals` has a unit normal for each corner of a triangle (3 m, 3), or
+    is None. `code` is the first part of the codes of the findings.
     """
     if not len(vertices) or not len(triangles):
         return None
     if not np.all(np.isfinite(vertices)):
-        ledger.add(f"{code}.finite", "disagreement", f"mesh '{where}' has points that are not finite.", where=where)
+        ledger.wrong(f"{code}.finite", f"mesh '{where}' has points that are not finite.", where)
         return None
     if triangles.min() < 0 or triangles.max() >= len(vertices):
         bad = int(triangles.max()) if triangles.max() >= len(vertices) else int(triangles.min())
-        ledger.add(
-            f"{code}.index",
-            "disagreement",
-            f"mesh '{where}': a face uses point {bad}, but the mesh has {len(vertices)} points.",
-            where=where,
-            size=float(bad),
-            limit=float(len(vertices) - 1),
-            suggestion="indices run from 0 to the number of points minus 1",
-        )
+        text = f"mesh '{where}': a face uses point {bad}, but the mesh has {len(vertices)} points."
+        ledger.wrong(f"{code}.index", text, where, size=Measured(bad, float(len(vertices) - 1)))
         return None
     shape, mixed = _measured(np.asarray(vertices, float).tobytes(), np.asarray(triangles, np.int64).tobytes())
     closed, volume = shape.closed, shape.volume
     if mixed:
-        ledger.add(
-            f"{code}.winding_mixed",
-            "disagreement",
-            f"mesh '{where}' is closed, but its faces are not consistently oriented.",
-            where=where,
-            suggestion="orient all faces counter-clockwise seen from outside",
-        )
+        text = f"mesh '{where}' is closed, but its faces are not consistently oriented."
+        ledger.wrong(f"{code}.winding_mixed", text, where)
     elif closed and volume < 0:
-        ledger.add(
-            f"{code}.winding",
-            "disagreement",
-            f"mesh '{where}' is inside out (volume {volume:.3g} m3): viewers show its inner side.",
-            where=where,
-            size=volume,
-            unit="m3",
-            limit=0.0,
-            suggestion="reverse its faces, so that they are counter-clockwise seen from outside",
-        )
+        text = f"mesh '{where}' is inside out (volume {volume:.3g} m3): viewers show its inner side."
+        ledger.wrong(f"{code}.winding", text, where, size=Measured(volume, 0.0, "m3"))
     if normals is not None:
         _check_normals(ledger, where, vertices, triangles, normals, code)
     return shape
@@ -96,15 +71,8 @@ def _check_normals(ledger: Ledger, where: str, vertices: Array, triangles: Array
     size = np.linalg.norm(normals, axis=1)
     if not np.all(np.isfinite(size)) or np.max(np.abs(size - 1)) > 0.01:
         k = int(np.argmax(np.where(np.isfinite(size), np.abs(size - 1), np.inf)))
-        ledger.add(
-            f"{code}.normal",
-            "disagreement",
-            f"mesh '{where}': a normal has length {size[k]:.4g}.",
-            where=where,
-            size=float(size[k]),
-            limit=1.0,
-            suggestion="normalise the normals",
-        )
+        text = f"mesh '{where}': a normal has length {size[k]:.4g}."
+        ledger.wrong(f"{code}.normal", text, where, size=Measured(size[k], 1.0), suggestion="normalise the normals")
         return
     a, b, c = (vertices[triangles[:, i]] for i in range(3))
     area = np.cross(b - a, c - a)
@@ -112,16 +80,11 @@ def _check_normals(ledger: Ledger, where: str, vertices: Array, triangles: Array
     along = np.einsum("ij,ikj->ik", area, normals.reshape(-1, 3, 3))
     against = float(-along[along < 0].sum() / 3)
     if total > 0 and against > AGAINST * total:
-        ledger.add(
-            f"{code}.normals_against",
-            "disagreement",
+        text = (
             f"mesh '{where}': normals of {100 * against / total:.3g} % of its area point against the winding of the "
-            "faces: the mesh looks lit from inside.",
-            where=where,
-            size=against / total,
-            limit=AGAINST,
-            suggestion="reverse the normals or the winding",
+            "faces: the mesh looks lit from inside."
         )
+        ledger.wrong(f"{code}.normals_against", text, where, size=Measured(against / total, AGAINST))
 
 
 def weld(vertices: Array, triangles: Array) -> Array:

@@ -13,11 +13,10 @@ from twin.exchange.audit import poses
 from twin.exchange.audit.chain import Link, fit
 from twin.exchange.audit.colors import Palette, Rgba, linear, surface_area
 from twin.exchange.audit.meshes import check_mesh, joined
-from twin.exchange.audit.mjcf_model import check_model
 from twin.exchange.audit.motion import Clip, Content, Shape
 from twin.exchange.audit.physics_mjcf import compiled_physics
 from twin.exchange.audit.poses import Array
-from twin.exchange.audit.report import Ledger, quantity
+from twin.exchange.audit.report import Ledger, Measured, ReadError, quantity, um
 from twin.exchange.audit.urdf import named_mesh, numbers, parse_xml
 
 LOOP_TOL = 1e-6
@@ -26,11 +25,10 @@ LOOP_TOL = 1e-6
 LIMIT_TOL = 1e-5
 """Relative difference between limits that counts as rounding: MuJoCo saves models with six digits."""
 
+KEY_GAP = 1e-4
+"""Maximum residual in m or rad of an equality constraint at a keyframe, from which simulations start."""
+
 _BALL, _SLIDE, _HINGE, _FREE = 1, 2, 3, 0
-
-
-class MjcfError(Exception):
-    """MuJoCo rejects the file."""
 
 
 class Mjcf:
@@ -40,13 +38,13 @@ class Mjcf:
         self._ledger = ledger
         root = parse_xml(path)
         if root.tag != "mujoco":
-            raise MjcfError(f"its root is <{root.tag}>, not <mujoco>")
+            raise ReadError(f"its root is <{root.tag}>, not <mujoco>")
         self.content = Content(ledger, "mjcf")
         self.content.shapes = _shapes(root, path, ledger)
         try:
             self.model = mujoco.MjModel.from_xml_path(str(path))
         except (ValueError, mujoco.FatalError) as error:
-            raise MjcfError(f"MuJoCo rejects the file: {str(error).strip()[:200]}") from error
+            raise ReadError(f"MuJoCo rejects the file: {str(error).strip()[:200]}") from error
         self.model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
         self.data = mujoco.MjData(self.model)
         m = self.model
@@ -60,7 +58,7 @@ class Mjcf:
         }
         self.content.physics = compiled_physics(m, self.bodies)
         self.content.colors = _colors(m)
-        check_model(m, self.data, ledger)
+        _check_model(m, self.data, ledger)
 
     def _pose(self, body: int) -> Array:
         q = self.data.xquat[body]
@@ -88,17 +86,8 @@ class Mjcf:
         if m.neq:
             self._ledger.row(f"clip '{clip.name}': loops in MuJoCo", worst, "m", LOOP_TOL, where=where, when=when)
         if worst > LOOP_TOL:
-            self._ledger.add(
-                "mjcf.loop",
-                "disagreement",
-                f"clip '{clip.name}': equality '{where}' is open by {quantity(worst, 'm')}.",
-                where=where,
-                when=when,
-                size=worst * 1e6,
-                unit="um",
-                limit=LOOP_TOL * 1e6,
-                suggestion="check the anchors of the equality constraints, and the zero positions of the joints",
-            )
+            text = f"clip '{clip.name}': equality '{where}' is open by {quantity(worst, 'm')}."
+            self._ledger.wrong("mjcf.loop", text, where, size=um(worst, LOOP_TOL), when=when)
         T = poses.pose(poses.rotation(turn[..., [1, 2, 3, 0]]), place)
         return Clip(clip.name, clip.times, {n: T[:, self.bodies[n]] for n in names})
 
@@ -192,7 +181,7 @@ class Mjcf:
                     f"joint '{joint}' has range {got[0]:g} .. {got[1]:g}; in {name} it is {low[joint]:g} .. "
                     f"{high[joint]:g}."
                 )
-                self._ledger.add("mjcf.limits", "disagreement", text, where=joint, size=off)
+                self._ledger.wrong("mjcf.limits", text, joint, size=off)
 
 
 def _holds(root: ET.Element) -> bool:
@@ -250,3 +239,58 @@ def _shapes(root: ET.Element, path: Path, ledger: Ledger) -> dict[str, Shape]:
         if shape is not None and name:
             out[name] = shape
     return out
+
+
+def _check_model(m: mujoco.MjModel, d: mujoco.MjData, ledger: Ledger) -> None:
+    """Report faults of actuators and keyframes."""
+    names = {m.joint(j).name: j for j in range(m.njnt) if m.joint(j).name}
+    for a in range(m.nu):
+        name, j = m.actuator(a).name, int(m.actuator_trnid[a, 0])
+        if int(m.actuator_trntype[a]) != int(mujoco.mjtTrn.mjTRN_JOINT):
+            continue
+        if names.get(name, j) != j:
+            text = f"actuator '{name}' drives joint '{m.joint(j).name}', not the joint of the same name."
+            ledger.wrong("mjcf.actuator", text, name, suggestion="exchange the joints or the names of the actuators")
+    for k in range(m.nkey):
+        _check_key(m, d, k, ledger)
+    mujoco.mj_resetData(m, d)
+
+
+def _check_key(m: mujoco.MjModel, d: mujoco.MjData, k: int, ledger: Ledger) -> None:
+    name = m.key(k).name or f"key {k}"
+    mujoco.mj_resetDataKeyframe(m, d, k)
+    mujoco.mj_fwdPosition(m, d)
+    gaps = np.where(d.efc_type == mujoco.mjtConstraint.mjCNSTR_EQUALITY, np.abs(d.efc_pos), 0.0)
+    worst = float(gaps.max(initial=0.0))
+    if m.neq:
+        ledger.row(f"loops at keyframe '{name}'", worst, "m", KEY_GAP)
+    if worst > KEY_GAP:
+        where = m.equality(int(d.efc_id[int(np.argmax(gaps))])).name
+        text = f"keyframe '{name}': equality '{where}' is open by {quantity(worst, 'm')}."
+        ledger.wrong("mjcf.keyframe", text, name, size=Measured(worst, KEY_GAP, "m"))
+    for j in range(m.njnt):
+        q = float(d.qpos[m.jnt_qposadr[j]])
+        low, high = m.jnt_range[j]
+        if m.jnt_limited[j] and m.jnt_type[j] != int(mujoco.mjtJoint.mjJNT_BALL) and not low - 1e-6 <= q <= high + 1e-6:
+            text = f"keyframe '{name}': joint '{m.joint(j).name}' is at {q:.6g}, outside {low:.6g} .. {high:.6g}."
+            ledger.wrong("mjcf.keyframe", text, name, size=q)
+    _check_push(m, d, name, ledger)
+
+
+def _check_push(m: mujoco.MjModel, d: mujoco.MjData, name: str, ledger: Ledger) -> None:
+    """Report actuators whose force is at its limit at a keyframe with zero velocity."""
+    mujoco.mj_fwdVelocity(m, d)
+    mujoco.mj_fwdActuation(m, d)
+    for a in range(m.nu):
+        if not m.actuator_forcelimited[a]:
+            continue
+        bound = float(np.abs(m.actuator_forcerange[a]).max())
+        if abs(d.actuator_force[a]) >= bound:
+            text = f"keyframe '{name}': actuator '{m.actuator(a).name}' starts at its maximum of {bound:g} N or N m."
+            ledger.wrong(
+                "mjcf.keyframe",
+                text,
+                m.actuator(a).name,
+                size=Measured(d.actuator_force[a], bound),
+                suggestion="set its control to the value of its joint",
+            )

@@ -14,7 +14,7 @@ import numpy as np
 from twin.exchange.audit.colors import Rgba
 from twin.exchange.audit.physics import Physics
 from twin.exchange.audit.poses import Array, angle
-from twin.exchange.audit.report import Ledger
+from twin.exchange.audit.report import Ledger, Measured
 
 UNIT_TOL = 1e-4
 """Deviation of a quaternion's length from 1 that counts as rounding of single precision."""
@@ -54,7 +54,6 @@ class Clip:
     """A motion.
 
     Attributes:
-        name: name of the clip.
         times: times (k,) of the keys in s.
         links: T_world_link (k, 4, 4) by link.
         joints: known joint values (k,) in rad or m, by joint.
@@ -82,10 +81,10 @@ class Content:
         format: "glb", "usd", "usdz", "tracks", "csv", "mjcf", "urdf".
         clips: motions, in the order of the file.
         rest: T_world_link (4, 4) by link, without any motion.
-        declared: names of the links that the file marks (as rigid bodies, in extras); None if it marks none.
+        declared: names of the links that the file marks (as rigid bodies, in extras); None: no link is marked.
         shapes: meshes by link.
         colors: for each link, the fraction of its area by colour (linear rgba).
-        physics: masses, joints and frames in the file; None if it has none.
+        physics: masses, joints and frames in the file; None: the file has no such data.
         model_hash: hash, stated in the file, of the mechanism that the file was made from; "" if not stated.
         facts: conventions of the file, for the report: units, up_axis, handedness, ...
         known: links that any file in the folder marks; None if no file marks links.
@@ -134,36 +133,27 @@ class Content:
 def check_times(ledger: Ledger, times: Array, clip: str, code: str) -> bool:
     """Report faults of key times (k,) in s; return whether the times can be used."""
     if not len(times):
-        ledger.add(f"{code}.times", "disagreement", f"clip '{clip}' has no keys.", where=clip)
+        ledger.wrong(f"{code}.times", f"clip '{clip}' has no keys.", clip)
         return False
     if not np.all(np.isfinite(times)):
-        ledger.add(f"{code}.finite", "disagreement", f"clip '{clip}': a key time is not a finite number.", where=clip)
+        ledger.wrong(f"{code}.finite", f"clip '{clip}': a key time is not a finite number.", clip)
         return False
     steps = np.diff(times)
     if len(steps) and np.min(steps) <= 0:
         k = int(np.argmin(steps))
-        ledger.add(
+        text = f"clip '{clip}': key {k + 1} at {times[k + 1]:.6g} s does not come after key {k} at {times[k]:.6g} s."
+        ledger.wrong(
             f"{code}.times",
-            "disagreement",
-            f"clip '{clip}': key {k + 1} at {times[k + 1]:.6g} s does not come after key {k} at {times[k]:.6g} s.",
-            where=clip,
+            text,
+            clip,
+            size=Measured(steps[k], 0.0, "s"),
             when=f"key {k + 1}",
-            size=float(steps[k]),
-            unit="s",
-            limit=0.0,
             suggestion="times must increase strictly",
         )
         return False
     if abs(times[0]) > START_TOL:
-        ledger.add(
-            f"{code}.start",
-            "warning",
-            f"clip '{clip}' starts at {times[0]:.6g} s, not at 0: players wait until then, or skip that time.",
-            where=clip,
-            size=float(times[0]),
-            unit="s",
-            limit=0.0,
-        )
+        text = f"clip '{clip}' starts at {times[0]:.6g} s, not at 0: players wait until then, or skip that time."
+        ledger.add(f"{code}.start", "warning", text, clip, size=Measured(times[0], 0.0, "s"))
     return True
 
 
@@ -173,7 +163,7 @@ def check_rate(ledger: Ledger, times: Array, stated: float, clip: str, code: str
     if not len(steps):
         return
     if not (np.isfinite(stated) and stated > 0):
-        ledger.add(f"{code}.rate", "disagreement", f"clip '{clip}': rate {stated:g} Hz must be above 0.", where=clip)
+        ledger.wrong(f"{code}.rate", f"clip '{clip}': rate {stated:g} Hz must be above 0.", clip)
         return
     inner = steps[:-1] if len(steps) > 1 else steps
     off = np.abs(inner * stated - 1)
@@ -182,16 +172,16 @@ def check_rate(ledger: Ledger, times: Array, stated: float, clip: str, code: str
     if len(steps) > 1 and steps[-1] * stated > 1 + 1e-3:
         k, worst = len(steps) - 1, float(steps[-1] * stated - 1)
     if worst > 1e-3:
-        ledger.add(
-            f"{code}.rate",
-            "disagreement",
+        text = (
             f"clip '{clip}': its stated rate is {stated:g} Hz, but keys {k} and {k + 1} are {steps[k]:.6g} s apart "
-            f"({1 / steps[k]:.6g} Hz).",
-            where=clip,
+            f"({1 / steps[k]:.6g} Hz)."
+        )
+        ledger.wrong(
+            f"{code}.rate",
+            text,
+            clip,
+            size=Measured(1 / steps[k], stated, "Hz"),
             when=f"t = {times[k]:.4g} s",
-            size=float(1 / steps[k]),
-            unit="Hz",
-            limit=float(stated),
             suggestion="state the actual rate of the keys",
         )
     ledger.row("stated rate against key times", worst, "1", 1e-3, where=clip)
@@ -203,52 +193,44 @@ def check_quaternions(
     """Report faults of the quaternions (k, 4) of a link: length and, if `blended` (interpolated), sign and step."""
     if not np.all(np.isfinite(xyzw)):
         text = f"{where}: a quaternion is not finite."
-        ledger.add(f"{code}.finite", "disagreement", text, where=where)
+        ledger.wrong(f"{code}.finite", text, where)
         return
     size = np.linalg.norm(xyzw, axis=1)
     k = int(np.argmax(np.abs(size - 1)))
     if abs(size[k] - 1) > UNIT_TOL:
-        ledger.add(
-            f"{code}.quaternion",
-            "disagreement",
-            f"{where}: a quaternion has length {size[k]:.6g}: players normalise it, scale the node by it, or fail.",
-            where=where,
-            when=f"t = {times[k]:.4g} s",
-            size=float(size[k]),
-            limit=1.0,
-            suggestion="normalise it",
-        )
+        text = f"{where}: a quaternion has length {size[k]:.6g}: players normalise it, scale the node by it, or fail."
+        ledger.wrong(f"{code}.quaternion", text, where, size=Measured(size[k], 1.0), when=f"t = {times[k]:.4g} s")
         return
     if not blended:
         return
     dots = np.sum(xyzw[1:] * xyzw[:-1], axis=1)
     if flips := np.flatnonzero(dots < 0).tolist():
         k = flips[0]
+        text = (
+            f"{where}: the quaternion changes sign {len(flips)} times, first between {times[k]:.4g} and "
+            f"{times[k + 1]:.4g} s: players that interpolate components (Unity) rotate the link by up to 180 deg."
+        )
         ledger.add(
             f"{code}.quaternion_sign",
-            "warning" if code == "gltf" else "disagreement",  # glTF requires players to use the shorter rotation
-            f"{where}: the quaternion changes sign {len(flips)} times, first between {times[k]:.4g} and "
-            f"{times[k + 1]:.4g} s: players that interpolate components (Unity) rotate the link by up to 180 deg.",
-            where=where,
+            "warning" if code == "gltf" else "disagreement",
+            text,
+            where,
+            size=Measured(float(len(flips)), 0.0),
             when=f"t = {times[k]:.4g} s",
-            size=float(len(flips)),
-            limit=0.0,
-            suggestion="negate quaternions so that successive quaternions have a positive dot product",
         )
     turn = 2 * np.arccos(np.clip(np.abs(dots) / (size[1:] * size[:-1]), 0, 1))
     if len(turn) and np.max(turn) > MAX_STEP:
         k = int(np.argmax(turn))
-        ledger.add(
-            f"{code}.step",
-            "disagreement",
+        text = (
             f"{where} turns {np.degrees(turn[k]):.4g} deg between {times[k]:.4g} and {times[k + 1]:.4g} s; above 180 "
-            "deg players rotate backwards.",
-            where=where,
+            "deg players rotate backwards."
+        )
+        ledger.wrong(
+            f"{code}.step",
+            text,
+            where,
+            size=Measured(float(np.degrees(turn[k])), float(np.degrees(MAX_STEP)), "deg"),
             when=f"t = {times[k]:.4g} s",
-            size=float(np.degrees(turn[k])),
-            unit="deg",
-            limit=float(np.degrees(MAX_STEP)),
-            suggestion="write more keys",
         )
 
 
@@ -256,22 +238,21 @@ def check_poses(ledger: Ledger, clip: Clip, code: str) -> None:
     """Report poses that are not finite, and links far from the origin, which suggests lengths in mm."""
     for name, T in clip.links.items():
         if not np.all(np.isfinite(T)):
-            ledger.add(
-                f"{code}.finite", "disagreement", f"clip '{clip.name}': link '{name}' is not finite.", where=name
-            )
+            ledger.wrong(f"{code}.finite", f"clip '{clip.name}': link '{name}' is not finite.", name)
             continue
         away = np.linalg.norm(T[:, :3, 3], axis=1)
         if len(away) and np.max(away) > FAR:
+            text = (
+                f"clip '{clip.name}': link '{name}' is {np.max(away):.4g} m from the origin: its numbers look like "
+                "millimetres, but the file is in metres."
+            )
             ledger.add(
                 f"{code}.size",
                 "warning",
-                f"clip '{clip.name}': link '{name}' is {np.max(away):.4g} m from the origin: its numbers look like "
-                "millimetres, but the file is in metres.",
-                where=name,
+                text,
+                name,
+                size=Measured(float(np.max(away)), FAR, "m"),
                 when=f"t = {clip.times[int(np.argmax(away))]:.4g} s",
-                size=float(np.max(away)),
-                unit="m",
-                limit=FAR,
                 suggestion="check the unit",
             )
 
@@ -294,10 +275,4 @@ def check_names(content: Content) -> None:
                     "is empty" if not name.strip() else "has a line break, a control character or spaces at an end"
                 )
                 text = f"the name {name!r} of a {kind} {trouble}."
-                content.ledger.add(
-                    f"{content.format}.name",
-                    "disagreement",
-                    text,
-                    where=repr(name),
-                    suggestion="letters, digits and underscores are safe in every format",
-                )
+                content.ledger.wrong(f"{content.format}.name", text, repr(name))

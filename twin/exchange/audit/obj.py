@@ -9,17 +9,14 @@ import numpy as np
 
 from twin.core.foreign.budget import check_size
 from twin.exchange.audit.poses import Array
-
-
-class ObjError(Exception):
-    """The file is not a readable OBJ."""
+from twin.exchange.audit.report import ReadError
 
 
 def read_obj(path: Path) -> tuple[Array, Array]:
     """Return (points (n, 3), triangles (m, 3) with indices from 0); larger faces are split into triangles.
 
     Raises:
-        ObjError: a line cannot be parsed, or a face refers to a point that does not exist.
+        ReadError: a line cannot be parsed, or a face refers to a point that does not exist.
     """
     check_size(path, "OBJ")
     stat = path.stat()
@@ -43,11 +40,11 @@ def _read(path: Path, time: int, size: int) -> tuple[Array, Array]:
                 corners = [c - 1 if c > 0 else len(points) + c for c in corners]
                 faces += [(corners[0], corners[i], corners[i + 1]) for i in range(1, len(corners) - 1)]
     except (OSError, ValueError, IndexError) as error:
-        raise ObjError(f"{path.name} cannot be read: {error}") from error
+        raise ReadError(f"{path.name} cannot be read: {error}") from error
     vertices = np.array(points, float).reshape(-1, 3)
     triangles = np.array(faces, int).reshape(-1, 3)
     if len(triangles) and (triangles.min() < 0 or triangles.max() >= len(vertices)):
-        raise ObjError(
+        raise ReadError(
             f"{path.name}: a face uses point {int(triangles.max()) + 1}, but the file has {len(vertices)} points"
         )
     return vertices, triangles

@@ -188,7 +188,6 @@ class Physics:
     Attributes:
         links: names of all links.
         masses: mass properties by link.
-        joints: in the order of the file.
         frames: named frames, by name.
         gravity: (3,) in m/s2 in a world with z up; None if not stated.
         held: links that are fixed to the world; None if the format cannot state this.

@@ -20,10 +20,7 @@ NO_BOUND = 1e6
 def inertial(element: ET.Element, pose_of, numbers) -> Mass | None:
     """Return the mass properties of a <link>; None if it has no <inertial>.
 
-    Args:
-        element: the link.
-        pose_of: function that returns the pose (4, 4) of an <origin>.
-        numbers: function that returns the numbers of an attribute.
+    `pose_of` returns the pose (4, 4) of an <origin>; `numbers` returns the numbers of an attribute.
     """
     here = element.find("inertial")
     if here is None:

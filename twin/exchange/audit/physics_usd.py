@@ -16,11 +16,7 @@ _SIX = ("transX", "transY", "transZ", "rotX", "rotY", "rotZ")
 def stage_physics(stage: Usd.Stage, bodies: list[Usd.Prim], meters: float, up: str) -> Physics:
     """Return the mechanism data of a stage, in m, kg and rad.
 
-    Args:
-        stage: the stage.
-        bodies: its rigid bodies.
-        meters: length unit of the stage in m.
-        up: up axis of the stage, "Y" or "Z".
+    `bodies` are its rigid bodies, `meters` is its length unit in m, and `up` its up axis, "Y" or "Z".
     """
     names = {str(p.GetPath()): p.GetName() for p in bodies}
     out = Physics(tuple(names.values()), complete=True, couplings=_couplings(stage, meters))

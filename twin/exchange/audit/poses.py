@@ -108,7 +108,7 @@ def rpy(angles: ArrayLike) -> Array:
 def quaternion(R: ArrayLike) -> Array:
     """Return quaternions (..., 4), x y z w, of rotations (..., 3, 3); their sign is arbitrary.
 
-    The quaternion is the normalised largest column of a symmetric 4 x 4 matrix of rank one.
+    The quaternion is the longest column of a symmetric 4 x 4 matrix of rank one, normalised.
     """
     R = np.asarray(R, float)
     K = np.zeros((*R.shape[:-2], 4, 4))

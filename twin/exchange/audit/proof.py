@@ -36,11 +36,11 @@ def check_proof(path: Path, ledger: Ledger) -> str:
     for name in sorted(there - listed):
         if not any(part.startswith(".") for part in Path(name).parts):
             text = f"'{name}' is in the folder, but not in the proof."
-            ledger.add("proof.unlisted", "warning", text, where=name, suggestion="export again, or remove the file")
+            ledger.add("proof.unlisted", "warning", text, name, suggestion="export again, or remove the file")
     ledger.row(f"hashes of {len(rows)} files", float(wrong), "differ", 0.0)
     if data.get("verdict") not in ("agree", None):
         text = f"its verdict is '{data['verdict']}': the export itself reported a fault."
-        ledger.add("proof.verdict", "disagreement", text, where="verdict")
+        ledger.wrong("proof.verdict", text, "verdict")
     return str(data.get("model_hash", ""))
 
 
@@ -48,21 +48,18 @@ def _fits(folder: Path, row: dict[str, Any], ledger: Ledger) -> bool:
     name = row["file"]
     file = (folder / name).resolve()
     if not file.is_relative_to(folder.resolve()):
-        ledger.add("proof.file", "disagreement", f"'{name}' is outside of the folder.", where=name)
+        ledger.wrong("proof.file", f"'{name}' is outside of the folder.", name)
         return False
     if not file.is_file():
-        ledger.add("proof.missing", "disagreement", f"'{name}' is listed, but missing.", where=name)
+        ledger.wrong("proof.missing", f"'{name}' is listed, but missing.", name)
         return False
     said = str(row.get("sha256", "")).removeprefix("sha256:")
     real = hashlib.sha256(file.read_bytes()).hexdigest()
     if said == real:
         return True
-    ledger.add(
-        "proof.hash",
-        "disagreement",
+    text = (
         f"'{name}' has changed since the proof was written: its sha256 is {real[:12]}…, "
-        f"in the proof it is {said[:12] or 'nothing'}….",
-        where=name,
-        suggestion="export again; the measured values are those of the original file",
+        f"in the proof it is {said[:12] or 'nothing'}…."
     )
+    ledger.wrong("proof.hash", text, name)
     return False

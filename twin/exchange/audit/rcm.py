@@ -1,6 +1,6 @@
 """Check the remote centres of motion (RCM) of a track against the motion of the shaft.
 
-The distance of the shaft axis from the stated RCM is a fault if the RCM is enforced, but not if it is only monitored.
+The distance of the shaft axis from the stated RCM is a fault only if the protocol enforces the RCM.
 In both cases, if all shaft axes of a phase meet in one point, a stated RCM at a different point is a fault.
 """
 
@@ -15,7 +15,7 @@ import numpy as np
 from twin.exchange.audit import poses
 from twin.exchange.audit.motion import Clip
 from twin.exchange.audit.poses import Array
-from twin.exchange.audit.report import POSITION_TOL, Ledger, quantity
+from twin.exchange.audit.report import POSITION_TOL, Ledger, Measured, quantity, um
 
 SHAFT = 5e-3
 """Maximum distance in m at which an RCM counts as enforced, if the file does not state whether it is enforced."""
@@ -29,7 +29,6 @@ class _Stay:
     """A phase with an RCM.
 
     Attributes:
-        name: name of the phase.
         point: stated RCM (3,) in m.
         enforced: whether the RCM is enforced (else monitored); None if not stated.
         times: times (k,) of its keys in s.
@@ -50,11 +49,8 @@ class _Stay:
 def check_rcm(data: dict[str, Any], clip: Clip, local: Array, ledger: Ledger) -> None:
     """Report shaft axes that miss the RCM of their phase, and RCMs that are not the centre of rotation of the shaft.
 
-    Args:
-        data: the track.
-        clip: the motion of the track.
-        local: poses of its n named frames in their links, flat (7 n,): x y z in m, quaternion x y z w.
-        ledger: receives the findings.
+    `local` has the poses of the n named frames of the track in their links, flat (7 n,): x y z in m, quaternion x y z
+    w.
     """
     stays = _stays(data, clip, local, ledger)
     if stays is None:
@@ -69,17 +65,11 @@ def check_rcm(data: dict[str, Any], clip: Clip, local: Array, ledger: Ledger) ->
         centre = next((c for c in centres if _through(stay, c)), None)
         beside = 0.0 if centre is None else float(np.linalg.norm(centre - stay.point))
         if centre is not None and beside > max(100 * POSITION_TOL, 0.0) and missed > POSITION_TOL:
-            ledger.add(
-                "tracks.rcm",
-                "disagreement",
+            text = (
                 f"phase '{stay.name}': the shaft turns about ({', '.join(f'{c:.5g}' for c in centre)}) m, "
-                f"{quantity(beside, 'm')} from the stated RCM.",
-                where=stay.name,
-                when=at,
-                size=beside * 1e6,
-                unit="um",
-                limit=POSITION_TOL * 1e6,
+                f"{quantity(beside, 'm')} from the stated RCM."
             )
+            ledger.wrong("tracks.rcm", text, stay.name, size=um(beside, POSITION_TOL), when=at)
             continue
         if stay.enforced is False:
             continue
@@ -88,21 +78,13 @@ def check_rcm(data: dict[str, Any], clip: Clip, local: Array, ledger: Ledger) ->
                 f"phase '{stay.name}': the shaft (axis of '{name}') misses the RCM by {missed * 1e3:.4g} mm; the "
                 "file does not state whether the RCM is enforced or only monitored."
             )
-            ledger.add("tracks.rcm_watched", "info", text, where=stay.name, when=at, size=missed * 1e3, unit="mm")
+            ledger.add("tracks.rcm_watched", "info", text, stay.name, size=Measured(missed * 1e3, unit="mm"), when=at)
             continue
         if missed >= worst:
             worst, where, when = missed, name, at
         if missed > POSITION_TOL:
-            ledger.add(
-                "tracks.rcm",
-                "disagreement",
-                f"phase '{stay.name}': the shaft (axis of '{name}') misses the RCM by {quantity(missed, 'm')}.",
-                where=name,
-                when=at,
-                size=missed * 1e6,
-                unit="um",
-                limit=POSITION_TOL * 1e6,
-            )
+            text = f"phase '{stay.name}': the shaft (axis of '{name}') misses the RCM by {quantity(missed, 'm')}."
+            ledger.wrong("tracks.rcm", text, name, size=um(missed, POSITION_TOL), when=at)
     if where:
         ledger.row("RCM: distance of the shaft", worst, "m", POSITION_TOL, where=where, when=when)
 
@@ -114,18 +96,18 @@ def _stays(data: dict[str, Any], clip: Clip, local: Array, ledger: Ledger) -> li
     names, on, phases = data.get("frame_names", []), data.get("frame_links", []), data.get("phases", [])
     fits = len(local) == 7 * len(names) and len(on) == len(names) and len(point) == 3 * len(has)
     if not fits or len(has) > min(len(start), len(end), len(phases)):
-        ledger.add("tracks.shape", "disagreement", "lists of frames or RCMs have wrong lengths.", where="frames_local")
+        ledger.wrong("tracks.shape", "lists of frames or RCMs have wrong lengths.", "frames_local")
         return None
     enforced = data.get("phase_rcm_enforced")  # tracks of earlier versions lack this entry
     if enforced is not None and not (isinstance(enforced, list) and len(enforced) == len(has)):
         text = f"phase_rcm_enforced is not a list with an entry for each of the {len(has)} phases."
-        ledger.add("tracks.shape", "disagreement", text, where="phase_rcm_enforced")
+        ledger.wrong("tracks.shape", text, "phase_rcm_enforced")
         return None
     tool, stated = data.get("tool_link"), data.get("rcm")
     moved, along = data.get("moved_frame"), data.get("shaft_axis", [0.0, 0.0, 1.0])  # absent in earlier versions
     if not _is_unit(along):
         text = f"shaft_axis is {along!r}, not a unit vector of three numbers."
-        ledger.add("tracks.shape", "disagreement", text, where="shaft_axis")
+        ledger.wrong("tracks.shape", text, "shaft_axis")
         return None
     out = []
     for i in np.flatnonzero(has).tolist():
@@ -144,7 +126,7 @@ def _stays(data: dict[str, Any], clip: Clip, local: Array, ledger: Ledger) -> li
         off = float(np.linalg.norm(np.subtract(stated, first)))
         if off > POSITION_TOL:
             text = f"entry 'rcm' is {quantity(off, 'm')} from the RCM of the first phase with an RCM."
-            ledger.add("tracks.rcm", "disagreement", text, where="rcm", size=off * 1e6, unit="um")
+            ledger.wrong("tracks.rcm", text, "rcm", size=um(off))
     return out
 
 
@@ -154,7 +136,7 @@ def _is_unit(value: Any) -> bool:
 
 
 def _centre(stay: _Stay) -> Array | None:
-    """Return the point (3,) in m where the shaft axes meet; None if they do not meet or are nearly parallel."""
+    """Return the intersection (3,) of the shaft axes in m; None if they do not meet or are nearly parallel."""
     for p, d in stay.lines.values():
         P = np.eye(3) - d[:, :, None] * d[:, None, :]
         A, b = P.mean(axis=0), np.einsum("kij,kj->i", P, p) / len(p)

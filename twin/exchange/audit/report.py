@@ -7,7 +7,7 @@ import re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 from twin.core.findings import Finding, Severity, Verdict, by_severity, finding
 from twin.core.quantity import Quantity
@@ -30,7 +30,6 @@ class Check:
     Attributes:
         check: short description.
         file: path relative to the audited folder.
-        tool, version: name and version of the reader.
         worst: the maximum deviation in `unit`; None if nothing can be measured.
         unit: unit of `worst` and `tolerance`.
         tolerance: limit of `worst` in `unit`; None if there is no limit.
@@ -62,7 +61,6 @@ class AuditReport(Result):
     Attributes:
         path: the audited file or folder.
         files: for each file its name, format and conventions (units, up axis, handedness, clips).
-        checks: the measurements.
         findings: the faults, the most severe first.
     """
 
@@ -109,7 +107,7 @@ _MARKS = {"agree": "ok", "disagree": "WRONG", "unchecked": "?"}
 
 
 def worst(checks: Sequence[Check]) -> list[Check]:
-    """Return the worst check of each kind; checks that differ only in clip, file and counts are of one kind."""
+    """Return the worst check of each kind; checks that differ only in clip, file and counts have the same kind."""
     kinds: dict[str, Check] = {}
     for check in checks:
         kind = re.sub(r"clip '[^']*': | against [^,]*|, \d.*|\d+", "", check.check)
@@ -139,13 +137,63 @@ def _shown(value: float | None, unit: str) -> str:
     return quantity(value, "" if unit == "1" else unit, 3).strip().replace("um", "µm")
 
 
+ADVICE: Mapping[str, str] = {
+    "claims.between_position": "measure the error between keys again",
+    "claims.between_rotation": "measure the error between keys again",
+    "claims.joint_gap": "measure the error between keys again",
+    "compare.between": "use LINEAR interpolation between the keys",
+    "compare.joint": "joint values are radians and metres",
+    "compare.model_hash": "export all files again, together",
+    "compare.pose": "find out which of the two is right: `twin audit --robot NAME` recomputes the poses",
+    "compare.shape": "check units, mirroring and the link of each mesh",
+    "compare.times": "check the rate, and the units of time",
+    "gltf.duplicate_name": "give each node a unique name",
+    "gltf.matrix": "write translation, rotation and scale instead of a matrix",
+    "gltf.quaternion": "normalise the quaternion; its order in glTF is x, y, z, w",
+    "gltf.scale": "scale the mesh points instead",
+    "index": "indices run from 0 to the number of points minus 1",
+    "mjcf.loop": "check the anchors of the equality constraints, and the zero positions of the joints",
+    "name": "letters, digits and underscores are safe in every format",
+    "normals_against": "reverse the normals or the winding",
+    "proof.hash": "export again; the measured values belong to the original file",
+    "quaternion": "normalise the quaternion",
+    "quaternion_sign": "negate quaternions so that successive quaternions have a positive dot product",
+    "step": "write more keys",
+    "usd.joint_gap": "check the joint's frames and the poses of its bodies",
+    "usdz.alignment": "pad the extra field of its header",
+    "winding": "reverse the faces of the mesh, so that they are counter-clockwise seen from outside",
+    "winding_mixed": "orient all faces counter-clockwise seen from outside",
+}
+"""Suggestions by code of the finding, or by the part of the code after the format if they apply to every format."""
+
+
+class ReadError(Exception):
+    """A fault after which a file cannot be read further; `code` is the code of the finding, "" for the default code."""
+
+    def __init__(self, message: str, code: str = "") -> None:
+        super().__init__(message)
+        self.code = code
+
+
+class Measured(NamedTuple):
+    """A measured value with its limit, both in `unit`; None: unknown."""
+
+    value: float | None
+    limit: float | None = None
+    unit: str = ""
+
+
+def um(value: float, limit: float | None = None) -> Measured:
+    """Return a length and its limit, both in m, converted to micrometres."""
+    return Measured(value * 1e6, None if limit is None else limit * 1e6, "um")
+
+
 @dataclass
 class Ledger:
     """Collection of checks and findings on one file, filled while the file is read.
 
     Attributes:
         file: name of the file as shown in reports, relative to the audited folder.
-        tool, version: name and version of the reader.
     """
 
     file: str
@@ -160,12 +208,10 @@ class Ledger:
         code: str,
         severity: Severity,
         message: str,
-        *,
         where: str = "",
+        *,
+        size: Measured | float | None = None,
         when: str = "",
-        size: float | None = None,
-        unit: str = "",
-        limit: float | None = None,
         suggestion: str = "",
     ) -> None:
         """Add a finding, with the file's name before `where`; only the first `MOST` findings of a code are kept."""
@@ -173,9 +219,15 @@ class Ledger:
         if self._count[code] > MOST:
             return
         place = f"{self.file}: {where}" if where and where != self.file else self.file
-        size = None if size is None or not math.isfinite(size) else float(size)
-        sized, bound = (None if x is None else Quantity(x, unit) for x in (size, limit))
-        self.found.append(finding(severity, code, place, message, sized, bound, suggestion, when=when, word=""))
+        value, limit, unit = size if isinstance(size, Measured) else Measured(size)
+        value = None if value is None or not math.isfinite(value) else float(value)
+        sized, bound = (None if x is None else Quantity(x, unit) for x in (value, limit))
+        advice = suggestion or ADVICE.get(code) or ADVICE.get(code.partition(".")[2], "")
+        self.found.append(finding(severity, code, place, message, sized, bound, advice, when=when, word=""))
+
+    def wrong(self, code: str, message: str, where: str = "", **more: Any) -> None:
+        """Add a finding of severity "disagreement"; for the arguments see `add`."""
+        self.add(code, "disagreement", message, where, **more)
 
     def row(
         self,

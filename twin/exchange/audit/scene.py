@@ -15,7 +15,7 @@ from twin.exchange.audit.bends import audit_bends
 from twin.exchange.audit.compare import references
 from twin.exchange.audit.motion import Content
 from twin.exchange.audit.poses import Array
-from twin.exchange.audit.report import POSITION_TOL, Ledger, quantity
+from twin.exchange.audit.report import POSITION_TOL, Ledger, Measured, quantity
 from twin.exchange.audit.usd import World
 from twin.exchange.audit.usd_checks import version
 from twin.usd.check import run_usd_validators
@@ -24,7 +24,7 @@ FILE = "scene.json"
 """File of an exported scene: its robots, their folders and the poses of their bases."""
 
 REACH = 0.1
-"""Distance in m from a link's origin of the points at which a deviation is measured; it thus includes rotation."""
+"""Distance in m from a link's origin of the points at which a deviation, also of rotation, is measured."""
 
 Audited = tuple[list[Content], list[Ledger]]
 
@@ -47,9 +47,7 @@ class Shown:
 def audit_scene(folder: Path, audited: Callable[[Path], Audited]) -> Audited:
     """Return (contents of the robots' files, ledgers of these files and of the scene's stages) of an exported scene.
 
-    Args:
-        folder: the exported scene, with scene.json.
-        audited: function that audits the folder of one robot; the robot's name is added before its file names.
+    `audited` audits the folder of one robot; the name of the robot is added before its file names.
     """
     contents: list[Content] = []
     ledger = Ledger(FILE, "twin.exchange.audit scene", "1")
@@ -89,9 +87,9 @@ def _places(folder: Path, ledger: Ledger) -> Iterator[tuple[str, str, Array, Pat
             T = np.zeros(0)
         path = folder / own
         if T.shape != (4, 4) or not np.allclose(T[:3, :3] @ T[:3, :3].T, np.eye(3), atol=1e-9):
-            ledger.add("scene.pose", "error", f"robot '{name}': T_world_base is not a pose (4, 4).", where=name)
+            ledger.add("scene.pose", "error", f"robot '{name}': T_world_base is not a pose (4, 4).", name)
         elif not path.resolve().is_relative_to(folder.resolve()) or not path.is_dir():
-            ledger.add("scene.folder", "error", f"robot '{name}': the scene has no folder '{own}'.", where=name)
+            ledger.add("scene.folder", "error", f"robot '{name}': the scene has no folder '{own}'.", name)
         else:
             yield name, protocol, T, path
 
@@ -133,7 +131,7 @@ def _audit_stage(path: Path, robots: Mapping[str, Shown]) -> Ledger:
         ledger.add("usd.unreadable", "error", f"OpenUSD cannot read it: {str(error).strip().splitlines()[-1][:200]}.")
         return ledger
     for f in public:
-        ledger.add(f.code, f.severity, f.message, where=f.where)
+        ledger.add(f.code, f.severity, f.message, f.where)
     ledger.row("public validators", float(len(public)), "found", 0.0)
     ledger.row(
         "links in the world frame, compared with the robots' files", worst, "m", POSITION_TOL, where=where, when=when
@@ -142,7 +140,7 @@ def _audit_stage(path: Path, robots: Mapping[str, Shown]) -> Ledger:
         text = f"{where}: " + (
             f"it differs from its robot's files by {quantity(worst, 'm')}." if np.isfinite(worst) else "it is missing."
         )
-        ledger.add("scene.link", "disagreement", text, where=where, when=when, size=worst, unit="m", limit=POSITION_TOL)
+        ledger.wrong("scene.link", text, where, size=Measured(worst, POSITION_TOL, "m"), when=when)
     return ledger
 
 

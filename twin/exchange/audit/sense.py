@@ -9,7 +9,7 @@ import numpy as np
 
 from twin.exchange.audit.motion import Content, Shape
 from twin.exchange.audit.physics import Drive, Mass
-from twin.exchange.audit.report import Ledger, quantity
+from twin.exchange.audit.report import Ledger, Measured, quantity
 
 DENSEST = 23_000.0
 """Maximum density in kg/m3; osmium has 22 590."""
@@ -50,9 +50,7 @@ def check_sense(content: Content) -> None:
 
 def _check_mass(ledger: Ledger, link: str, mass: Mass, shape: Shape | None) -> None:
     def wrong(code: str, text: str, size: float, unit: str, limit: float) -> None:
-        ledger.add(
-            f"physics.{code}", "disagreement", f"link '{link}': {text}.", where=link, size=size, unit=unit, limit=limit
-        )
+        ledger.wrong(f"physics.{code}", f"link '{link}': {text}.", link, size=Measured(size, limit, unit))
 
     if not (np.isfinite(mass.mass) and mass.mass > 0):
         wrong("mass_not_positive", f"its mass is {mass.mass:g} kg", mass.mass, "kg", 0.0)
@@ -98,7 +96,7 @@ def _check_mass(ledger: Ledger, link: str, mass: Mass, shape: Shape | None) -> N
 def _check_drive(ledger: Ledger, joint: str, drive: Drive) -> None:
     if drive.limits is not None and not drive.limits[0] <= drive.limits[1]:
         text = f"joint '{joint}': lower limit {drive.limits[0]:g} is above upper limit {drive.limits[1]:g}."
-        ledger.add("physics.limits", "disagreement", text, where=joint, suggestion="exchange the limits")
+        ledger.wrong("physics.limits", text, joint, suggestion="exchange the limits")
     for name, value, least in (
         ("stiffness", drive.stiffness, 0.0),
         ("damping", drive.damping, 0.0),
@@ -107,18 +105,18 @@ def _check_drive(ledger: Ledger, joint: str, drive: Drive) -> None:
     ):
         if value is not None and value < least:
             text = f"joint '{joint}': its {name} is {value:g}, which is negative."
-            ledger.add("physics.drive_negative", "disagreement", text, where=joint, size=value, limit=0.0)
+            ledger.wrong("physics.drive_negative", text, joint, size=Measured(value, 0.0))
 
 
 def _check_gravity(ledger: Ledger, gravity: np.ndarray) -> None:
     size = float(np.linalg.norm(gravity))
     if size == 0.0:
-        ledger.add("physics.gravity", "info", "gravity is zero.", where="gravity")
+        ledger.add("physics.gravity", "info", "gravity is zero.", "gravity")
         return
     shown = ", ".join(f"{g:g}" for g in gravity)
     if not gravity[2] < -0.999 * size:
         text = f"gravity is ({shown}) m/s2 in a world with z up: it does not point down."
-        ledger.add("physics.gravity", "disagreement", text, where="gravity", suggestion="reverse it: (0, 0, -9.81)")
+        ledger.wrong("physics.gravity", text, "gravity", suggestion="reverse it: (0, 0, -9.81)")
     elif not GRAVITY[0] <= size <= GRAVITY[1]:
         grave = not 1.0 < size < 20.0  # gravity of other planets is allowed
         text = f"gravity is {size:g} m/s2; on earth it is 9.81 (x {size / 9.81:.4g})."
@@ -126,8 +124,6 @@ def _check_gravity(ledger: Ledger, gravity: np.ndarray) -> None:
             "physics.gravity",
             "disagreement" if grave else "warning",
             text,
-            where="gravity",
-            size=size,
-            unit="m/s2",
-            limit=9.81,
+            "gravity",
+            size=Measured(size, 9.81, "m/s2"),
         )

@@ -15,7 +15,7 @@ from twin.exchange.audit.motion import Clip, Content, check_poses, check_quatern
 from twin.exchange.audit.physics_tracks import track_physics
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.rcm import check_rcm
-from twin.exchange.audit.report import Ledger
+from twin.exchange.audit.report import Ledger, Measured, ReadError
 
 SCHEMA = "twin-track"
 
@@ -31,10 +31,6 @@ LIMIT_TOL = 1e-6
 """Violation of a joint limit in m or rad that counts as rounding."""
 
 
-class TrackError(Exception):
-    """A fault after which the file cannot be read further."""
-
-
 def is_track(data: Any) -> bool:
     """Return whether parsed JSON is a track."""
     return isinstance(data, dict) and data.get("schema") == SCHEMA
@@ -44,14 +40,14 @@ def read_json(path: Path, ledger: Ledger) -> Content:
     """Return the content of a track, and report its faults.
 
     Raises:
-        TrackError: the file is not JSON, or lacks required entries.
+        ReadError: the file is not JSON, or lacks required entries.
     """
     try:
         data = json.loads(path.read_text(encoding="utf-8"))
     except (UnicodeDecodeError, ValueError, RecursionError) as error:
-        raise TrackError(f"its JSON cannot be read: {str(error)[:120]}") from error
+        raise ReadError(f"its JSON cannot be read: {str(error)[:120]}") from error
     if not is_track(data):
-        raise TrackError(f'it does not contain "schema": "{SCHEMA}"')
+        raise ReadError(f'it does not contain "schema": "{SCHEMA}"')
     return _content(data, "tracks", ledger)
 
 
@@ -59,12 +55,12 @@ def read_csv(path: Path, ledger: Ledger) -> Content:
     """Return the content of a CSV track: `# key: value` lines, a header with units, and one line per frame.
 
     Raises:
-        TrackError: the header or all lines are missing, or a number is invalid.
+        ReadError: the header or all lines are missing, or a number is invalid.
     """
     try:
         lines = path.read_text(encoding="utf-8").splitlines()
     except UnicodeDecodeError as error:
-        raise TrackError("the file is not text") from error
+        raise ReadError("the file is not text") from error
     data: dict[str, Any] = {}
     while lines and lines[0].startswith("#"):
         key, colon, value = lines.pop(0).lstrip("# ").partition(":")
@@ -72,15 +68,15 @@ def read_csv(path: Path, ledger: Ledger) -> Content:
             data[key.strip()] = _parsed(value.strip())
     rows = list(csv.reader(io.StringIO("\n".join(lines))))
     if not is_track(data) or len(rows) < 2:
-        raise TrackError("it has no header line, or no lines of numbers")
+        raise ReadError("it has no header line, or no lines of numbers")
     header, body = rows[0], rows[1:]
     try:
         numbers = np.array(body, float)
     except ValueError as error:
         text = f"its lines do not all have {len(header)} numbers: {str(error)[:80]}"
-        raise TrackError(text) from error
+        raise ReadError(text) from error
     if numbers.shape[1] != len(header) or header[0] != "time_s":
-        raise TrackError(
+        raise ReadError(
             f"its header has {len(header)} columns, the first '{header[0]}'; its lines have {numbers.shape[1]} columns"
         )
     links, joints = _list(data, "links", str), _list(data, "joints", str)
@@ -91,9 +87,9 @@ def read_csv(path: Path, ledger: Ledger) -> Content:
     if header != expected:
         odd = next((f"'{a}' instead of '{b}'" for a, b in zip(header, expected, strict=False) if a != b), "")
         text = f"columns do not match links and joints: found {odd or f'{len(header)} instead of {len(expected)}'}."
-        ledger.add("tracks.columns", "disagreement", text, where=odd)
+        ledger.wrong("tracks.columns", text, odd)
         if len(header) != len(expected):
-            raise TrackError(text)
+            raise ReadError(text)
     n = 1 + len(joints)
     data |= {"times": numbers[:, 0], "positions": numbers[:, 1:n].ravel(), "poses": numbers[:, n:].ravel()}
     return _content(data, "csv", ledger)
@@ -117,18 +113,18 @@ def _content(data: dict[str, Any], kind: str, ledger: Ledger) -> Content:
     moved, known = data.get("moved_frame"), data.get("frame_names")
     if moved and isinstance(known, list) and moved not in known:
         text = f"moved_frame is '{moved}'; there is no frame of that name (known: {', '.join(map(str, known))})."
-        ledger.add("tracks.frame", "disagreement", text, where="moved_frame")
+        ledger.wrong("tracks.frame", text, "moved_frame")
     for key, names in (("links", links), ("joints", joints)):
         if twice := {n for n in names if names.count(n) > 1}:
             text = f"{key} contains '{min(twice)}' more than once."
-            ledger.add("tracks.duplicate_name", "disagreement", text, where=min(twice))
+            ledger.wrong("tracks.duplicate_name", text, min(twice))
     times = _numbers(data, "times", ledger)
     shapes = {"poses": (len(times), len(links), 7), "positions": (len(times), len(joints))}
     rows = {key: _shaped(data, key, shape, ledger) for key, shape in shapes.items()}
     frames = data.get("frames", len(times))
     if frames != len(times):
         text = f"entry 'frames' is {frames}, but 'times' has {len(times)} entries."
-        ledger.add("tracks.shape", "disagreement", text, where="frames", size=float(len(times)))
+        ledger.wrong("tracks.shape", text, "frames", size=float(len(times)))
     usable = check_times(ledger, times, name, "tracks")
     if usable and isinstance(data.get("rate"), int | float):
         check_rate(ledger, times, float(data["rate"]), name, "tracks")
@@ -153,22 +149,17 @@ def _content(data: dict[str, Any], kind: str, ledger: Ledger) -> Content:
 
 def _check_words(data: dict[str, Any], ledger: Ledger) -> None:
     if data.get("version") != 1:
-        ledger.add("tracks.version", "disagreement", f"version is {data.get('version')!r}, not 1.", where="version")
+        ledger.wrong("tracks.version", f"version is {data.get('version')!r}, not 1.", "version")
     for key, value in WORDS.items():
         if data.get(key) != value:
-            ledger.add(
-                "tracks.convention",
-                "disagreement",
-                f"{key} is {data.get(key)!r}; version 1 of the schema allows only '{value}', which players require.",
-                where=key,
-                suggestion=f"convert the numbers and write '{value}'",
-            )
+            text = f"{key} is {data.get(key)!r}; version 1 of the schema allows only '{value}', which players require."
+            ledger.wrong("tracks.convention", text, key, suggestion=f"convert the numbers and write '{value}'")
 
 
 def _list(data: dict[str, Any], key: str, kind: type) -> list:
     value = data.get(key)
     if not isinstance(value, list) or not all(isinstance(v, kind) for v in value):
-        raise TrackError(f"'{key}' is not a list of {kind.__name__}")
+        raise ReadError(f"'{key}' is not a list of {kind.__name__}")
     return value
 
 
@@ -177,11 +168,11 @@ def _numbers(data: dict[str, Any], key: str, ledger: Ledger) -> Array:
     try:
         out = np.array(value if value is not None else [], float)
     except (TypeError, ValueError) as error:
-        raise TrackError(f"'{key}' is not a flat list of numbers") from error
+        raise ReadError(f"'{key}' is not a flat list of numbers") from error
     if out.ndim != 1:
-        raise TrackError(f"'{key}' is nested: players (JsonUtility) read flat lists only")
+        raise ReadError(f"'{key}' is nested: players (JsonUtility) read flat lists only")
     if not np.all(np.isfinite(out)):
-        ledger.add("tracks.finite", "disagreement", f"{key} contains numbers that are not finite.", where=key)
+        ledger.wrong("tracks.finite", f"{key} contains numbers that are not finite.", key)
     return out
 
 
@@ -189,13 +180,12 @@ def _shaped(data: dict[str, Any], key: str, shape: tuple[int, ...], ledger: Ledg
     """Return a flat list as an array of this shape; if its length is wrong, report a finding and return None."""
     flat = _numbers(data, key, ledger)
     if flat.size != int(np.prod(shape)):
-        ledger.add(
+        text = f"{key} has {flat.size} numbers, not {' x '.join(map(str, shape))} = {int(np.prod(shape))}."
+        ledger.wrong(
             "tracks.shape",
-            "disagreement",
-            f"{key} has {flat.size} numbers, not {' x '.join(map(str, shape))} = {int(np.prod(shape))}.",
-            where=key,
-            size=float(flat.size),
-            limit=float(np.prod(shape)),
+            text,
+            key,
+            size=Measured(flat.size, float(np.prod(shape))),
             suggestion="order the numbers by frame, then by link or joint, then by component",
         )
         return None
@@ -207,7 +197,7 @@ def _check_phases(data: dict[str, Any], times: Array, ledger: Ledger) -> None:
     start, end = _numbers(data, "phase_start", ledger), _numbers(data, "phase_end", ledger)
     if not (len(names) == len(start) == len(end)):
         text = f"{len(names)} phases have {len(start)} starts and {len(end)} ends."
-        ledger.add("tracks.shape", "disagreement", text, where="phases")
+        ledger.wrong("tracks.shape", text, "phases")
         return
     last = float(times[-1]) if len(times) else 0.0
     slack = 1e-6
@@ -221,7 +211,7 @@ def _check_phases(data: dict[str, Any], times: Array, ledger: Ledger) -> None:
             wrong = f"lasts from {start[i]:.6g} to {end[i]:.6g} s, but the motion lasts from 0 to {last:.6g} s"
         if wrong:
             text = f"phase '{name}' {wrong}."
-            ledger.add("tracks.phases", "disagreement", text, where=str(name), when=f"t = {start[i]:.4g} s")
+            ledger.wrong("tracks.phases", text, str(name), when=f"t = {start[i]:.4g} s")
 
 
 def _check_limits(data: dict[str, Any], joints: list[str], clip: Clip, ledger: Ledger) -> None:
@@ -230,7 +220,7 @@ def _check_limits(data: dict[str, Any], joints: list[str], clip: Clip, ledger: L
     for key, value in (("joint_types", kinds), ("joint_lower", low), ("joint_upper", high)):
         if len(value) != len(joints):
             text = f"{key} has {len(value)} entries for {len(joints)} joints."
-            ledger.add("tracks.shape", "disagreement", text, where=key)
+            ledger.wrong("tracks.shape", text, key)
             return
     worst, where, when = 0.0, "", ""
     for i, joint in enumerate(joints):
@@ -240,7 +230,7 @@ def _check_limits(data: dict[str, Any], joints: list[str], clip: Clip, ledger: L
         angle = kinds[i] == "revolute"
         if not low[i] <= high[i]:
             text = f"joint '{joint}': lower limit {low[i]:g} is above upper limit {high[i]:g}."
-            ledger.add("tracks.limits", "disagreement", text, where=joint, suggestion="exchange the limits")
+            ledger.wrong("tracks.limits", text, joint, suggestion="exchange the limits")
             continue
         breach = np.maximum(np.maximum(low[i] - q, q - high[i]), 0)
         k = int(np.argmax(breach))
@@ -249,16 +239,16 @@ def _check_limits(data: dict[str, Any], joints: list[str], clip: Clip, ledger: L
         if breach[k] > LIMIT_TOL:
             scale, unit = (180 / np.pi, "deg") if angle else (1e3, "mm")
             inside = angle and np.all((np.radians(q) >= low[i]) & (np.radians(q) <= high[i]))
-            ledger.add(
-                "tracks.limits",
-                "disagreement",
+            text = (
                 f"joint '{joint}' is at {q[k] * scale:.5g} {unit}, {breach[k] * scale:.4g} {unit} beyond its "
-                f"limits{'; interpreted in degrees, it is within them' if inside else ''}.",
-                where=joint,
+                f"limits{'; interpreted in degrees, it is within them' if inside else ''}."
+            )
+            ledger.wrong(
+                "tracks.limits",
+                text,
+                joint,
+                size=Measured(breach[k] * scale, LIMIT_TOL * scale, unit),
                 when=f"t = {clip.times[k]:.4g} s",
-                size=float(breach[k] * scale),
-                unit=unit,
-                limit=LIMIT_TOL * scale,
                 suggestion="write angles in radians and lengths in metres",
             )
     ledger.row("joints beyond their limits", worst, "rad or m", LIMIT_TOL, where=where, when=when)

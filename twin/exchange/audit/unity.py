@@ -43,10 +43,10 @@ def _json(file: Path, folder: Path, ledger: Ledger) -> dict[str, Any] | None:
     try:
         data = json.loads(file.read_text(encoding="utf-8-sig"))
     except (OSError, UnicodeDecodeError, ValueError, RecursionError) as error:
-        ledger.add("unity.json", "error", f"{name} cannot be read: {str(error)[:120]}.", where=name)
+        ledger.add("unity.json", "error", f"{name} cannot be read: {str(error)[:120]}.", name)
         return None
     if not isinstance(data, dict):
-        ledger.add("unity.json", "error", f"{name} is not a JSON object.", where=name)
+        ledger.add("unity.json", "error", f"{name} is not a JSON object.", name)
         return None
     return data
 
@@ -54,29 +54,19 @@ def _json(file: Path, folder: Path, ledger: Ledger) -> dict[str, Any] | None:
 def _check_fields(folder: Path, data: dict[str, Any], ledger: Ledger) -> None:
     for key in REQUIRED:
         if not isinstance(data.get(key), str) or not data[key]:
-            ledger.add("unity.package", "disagreement", f"package.json lacks '{key}'.", where="package.json")
+            ledger.wrong("unity.package", f"package.json lacks '{key}'.", "package.json")
     if isinstance(data.get("name"), str) and not _NAME.match(data["name"]):
         text = f"package name '{data['name']}' does not have the form com.company.package."
-        ledger.add("unity.package", "disagreement", text, where="package.json")
+        ledger.wrong("unity.package", text, "package.json")
     if not re.match(r"^\d+\.\d+\.\d+", str(data.get("version", "0.0.0"))):
-        ledger.add(
-            "unity.package",
-            "disagreement",
-            f"version {data['version']} does not have the form x.y.z.",
-            where="package.json",
-        )
+        ledger.wrong("unity.package", f"version {data['version']} does not have the form x.y.z.", "package.json")
     if not re.match(r"^\d+\.\d+$", str(data.get("unity", "2022.3"))):
-        ledger.add(
-            "unity.package",
-            "disagreement",
-            f"unity {data['unity']} does not have the form year.release.",
-            where="package.json",
-        )
+        ledger.wrong("unity.package", f"unity {data['unity']} does not have the form year.release.", "package.json")
     for sample in data.get("samples", []):
         path = sample.get("path", "") if isinstance(sample, dict) else ""
         if not path or not (folder / path).is_dir():
             text = f"sample '{path}' does not exist."
-            ledger.add("unity.sample", "disagreement", text, where="package.json")
+            ledger.wrong("unity.sample", text, "package.json")
 
 
 def _visible(folder: Path) -> Iterator[Path]:
@@ -95,33 +85,25 @@ def _check_metas(folder: Path, seen: list[Path], ledger: Ledger) -> dict[str, Pa
         name = asset.relative_to(folder).as_posix()
         meta = asset.with_name(asset.name + ".meta")
         if not meta.is_file():
-            ledger.add(
-                "unity.meta_missing",
-                "disagreement",
-                f"'{name}' has no .meta file: Unity ignores such files, because an installed package is read-only.",
-                where=name,
-                suggestion="write a .meta file with a constant GUID",
-            )
+            text = f"'{name}' has no .meta file: Unity ignores such files, because an installed package is read-only."
+            ledger.wrong("unity.meta_missing", text, name, suggestion="write a .meta file with a constant GUID")
             continue
         match = _GUID.search(meta.read_text(encoding="utf-8", errors="replace"))
         if match is None:
             text = f"'{name}.meta' has no GUID of 32 hexadecimal digits."
-            ledger.add("unity.guid", "disagreement", text, where=f"{name}.meta")
+            ledger.wrong("unity.guid", text, f"{name}.meta")
             continue
         other = guids.setdefault(match[1], asset)
         if other != asset:
-            ledger.add(
-                "unity.guid_twice",
-                "disagreement",
+            text = (
                 f"'{name}' and '{other.relative_to(folder).as_posix()}' have the same GUID {match[1]}: Unity "
-                "replaces one of them, and references break.",
-                where=name,
-                suggestion="use the hash of the path as GUID",
+                "replaces one of them, and references break."
             )
+            ledger.wrong("unity.guid_twice", text, name, suggestion="use the hash of the path as GUID")
     for meta in (p for p in seen if p.suffix == ".meta"):
         if meta.with_suffix("") not in assets:
             name = meta.relative_to(folder).as_posix()
-            ledger.add("unity.meta_orphan", "warning", f"'{name}' has no matching file.", where=name)
+            ledger.add("unity.meta_orphan", "warning", f"'{name}' has no matching file.", name)
     return guids
 
 
@@ -135,16 +117,16 @@ def _check_assemblies(folder: Path, seen: list[Path], guids: dict[str, Path], le
             continue
         own = data.get("name")
         if not isinstance(own, str) or not own:
-            ledger.add("unity.asmdef", "disagreement", f"{name} has no name.", where=name)
+            ledger.wrong("unity.asmdef", f"{name} has no name.", name)
             continue
         if own in names:
             text = f"{name} and {names[own]} are both named assembly '{own}'."
-            ledger.add("unity.asmdef", "disagreement", text, where=name)
+            ledger.wrong("unity.asmdef", text, name)
         names[own] = name
         wanted += [(name, str(r)) for r in data.get("references", [])]
         if "Editor" in file.relative_to(folder).parts and data.get("includePlatforms") != ["Editor"]:
             text = f"{name} is in Editor/, but is not limited to the Editor platform: builds fail."
-            ledger.add("unity.asmdef", "disagreement", text, where=name, suggestion='"includePlatforms": ["Editor"]')
+            ledger.wrong("unity.asmdef", text, name, suggestion='"includePlatforms": ["Editor"]')
     for name, reference in wanted:
         if reference.startswith("GUID:"):
             missing = reference.removeprefix("GUID:") not in guids
@@ -152,28 +134,28 @@ def _check_assemblies(folder: Path, seen: list[Path], guids: dict[str, Path], le
             missing = reference not in names and reference.split(".")[0] in {n.split(".")[0] for n in names}
         if missing:
             text = f"{name} references '{reference}', which is not in the package."
-            ledger.add("unity.asmdef", "disagreement", text, where=name)
+            ledger.wrong("unity.asmdef", text, name)
 
 
 def _check_scripts(folder: Path, seen: list[Path], ledger: Ledger) -> None:
     scripts = [p for p in seen if p.suffix == ".cs"]
     if not scripts:
-        ledger.add("unity.scripts", "disagreement", "the package has no C# file.", where="Runtime")
+        ledger.wrong("unity.scripts", "the package has no C# file.", "Runtime")
     assemblies = [p.parent for p in seen if p.suffix == ".asmdef"]
     for script in scripts:
         name = script.relative_to(folder).as_posix()
         text = script.read_text(encoding="utf-8", errors="replace")
         if not any(script.is_relative_to(a) for a in assemblies):
             message = f"{name} belongs to no assembly definition, which packages require."
-            ledger.add("unity.asmdef", "disagreement", message, where=name)
+            ledger.wrong("unity.asmdef", message, name)
         behaviours = _BEHAVIOUR.findall(_without_comments(text))
         if behaviours and script.stem not in behaviours:
             message = f"{name} contains component {behaviours[0]}: Unity requires a file with the same name."
-            ledger.add("unity.script", "disagreement", message, where=name)
+            ledger.wrong("unity.script", message, name)
         outside = "Editor" not in script.relative_to(folder).parts and "#if UNITY_EDITOR" not in text
         if outside and "UnityEditor" in _without_comments(text):
             message = f"{name} uses UnityEditor outside Editor/: builds fail."
-            ledger.add("unity.script", "disagreement", message, where=name)
+            ledger.wrong("unity.script", message, name)
 
 
 def _without_comments(text: str) -> str:

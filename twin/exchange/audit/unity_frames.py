@@ -9,7 +9,7 @@ import numpy as np
 from twin.exchange.audit import poses
 from twin.exchange.audit.csharp import CSharpError, Script, Value
 from twin.exchange.audit.poses import Array
-from twin.exchange.audit.report import Ledger
+from twin.exchange.audit.report import Ledger, Measured
 
 MIRRORS = {
     "GltFast": np.diag([-1.0, 1.0, 1.0]),
@@ -34,7 +34,7 @@ def check_frames(path: Path, name: str, ledger: Ledger) -> None:
     try:
         script = Script(path.read_text(encoding="utf-8-sig"))
     except (OSError, UnicodeDecodeError, CSharpError) as error:
-        ledger.add("unity.frames", "disagreement", f"{name} cannot be read: {error}.", where=name)
+        ledger.wrong("unity.frames", f"{name} cannot be read: {error}.", name)
         return
     rotations = _ROTATIONS / np.linalg.norm(_ROTATIONS, axis=1, keepdims=True)
     worst = 0.0
@@ -71,7 +71,7 @@ def _off(script: Script, ledger: Ledger, name: str, method: str, given: tuple, m
     try:
         result = script.call(method, *given)
     except (CSharpError, ArithmeticError, LookupError, RecursionError, TypeError, ValueError) as error:
-        ledger.add("unity.frames", "warning", f"{name}: {method} cannot be executed by the audit: {error}.", where=name)
+        ledger.add("unity.frames", "warning", f"{name}: {method} cannot be executed by the audit: {error}.", name)
         return 0.0
     got = np.array(result.numbers if isinstance(result, Value) else (np.nan,))
     ways = (meant, -meant) if len(meant) == 4 else (meant,)
@@ -79,5 +79,5 @@ def _off(script: Script, ledger: Ledger, name: str, method: str, given: tuple, m
     if not off <= TOL:
         shown = ", ".join(f"{v:.4g}" for v in got)
         text = f"{name}: {method} {what} gives ({shown}), expected ({', '.join(f'{v:.4g}' for v in meant)})."
-        ledger.add("unity.frames", "disagreement", text, where=name, size=off, limit=TOL, suggestion="check the signs")
+        ledger.wrong("unity.frames", text, name, size=Measured(off, TOL), suggestion="check the signs")
     return off if np.isfinite(off) else 1e300

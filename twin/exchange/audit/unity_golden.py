@@ -12,7 +12,7 @@ import numpy as np
 
 from twin.exchange.audit import poses
 from twin.exchange.audit.poses import Array
-from twin.exchange.audit.report import Ledger
+from twin.exchange.audit.report import Ledger, Measured
 from twin.exchange.audit.unity_frames import MIRRORS, ROOTS
 
 TOL = 1e-5
@@ -29,7 +29,7 @@ def check_golden(path: Path, name: str, ledger: Ledger) -> None:
         vectors = _Vectors(data)
     except (OSError, UnicodeDecodeError, ValueError, KeyError, TypeError, RecursionError) as error:
         text = f"golden vectors in {name} cannot be read: {type(error).__name__}, {str(error)[:80]}."
-        ledger.add("unity.golden", "disagreement", text, where=name)
+        ledger.wrong("unity.golden", text, name)
         return
     worst = 0.0
     for check in (
@@ -45,13 +45,13 @@ def check_golden(path: Path, name: str, ledger: Ledger) -> None:
             rows = check()
         except (ValueError, KeyError, TypeError, IndexError, struct.error, np.linalg.LinAlgError) as error:
             text = f"golden vectors in {name}: {check.__name__} are malformed: {str(error)[:80]}."
-            ledger.add("unity.golden", "disagreement", text, where=name)
+            ledger.wrong("unity.golden", text, name)
             continue
         for key, off in rows.items():
             worst = max(worst, off)
             if not off <= TOL:
                 text = f"golden vectors in {name}: '{key}' is {off:.4g} from the value computed from its inputs."
-                ledger.add("unity.golden", "disagreement", text, where=name, size=off, limit=TOL)
+                ledger.wrong("unity.golden", text, name, size=Measured(off, TOL))
     ledger.row("golden vectors, recomputed", worst, "m or 1", TOL, where=name)
 
 
@@ -165,7 +165,7 @@ def _apart(a: Any, b: Any) -> float:
 
 
 def _turned(a: Array, b: Array) -> float:
-    """Return the largest difference between components of quaternions (k, 4), with their signs ignored."""
+    """Return the maximum difference between components of quaternions (k, 4); signs of quaternions are ignored."""
     if a.shape != b.shape:
         return np.inf
     return float(np.minimum(np.abs(a - b).max(axis=1), np.abs(a + b).max(axis=1)).max(initial=0.0))

@@ -16,16 +16,12 @@ from twin.exchange.audit.chain import Link, along, fit
 from twin.exchange.audit.colors import Palette, Rgba, linear
 from twin.exchange.audit.meshes import check_mesh, joined
 from twin.exchange.audit.motion import Clip, Content, Shape
-from twin.exchange.audit.obj import ObjError, read_obj
+from twin.exchange.audit.obj import read_obj
 from twin.exchange.audit.physics_urdf import inertial, motors, tree_physics
 from twin.exchange.audit.poses import Array
-from twin.exchange.audit.report import Ledger
+from twin.exchange.audit.report import Ledger, Measured, ReadError
 
 KINDS = {"revolute": "turn", "continuous": "turn", "prismatic": "slide", "fixed": "fixed"}
-
-
-class UrdfError(Exception):
-    """A fault after which the file cannot be read further."""
 
 
 @dataclass(frozen=True)
@@ -33,7 +29,6 @@ class UrdfJoint:
     """A joint of a URDF.
 
     Attributes:
-        name: name of the joint.
         parent, child: names of its links.
         link: its pose in the parent, kind of motion and axis.
         limits: (lower, upper) in rad or m; None if not stated.
@@ -66,10 +61,10 @@ class Urdf:
         self._ledger = ledger
         root = parse_xml(path)
         if root.tag != "robot":
-            raise UrdfError(f"its root is <{root.tag}>, not <robot>")
+            raise ReadError(f"its root is <{root.tag}>, not <robot>")
         links = [e.get("name", "") for e in root.findall("link")]
         if twice := {n for n in links if links.count(n) > 1}:
-            ledger.add("urdf.duplicate_name", "disagreement", f"two links are named '{min(twice)}'.", where=min(twice))
+            ledger.wrong("urdf.duplicate_name", f"two links are named '{min(twice)}'.", min(twice))
         self.above: dict[str, UrdfJoint] = {}
         for element in root.findall("joint"):
             joint = _joint(element, links, ledger)
@@ -78,12 +73,12 @@ class Urdf:
             if joint.child in self.above:
                 two = f"{self.above[joint.child].name} and {joint.name}"
                 text = f"link '{joint.child}' is the child of two joints, {two}: "
-                ledger.add("urdf.tree", "disagreement", text + "URDF is a tree.", where=joint.child)
+                ledger.wrong("urdf.tree", text + "URDF is a tree.", joint.child)
                 continue
             self.above[joint.child] = joint
         roots = [n for n in links if n not in self.above]
         if len(roots) != 1:
-            raise UrdfError(f"it has {len(roots)} root links ({', '.join(roots[:3])}), expected one")
+            raise ReadError(f"it has {len(roots)} root links ({', '.join(roots[:3])}), expected one")
         for link in links:
             self._way(link, roots[0])
         self.root, self.links = roots[0], links
@@ -101,7 +96,7 @@ class Urdf:
         out: list[UrdfJoint] = []
         while link != stop:
             if link not in self.above or len(out) > len(self.above):
-                raise UrdfError(f"link '{link}' is its own ancestor")
+                raise ReadError(f"link '{link}' is its own ancestor")
             out.append(self.above[link])
             link = out[-1].parent
         return out[::-1]
@@ -140,39 +135,37 @@ class Urdf:
             off = max((abs(a - b) for a, b in ends if abs(b) < 1e29), default=0.0)  # a slide may have no limit
             if off > 1e-6:
                 text = f"joint '{joint.name}' has limits {joint.limits[0]:g} .. {joint.limits[1]:g}; in {name}: "
-                self._ledger.add(
-                    "urdf.limits", "disagreement", text + f"{its[0]:g} .. {its[1]:g}.", where=joint.name, size=off
-                )
+                self._ledger.wrong("urdf.limits", text + f"{its[0]:g} .. {its[1]:g}.", joint.name, size=off)
 
 
 def parse_xml(path: Path) -> ET.Element:
     """Return the root element of an XML file.
 
     Raises:
-        UrdfError: the text is not XML, or declares entities, which could expand without limit.
+        ReadError: the text is not XML, or declares entities, which could expand without limit.
     """
     try:
         return read_xml(path)
     except DoctypeError as error:
-        raise UrdfError(f"{error}") from error
+        raise ReadError(f"{error}") from error
     except (ET.ParseError, LookupError, ValueError) as error:
-        raise UrdfError(f"it is not XML: {error}") from error
+        raise ReadError(f"it is not XML: {error}") from error
 
 
 def numbers(text: str | None, n: int, default: tuple[float, ...]) -> Array:
     """Return n finite numbers of an attribute; the default if the text is None.
 
     Raises:
-        UrdfError: the text does not consist of n finite numbers.
+        ReadError: the text does not consist of n finite numbers.
     """
     if text is None:
         return np.array(default, float)
     try:
         out = np.array(text.split(), float)
     except ValueError as error:
-        raise UrdfError(f"'{text[:40]}' is not a list of numbers") from error
+        raise ReadError(f"'{text[:40]}' is not a list of numbers") from error
     if out.shape != (n,) or not np.all(np.isfinite(out)):
-        raise UrdfError(f"'{text[:40]}' is not a list of {n} finite numbers")
+        raise ReadError(f"'{text[:40]}' is not a list of {n} finite numbers")
     return out
 
 
@@ -181,16 +174,16 @@ def _joint(element: ET.Element, links: list[str], ledger: Ledger) -> UrdfJoint |
     ends = [(e.get("link", "") if e is not None else "") for e in (element.find("parent"), element.find("child"))]
     for end in ends:
         if end not in links:
-            raise UrdfError(f"joint '{name}' names link '{end}', which does not exist")
+            raise ReadError(f"joint '{name}' names link '{end}', which does not exist")
     if kind not in KINDS:
-        ledger.add("urdf.joint", "warning", f"joint '{name}' of type '{kind}' is not supported.", where=name)
+        ledger.add("urdf.joint", "warning", f"joint '{name}' of type '{kind}' is not supported.", name)
         return None
     origin, axis = element.find("origin"), element.find("axis")
     T = _origin(origin)
     a = numbers(None if axis is None else axis.get("xyz"), 3, (1, 0, 0))
     if abs(np.linalg.norm(a) - 1) > 1e-6 and KINDS[kind] != "fixed":
         text = f"the axis of joint '{name}' has length {np.linalg.norm(a):.6g}."
-        ledger.add("urdf.axis", "disagreement", text, where=name, size=float(np.linalg.norm(a)), limit=1.0)
+        ledger.wrong("urdf.axis", text, name, size=Measured(float(np.linalg.norm(a)), 1.0))
     limit = element.find("limit")
     limits = None
     effort, speed = (
@@ -201,7 +194,7 @@ def _joint(element: ET.Element, links: list[str], ledger: Ledger) -> UrdfJoint |
         limits = (float(limit.get("lower", "0")), float(limit.get("upper", "0")))
         if not limits[0] <= limits[1]:
             text = f"joint '{name}': lower limit {limits[0]:g} is above upper limit {limits[1]:g}."
-            ledger.add("urdf.limits", "disagreement", text, where=name, suggestion="exchange the limits")
+            ledger.wrong("urdf.limits", text, name, suggestion="exchange the limits")
     follows, mimic = element.find("mimic"), None
     if follows is not None:
         factor, offset = (float(numbers(follows.get(k), 1, (d,))[0]) for k, d in (("multiplier", 1.0), ("offset", 0.0)))
@@ -251,13 +244,8 @@ def named_mesh(
 ) -> tuple[Array, Array] | None:
     """Return (points (n, 3) in m, triangles (m, 3)) of a mesh file, checked once; None if it cannot be read.
 
-    Args:
-        path: the robot's file, which refers to the mesh file.
-        name: path of the mesh file relative to the robot's file.
-        scale: scale factors (3,) from units of the mesh file to m.
-        checked: cache of the meshes already read, by name.
-        ledger: receives the findings.
-        code: first part of the codes of the findings.
+    `name` is the path of the mesh file relative to the robot's file `path`; `scale` (3,) converts its units to m;
+    `checked` stores the meshes already read; `code` is the first part of the codes of the findings.
     """
     key = f"{name} {scale.tolist()}"
     if key in checked:
@@ -266,19 +254,19 @@ def named_mesh(
     folder = path.resolve().parent
     file = (folder / name.removeprefix("package://").removeprefix("file://")).resolve()
     if not name or not file.is_relative_to(folder) or not file.is_file():
-        ledger.add(f"{code}.mesh", "disagreement", f"mesh file '{name}' does not exist.", where=name)
+        ledger.wrong(f"{code}.mesh", f"mesh file '{name}' does not exist.", name)
         return None
     if file.suffix.lower() != ".obj":
-        ledger.add(f"{code}.mesh", "info", f"mesh '{name}' is not an .obj file and is not read.", where=name)
+        ledger.add(f"{code}.mesh", "info", f"mesh '{name}' is not an .obj file and is not read.", name)
         return None
     try:
         vertices, triangles = read_obj(file)
-    except ObjError as error:
-        ledger.add(f"{code}.mesh", "disagreement", f"mesh {error}.", where=name)
+    except ReadError as error:
+        ledger.wrong(f"{code}.mesh", f"mesh {error}.", name)
         return None
     vertices = vertices * scale
     if float(np.prod(scale)) < 0:
-        ledger.add(f"{code}.mirrored", "disagreement", f"mesh '{name}' is mirrored by a negative scale.", where=name)
+        ledger.wrong(f"{code}.mirrored", f"mesh '{name}' is mirrored by a negative scale.", name)
     check_mesh(ledger, name, vertices, triangles, None, code)
     checked[key] = (vertices, triangles)
     return checked[key]

@@ -20,23 +20,18 @@ from twin.exchange.audit.meshes import check_mesh, joined
 from twin.exchange.audit.motion import Clip, Content, Shape, check_poses
 from twin.exchange.audit.physics_usd import stage_physics
 from twin.exchange.audit.poses import Array
-from twin.exchange.audit.report import Ledger, quantity
-from twin.exchange.audit.usd_colors import mesh_color
+from twin.exchange.audit.report import Ledger, Measured, ReadError, quantity, um
 from twin.exchange.audit.usd_joints import joint_gaps, joint_values
 
 GAP_TOL = 1e-5
 """Maximum gap in m between the two frames of a joint: UsdPhysics stores the frames in single precision."""
 
 
-class UsdError(Exception):
-    """A fault after which the stage cannot be read further."""
-
-
 def read_usd(path: Path, ledger: Ledger) -> Content:
     """Return the content of a stage, and report faults of its materials, meshes and joints.
 
     Raises:
-        UsdError: the file is not a stage, or a layer is missing.
+        ReadError: the file is not a stage, or a layer is missing.
     """
     stage = _open(path)
     with _evaluating():
@@ -127,13 +122,13 @@ def _open(path: Path) -> Usd.Stage:
     try:
         stage = Usd.Stage.Open(str(path))
     except (Tf.ErrorException, RuntimeError) as error:
-        raise UsdError(f"it is not a readable USD file: {_reason(error)}") from error
+        raise ReadError(f"it is not a readable USD file: {_reason(error)}") from error
     if not stage:
-        raise UsdError("it is not a readable USD file")
+        raise ReadError("it is not a readable USD file")
     with contextlib.suppress(Tf.ErrorException):
         stage.Reload()  # USD caches layers in memory, but the file may have changed
     for error in stage.GetCompositionErrors():
-        raise UsdError(f"its layers cannot be composed: {str(error).strip()[:200]}")
+        raise ReadError(f"its layers cannot be composed: {str(error).strip()[:200]}")
     return stage
 
 
@@ -142,7 +137,7 @@ def _evaluating() -> Iterator[None]:
     try:
         yield
     except (Tf.ErrorException, RuntimeError) as error:
-        raise UsdError(f"it cannot be evaluated: {_reason(error)}") from error
+        raise ReadError(f"it cannot be evaluated: {_reason(error)}") from error
 
 
 def _reason(error: Exception) -> str:
@@ -197,18 +192,13 @@ def _check_materials(prims: list[Usd.Prim], ledger: Ledger) -> None:
             continue
         path = str(prim.GetPath())
         if not prim.HasAPI(UsdShade.MaterialBindingAPI):
-            ledger.add(
-                "usd.material_api",
-                "disagreement",
-                f"{path} binds a material without MaterialBindingAPI: strict readers show it grey.",
-                where=path,
-                suggestion="apply MaterialBindingAPI",
-            )
+            text = f"{path} binds a material without MaterialBindingAPI: strict readers show it grey."
+            ledger.wrong("usd.material_api", text, path, suggestion="apply MaterialBindingAPI")
         for target in binding.GetTargets():
             there = prim.GetStage().GetPrimAtPath(target)
             if not there or not there.IsA(UsdShade.Material):
                 text = f"{path} binds {target}, which is not a material."
-                ledger.add("usd.material", "disagreement", text, where=path, suggestion="bind an existing material")
+                ledger.wrong("usd.material", text, path, suggestion="bind an existing material")
 
 
 def _shapes(
@@ -240,13 +230,34 @@ def _shapes(
         shape = check_mesh(here, path, vertices, triangles, normals, "usd")
         for f in here.found:  # winding and indices are checked by the stage checker
             if f.code not in ("usd.winding", "usd.index"):
-                ledger.add(f.code, f.severity, f.message, where=path, size=f.size, limit=f.limit)
+                ledger.add(f.code, f.severity, f.message, path, size=Measured(f.size, f.limit))
         if shape is not None and owner and not owner.IsPseudoRoot():
             found.setdefault(owner.GetName(), []).append(shape)
-            if (rgba := mesh_color(prim)) is not None:
+            if (rgba := _mesh_color(prim)) is not None:
                 palette.add(owner.GetName(), rgba, shape.area)
     out = {name: joined(shapes) for name, shapes in found.items()}
     return {name: shape for name, shape in out.items() if shape is not None}, palette.shares()
+
+
+def _mesh_color(prim: Usd.Prim) -> Rgba | None:
+    """Return the linear colour of a mesh; None if it has no colour, several colours, or a texture."""
+    if UsdGeom.Subset.GetAllGeomSubsets(UsdGeom.Mesh(prim)):
+        return None
+    material = UsdShade.MaterialBindingAPI(prim).ComputeBoundMaterial()[0]
+    shader = material.ComputeSurfaceSource()[0] if material else None
+    if shader:
+        color, opacity = (shader.GetInput(n) for n in ("diffuseColor", "opacity"))
+        value = color.Get() if color and not color.HasConnectedSource() else None
+        if value is not None:
+            alpha = opacity.Get() if opacity else None
+            return _rgba(value, 1.0 if alpha is None else float(alpha))
+    shown = UsdGeom.Gprim(prim).GetDisplayColorAttr().Get()
+    return _rgba(shown[0], 1.0) if shown is not None and len(shown) == 1 else None
+
+
+def _rgba(color, alpha: float) -> Rgba:
+    r, g, b = map(float, color)
+    return r, g, b, alpha
 
 
 def _corners(mesh: UsdGeom.Mesh) -> tuple[Array, Array, Array | None]:
@@ -305,14 +316,5 @@ def _check_gaps(
     if placed:
         ledger.row("joint gap along the motion", worst, "m", GAP_TOL, where=where, when=when)
     if worst > GAP_TOL:
-        ledger.add(
-            "usd.joint_gap",
-            "disagreement",
-            f"joint {where}: its two frames are {quantity(worst, 'm')} apart.",
-            where=where,
-            when=when,
-            size=worst * 1e6,
-            unit="um",
-            limit=GAP_TOL * 1e6,
-            suggestion="check the joint's frames and the poses of its bodies",
-        )
+        text = f"joint {where}: its two frames are {quantity(worst, 'm')} apart."
+        ledger.wrong("usd.joint_gap", text, where, size=um(worst, GAP_TOL), when=when)

@@ -8,7 +8,7 @@ from pxr import Usd, UsdGeom, UsdPhysics
 
 from twin.core.errors import StageError
 from twin.core.findings import Finding
-from twin.exchange.audit.report import Ledger
+from twin.exchange.audit.report import Ledger, Measured
 from twin.usd.check import check_stage, run_usd_validators
 from twin.usd.check.bodies import check_meshes
 from twin.usd.check.layout import check_names, check_ops, check_transforms, check_units
@@ -27,15 +27,14 @@ def check_usd(path: Path, physics: bool, ledger: Ledger) -> None:
     archive = path.suffix.lower() == ".usdz"
     kept = [f for f in found if _counts(f, physics)]
     for f in [*kept, *public]:
+        text = f.message if f in public or f.message.endswith(".") else f"{f.message}."
         ledger.add(
             f.code,
             "info" if _is_choice(f, physics) else f.severity,
-            f.message if f in public or f.message.endswith(".") else f"{f.message}.",
-            where=f.where,
+            text,
+            f.where,
+            size=Measured(f.size, f.limit, f.unit),
             when=f.when,
-            size=f.size,
-            unit=f.unit,
-            limit=f.limit,
             suggestion=f.suggestion,
         )
     grave = [f for f in kept if f.severity != "info" and not _is_choice(f, physics)]
@@ -77,7 +76,7 @@ _AR_TYPES = {
     *("Material", "Shader", "SkelRoot", "Skeleton", "SkelAnimation", "BlendShape", "SpatialAudio", "PhysicsScene"),
     *("Preliminary_ReferenceImage", "Preliminary_Text", "Preliminary_Trigger"),
 }
-"""Prim types that AR Quick Look supports (ARKit rules of OpenUSD 26.5), in addition to those of RealityKit."""
+"""Prim types that AR Quick Look supports (ARKit rules of OpenUSD 26.5), in addition to the prim types of RealityKit."""
 
 
 def _check_quick_look(path: Path, ledger: Ledger) -> None:
@@ -90,9 +89,9 @@ def _check_quick_look(path: Path, ledger: Ledger) -> None:
         where, kind = str(prim.GetPath()), str(prim.GetTypeName())
         if prim.IsA(UsdPhysics.Joint) or prim.HasAPI(UsdPhysics.RigidBodyAPI):
             text = f"{where} is a physics prim, which AR Quick Look and its checker reject."
-            ledger.add("usd.ar_physics", "warning", text, where=where, suggestion="remove physics from the .usdz")
+            ledger.add("usd.ar_physics", "warning", text, where, suggestion="remove physics from the .usdz")
             return
         if kind not in _AR_TYPES and not kind.startswith("RealityKit"):
             text = f"{where} is a {kind}, which AR Quick Look does not support."
-            ledger.add("usd.ar_type", "warning", text, where=where, suggestion="remove the prim from the .usdz")
+            ledger.add("usd.ar_type", "warning", text, where, suggestion="remove the prim from the .usdz")
             return

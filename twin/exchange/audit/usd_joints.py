@@ -25,10 +25,7 @@ class _World(Protocol):
 def joint_gaps(stage: Usd.Stage, placed: Mapping[str, Array], world: _World) -> Iterator[tuple[str, Array]]:
     """Yield (path, gap) of each joint; the gap is the distance (k,) in m of its two frames in its locked directions.
 
-    Args:
-        stage: the stage with the joints.
-        placed: T_world_body (k, 4, 4) by prim path.
-        world: units and up axis of the stage.
+    `placed` has T_world_body (k, 4, 4) by prim path.
     """
     count = len(next(iter(placed.values()))) if placed else 0
     for prim in stage.Traverse():

@@ -13,7 +13,7 @@ _MOST_PER_BYTE = 256
 
 
 def trouble(data: bytes) -> str:
-    """Return a text on the fault in the header of a binary USD file; "" without a fault, or if it is not binary USD."""
+    """Return the fault in the header of a binary USD file as text; "" for a valid header or another format."""
     if not data.startswith(b"PXR-USDC"):
         return ""
     if len(data) < 88:

@@ -6,7 +6,7 @@ import struct
 import zipfile
 from pathlib import Path
 
-from twin.exchange.audit.report import Ledger
+from twin.exchange.audit.report import Ledger, Measured
 
 ALIGNMENT = 64
 _LOCAL = struct.Struct("<4s5H3I2H")
@@ -26,11 +26,11 @@ def check_usdz(path: Path, ledger: Ledger) -> bool:
         ledger.add("usdz.archive", "error", f"it is not a readable zip archive: {error}.")
         return False
     if broken:
-        ledger.add("usdz.archive", "error", f"the checksum of '{broken}' in the archive is wrong.", where=broken)
+        ledger.add("usdz.archive", "error", f"the checksum of '{broken}' in the archive is wrong.", broken)
         return False
     if not entries or Path(entries[0].filename).suffix.lower() not in LAYERS:
         first = entries[0].filename if entries else "nothing"
-        ledger.add("usdz.first", "error", f"its first file is {first}, not a USD layer.", where=first)
+        ledger.add("usdz.first", "error", f"its first file is {first}, not a USD layer.", first)
         return False
     data = path.read_bytes()
     for entry in entries:
@@ -38,26 +38,21 @@ def check_usdz(path: Path, ledger: Ledger) -> bool:
             continue
         if entry.compress_type != zipfile.ZIP_STORED:
             text = f"'{entry.filename}' is compressed: readers reject such an archive."
-            ledger.add("usdz.compressed", "disagreement", text, where=entry.filename, suggestion="do not compress")
+            ledger.wrong("usdz.compressed", text, entry.filename, suggestion="do not compress")
             continue
         fields = _LOCAL.unpack_from(data, entry.header_offset)
         start = entry.header_offset + _LOCAL.size + fields[-2] + fields[-1]
         if start % ALIGNMENT:
-            ledger.add(
-                "usdz.alignment",
-                "disagreement",
+            text = (
                 f"'{entry.filename}' starts at byte {start}, not a multiple of {ALIGNMENT}: readers that map it "
-                "into memory fail.",
-                where=entry.filename,
-                size=float(start % ALIGNMENT),
-                limit=0.0,
-                suggestion="pad the extra field of its header",
+                "into memory fail."
             )
+            ledger.wrong("usdz.alignment", text, entry.filename, size=Measured(start % ALIGNMENT, 0.0))
     layers = [e.filename for e in entries if Path(e.filename).suffix.lower() in LAYERS]
     if len(layers) > 1:
         text = (
             f"the archive contains {len(layers)} layers: three.js shows nothing for such a file, and reports no error."
         )
-        ledger.add("usdz.layers", "warning", text, where=layers[1], suggestion="flatten the layers into one")
+        ledger.add("usdz.layers", "warning", text, layers[1], suggestion="flatten the layers into one")
     ledger.row("archive: stored, aligned, one layer", float(len(ledger.found)), "found", 0.0)
     return True

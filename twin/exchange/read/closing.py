@@ -12,7 +12,7 @@ from twin.core.quantity import Quantity, deg, mm
 from twin.core.units import DEG, MM
 from twin.exchange.read.drives import with_drives
 from twin.exchange.read.proposals import MEETING
-from twin.exchange.read.source import Imported, note, warning
+from twin.exchange.read.source import Findings, Imported, note, warning
 from twin.model.mechanism import Mechanism
 from twin.reference import ReferenceModel
 from twin.reference.assembling import CLOSED, assemble, closes_alone, is_closed, settle
@@ -38,7 +38,7 @@ def close(imported: Imported) -> Imported:
     open loops, `home` is a key frame of the file. If no key frame is suitable, `home` is the least singular nearby
     state within the limits.
     """
-    mechanism, findings = imported.mechanism, list(imported.findings)
+    mechanism, findings = imported.mechanism, Findings(imported.findings)
     findings += _authored_open(imported)
     model = ReferenceModel(mechanism)
     home, said = _home(model, imported.keys)
@@ -48,19 +48,19 @@ def close(imported: Imported) -> Imported:
     moved = [j for j in mechanism.active if abs(home.q_full.get(j.name, 0.0) - _drawn(mechanism, j.name)) > 1e-9]
     if moved:
         names = ", ".join(f"'{j.name}' at {_shown(mechanism, j.name, home)}" for j in moved)
-        findings.append(note("moved", f"Driven joints were moved to close the loops; at home: {names}.", moved[0].name))
+        findings.note("moved", f"Driven joints were moved to close the loops; at home: {names}.", moved[0].name)
     for joint in mechanism.joints:
         q = home.q_full.get(joint.name)
         if q is not None and joint.limits and not joint.limits[0] - 1e-9 <= q <= joint.limits[1] + 1e-9:
             text = f"joint '{joint.name}' is at {_shown(mechanism, joint.name, home)} at home, outside its limits."
-            findings.append(warning("rest", text, joint.name))
+            findings.warn("rest", text, joint.name)
     freedom = model.mobility(home.x).freedom
     if len(mechanism.active) > freedom:
         text = (
             f"{len(mechanism.active)} joints are driven, but the mechanism has {freedom} degrees of freedom: remove "
             "`active = true` from the passive joints, and list the driven joints first."
         )
-        findings.append(warning("driven", text, mechanism.name))
+        findings.warn("driven", text, mechanism.name)
     q = {j.name: float(v) for j, v in zip(mechanism.active, home.q, strict=True)}
     others = {n: v for n, v in mechanism.postures.items() if n != "home"}  # home must be the first posture
     mechanism = replace(mechanism, rest=home.link_poses, postures={"home": q, **others})

@@ -7,8 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from twin.core import spatial
-from twin.core.findings import Finding
-from twin.exchange.read.source import Imported, warning
+from twin.exchange.read.source import Findings, Imported
 from twin.model.joint import Drive, Joint
 from twin.model.mechanism import Mechanism
 from twin.model.transmission import Actuator
@@ -25,7 +24,7 @@ _NOTHING = {"revolute": 1e-3, "prismatic": 1.0}
 
 def with_drives(imported: Imported) -> Imported:
     """Return the mechanism with a drive on every driven joint; added drives are reported and listed in `assumed`."""
-    m, findings, assumed = imported.mechanism, list(imported.findings), set(imported.assumed)
+    m, findings, assumed = imported.mechanism, Findings(imported.findings), set(imported.assumed)
     joints = []
     m = replace(m, actuators=_motors(m, imported.efforts, assumed, findings))
     for joint in m.joints:
@@ -36,21 +35,17 @@ def with_drives(imported: Imported) -> Imported:
             joint = replace(joint, drive=Drive(carried * rate**2, 2 * carried * rate, effort))
             assumed.add(joint.name)
             text = f"joint '{joint.name}' is driven without gains in the file: its drive is ASSUMED ({FREQUENCY:g} Hz)."
-            findings.append(warning("drive", text, joint.name))
+            findings.warn("drive", text, joint.name)
         joints.append(joint)
     left = {n: e for n, e in imported.efforts.items() if e and not m.joint(n).active}
     for name, effort in left.items():
-        findings.append(
-            warning("effort", f"joint '{name}': effort {effort:g} is not imported: the joint has no drive.", name)
-        )
+        findings.warn("effort", f"joint '{name}': effort {effort:g} is not imported: the joint has no drive.", name)
     return replace(
         imported, mechanism=replace(m, joints=tuple(joints)), findings=findings, assumed=frozenset(assumed), efforts={}
     )
 
 
-def _motors(
-    m: Mechanism, efforts: dict[str, float], assumed: set[str], findings: list[Finding]
-) -> tuple[Actuator, ...]:
+def _motors(m: Mechanism, efforts: dict[str, float], assumed: set[str], findings: Findings) -> tuple[Actuator, ...]:
     """Return the actuators, each with a drive; missing gains are ASSUMED, computed from the moved inertia."""
     found = {a.name: a for a in m.actuators}
     rate = 2 * np.pi * FREQUENCY
@@ -64,7 +59,7 @@ def _motors(
                 found[name] = replace(a, stiffness=float(felt * rate**2), damping=float(2 * felt * rate))
                 assumed.add(name)
                 text = f"actuator '{name}' has no gains in the file: its drive is ASSUMED ({FREQUENCY:g} Hz)."
-                findings.append(warning("drive", text, name))
+                findings.warn("drive", text, name)
         for joint in (n for n in t.joints if efforts.get(n)):
             if single := t.single(joint):
                 name, ratio = single
@@ -72,7 +67,7 @@ def _motors(
                 found[name] = replace(found[name], max_effort=known or efforts[joint] * abs(ratio))
             else:
                 text = f"joint '{joint}': effort {efforts[joint]:g} is not imported: several motors move it."
-                findings.append(warning("effort", text, joint))
+                findings.warn("effort", text, joint)
     return tuple(found.values())
 
 

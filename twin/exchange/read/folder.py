@@ -1,16 +1,18 @@
 """Write a mechanism as a robot folder: description, meshes, formula, initial protocol, notes.
 
 All frames are given as numbers in the base frame at the rest pose, with the loops closed. Lengths are printed with all
-digits of a double, so that the loops of the written mechanism close as well as those of the imported one.
+digits of a double, so that the loops of the written mechanism close as well as the loops of the imported mechanism.
 """
 
 from __future__ import annotations
 
 import contextlib
 import hashlib
-from collections.abc import Callable, Iterator, Set
+from collections.abc import Callable, Iterator, Mapping, Set
 from dataclasses import replace
 from pathlib import Path
+
+import numpy as np
 
 from twin.core import assets
 from twin.core.errors import OutputError
@@ -21,7 +23,7 @@ from twin.core.version import __version__
 from twin.exchange.read.drives import NOTE
 from twin.exchange.read.source import Imported
 from twin.exchange.read.templates import formula, protocol
-from twin.exchange.read.text import frame, number, numbers, one_line, string
+from twin.exchange.read.text import frame, one_line, rows, table, toml
 from twin.model.body import Body, Mesh
 from twin.model.joint import Joint
 from twin.model.mechanism import Mechanism
@@ -62,12 +64,8 @@ def require_free(target: Path, force: bool = False) -> None:
 def write_folder(imported: Imported, name: str, target: Path, source: Path, force: bool = False) -> list[Path]:
     """Write the robot folder of a mechanism whose loops are closed (see `closing.close`).
 
-    Args:
-        imported: mechanism and findings.
-        name: identifier of the robot.
-        target: the folder; it must be new or empty, unless `force` is set.
-        source: the imported file; the description contains its name.
-        force: overwrite an existing robot folder, except its protocols and a formula that contains equations.
+    The target must be new or empty, unless `force` is set: it overwrites an existing robot folder, except its protocols
+    and a formula that contains equations. `source` is the imported file; the description contains its name.
 
     Returns:
         The files written, the description first.
@@ -126,160 +124,110 @@ def notes(name: str, findings: list[Finding], source: Path) -> str:
     ]
     titles = {"warning": "Changes from the file", "info": "Changed without loss"}
     for severity, title in titles.items():
-        rows = [f for f in by_severity(findings) if f.severity == severity]
-        lines += [f"## {title}", "", *([f"- {one_line(f.message)} ({f.code})" for f in rows] or ["- nothing"]), ""]
+        own = [f"- {one_line(f.message)} ({f.code})" for f in by_severity(findings) if f.severity == severity]
+        lines += [f"## {title}", "", *(own or ["- nothing"]), ""]
     return "\n".join(lines)
 
 
 def describe(m: Mechanism, source: str, assumed: Set[str] = frozenset()) -> str:
     """Return the description of a mechanism in TOML; drives of the joints in `assumed` are marked ASSUMED."""
+    cited = {"provenance": "CITED", "note": source}
     lines = [
         f"# {m.name}, made by `twin new` from {one_line(source)}; omitted and guessed data are listed in ../{NOTES}.",
         "# All frames are in the base frame at the rest pose, with loops closed.",
-        f"name = {string(m.name)}",
-        f"title = {string(m.name)}",
-        f"source = {string(source)}",
-        'default_protocol = "first"',
-        f"base = {string(m.base)}",
-        f"tool = {string(m.tool)}",
-        *([f"trocar = {string(m.trocars[0])}"] if len(m.trocars) == 1 else []),
-        *([f"trocars = [{', '.join(map(string, m.trocars))}]"] if len(m.trocars) > 1 else []),
+        *rows({"name": m.name, "title": m.name, "source": source, "default_protocol": "first", "base": m.base}),
+        *rows({"tool": m.tool, "trocar": m.trocars[0] if len(m.trocars) == 1 else None}),
+        *rows({"trocars": m.trocars if len(m.trocars) > 1 else None}),
         *TOLERANCE,
     ]
     for body in m.bodies:
-        lines += _body(m, body, source)
+        lines += _body(m, body, cited)
     for joint in m.joints:
-        lines += [
-            "",
+        lines += table(
             "[[joint]]",
-            f"name = {string(joint.name)}",
-            f"type = {string(joint.type)}",
-            f"parent = {string(joint.parent)}",
-            f"child = {string(joint.child)}",
-            *(["active = true"] if joint.active else []),
-            f"on_parent = {frame(m.rest[joint.parent] @ joint.T_parent_joint)}",
-            f"on_child = {frame(m.rest[joint.child] @ joint.T_child_joint)}",
-        ]
+            name=joint.name,
+            type=joint.type,
+            parent=joint.parent,
+            child=joint.child,
+            active=joint.active or None,
+            on_parent=frame(m.rest[joint.parent] @ joint.T_parent_joint),
+            on_child=frame(m.rest[joint.child] @ joint.T_child_joint),
+        )
     for joint in m.joints:
-        lines += _limit(joint, source) + _drive(joint, source, joint.name in assumed)
+        lines += _limit(joint, cited)
+        if (d := joint.drive) is not None:
+            gains = {"stiffness": d.stiffness, "damping": d.damping, "max_effort": d.max_effort}
+            lines += table("[[drive]]", joints=[joint.name], **gains, **(_GUESSED if joint.name in assumed else cited))
     for c in m.couplings:
-        angle = m.joint(c.joints[0]).is_angle
-        lines += [
-            "",
-            "[[coupling]]",
-            f"name = {string(c.name)}",
-            f"joints = [{', '.join(map(string, c.joints))}]",
-            f"ratios = {numbers(c.ratios)}",
-            f"sum_deg = {number(c.total / DEG)}" if angle else f"sum_mm = {number(c.total / MM)}",
-            *_cited(source),
-        ]
+        total = {"sum_deg": c.total / DEG} if m.joint(c.joints[0]).is_angle else {"sum_mm": c.total / MM}
+        lines += table("[[coupling]]", name=c.name, joints=c.joints, ratios=c.ratios, **total, **cited)
     for a in m.actuators:
-        lines += _actuator(a, source, a.name in assumed)
+        lines += _actuator(a, _GUESSED if a.name in assumed else cited)
     for t in m.transmissions:
-        lines += [
-            "",
-            "[[transmission]]",
-            f"name = {string(t.name)}",
-            f"joints = [{', '.join(map(string, t.joints))}]",
-            f"actuators = [{', '.join(map(string, t.actuators))}]",
-            f"matrix = [{', '.join(map(numbers, t.matrix))}]",
-            *_cited(source),
-        ]
+        parts = {"joints": t.joints, "actuators": t.actuators, "matrix": t.matrix}
+        lines += table("[[transmission]]", name=t.name, **parts, **cited)
     for f in m.frames:
-        T = m.rest[f.body] @ f.T_body_frame
-        lines += ["", f"[frame.{f.name}]", f"body = {string(f.body)}", f"at = {frame(T)}"]
+        lines += table(f"[frame.{f.name}]", body=f.body, at=frame(m.rest[f.body] @ f.T_body_frame))
     for p in m.points:
         at = m.rest[p.body][:3, :3] @ p.p_body + m.rest[p.body][:3, 3]
-        lines += ["", f"[point.{p.name}]", f"body = {string(p.body)}", f"position_mm = {numbers(at / MM)}"]
+        lines += table(f"[point.{p.name}]", body=p.body, position_mm=at / MM)
     for posture, values in m.postures.items():
-        lines += ["", f"[posture.{posture}]"]
+        shown = {}
         for joint, q in values.items():
             angle = m.joint(joint).is_angle
-            lines.append(f"{joint}_{'deg' if angle else 'mm'} = {number(q / (DEG if angle else MM))}")
+            shown[f"{joint}_{'deg' if angle else 'mm'}"] = q / (DEG if angle else MM)
+        lines += table(f"[posture.{posture}]", **shown)
     return "\n".join(lines) + "\n"
 
 
 TOLERANCE = ("", "[tolerance]", "gross_mm = 1", "gross_deg = 1", "meeting_um = 1", "meeting_deg = 0.001")
 """Lines of the table of tolerances in a new description."""
 
+_GUESSED = {"provenance": "ASSUMED", "note": NOTE}
 
-def _body(m: Mechanism, body: Body, source: str) -> list[str]:
-    lines = ["", f"[body.{body.name}]"]
-    T = m.rest[body.name]
+
+def _body(m: Mechanism, body: Body, cited: Mapping[str, str]) -> list[str]:
+    lines = table(f"[body.{body.name}]")
     if body.inertia is not None:
-        R = T[:3, :3]
-        com = R @ body.inertia.p_body_com + T[:3, 3]
-        I = R @ body.inertia.I_com @ R.T  # noqa: E741
-        tensor = numbers([I[0, 0], I[1, 1], I[2, 2], I[0, 1], I[0, 2], I[1, 2]])
+        T = m.rest[body.name]
+        com = T[:3, :3] @ body.inertia.p_body_com + T[:3, 3]
+        I = T[:3, :3] @ body.inertia.I_com @ T[:3, :3].T  # noqa: E741
+        tensor = [I[0, 0], I[1, 1], I[2, 2], I[0, 1], I[0, 2], I[1, 2]]
         lines += [
             f"[body.{body.name}.mass]",
-            f"mass_kg = {number(body.inertia.mass)}",
-            f"com_mm = {numbers(com / MM)}",
-            f"inertia_kg_m2 = {tensor} # xx yy zz xy xz yz, about the centre of mass",
-            *_cited(source),
+            *rows({"mass_kg": body.inertia.mass, "com_mm": com / MM}),
+            f"inertia_kg_m2 = {toml(tensor)} # xx yy zz xy xz yz, about the centre of mass",
+            *rows(cited),
         ]
     for mesh in body.meshes:
         color = mesh.color_rgba if mesh.color_rgba[3] != 1 else mesh.color_rgba[:3]
-        lines += [
-            "",
-            f"[[body.{body.name}.meshes]]",
-            f"file = {string(f'meshes/{mesh.name}.obj')}",
-            'unit = "m"',
-            f"color = {numbers(color)}",
-        ]
+        lines += table(f"[[body.{body.name}.meshes]]", file=f"meshes/{mesh.name}.obj", unit="m", color=color)
     return lines
 
 
-def _limit(joint: Joint, source: str) -> list[str]:
+def _limit(joint: Joint, cited: Mapping[str, str]) -> list[str]:
     unit, scale = ("deg", DEG) if joint.is_angle else ("mm", MM)
-    lines = []
-    for key, value in (("limits", joint.limits), ("soft_limits", joint.soft_limits)):
-        if value is not None:
-            lines.append(f"{key}_{unit} = {numbers([v / scale for v in value])}")
-    for key, value in (
-        (f"max_speed_{unit}_s", joint.max_speed),
-        (f"max_acceleration_{unit}_s2", joint.max_acceleration),
-    ):
-        if value is not None:
-            lines.append(f"{key} = {number(value / scale)}")
-    if joint.cone is not None:
-        lines.append(f"cone_deg = {number(joint.cone / DEG)}")
-    return ["", "[[limit]]", f"joints = [{string(joint.name)}]", *lines, *_cited(source)] if lines else []
+    values = {
+        f"limits_{unit}": joint.limits and np.divide(joint.limits, scale),
+        f"soft_limits_{unit}": joint.soft_limits and np.divide(joint.soft_limits, scale),
+        f"max_speed_{unit}_s": joint.max_speed and joint.max_speed / scale,
+        f"max_acceleration_{unit}_s2": joint.max_acceleration and joint.max_acceleration / scale,
+        "cone_deg": joint.cone and joint.cone / DEG,
+    }
+    return table("[[limit]]", joints=[joint.name], **values, **cited) if rows(values) else []
 
 
-def _drive(joint: Joint, source: str, assumed: bool) -> list[str]:
-    drive = joint.drive
-    if drive is None:
-        return []
-    effort = [] if drive.max_effort is None else [f"max_effort = {number(drive.max_effort)}"]
-    return [
-        "",
-        "[[drive]]",
-        f"joints = [{string(joint.name)}]",
-        f"stiffness = {number(drive.stiffness)}",
-        f"damping = {number(drive.damping)}",
-        *effort,
-        *(['provenance = "ASSUMED"', f"note = {string(NOTE)}"] if assumed else _cited(source)),
-    ]
-
-
-def _actuator(a: Actuator, source: str, assumed: bool) -> list[str]:
+def _actuator(a: Actuator, provenance: Mapping[str, str]) -> list[str]:
     unit, scale = ("deg", DEG) if a.is_angle else ("mm", MM)
-    own = {"max_effort": a.max_effort, "rotor_inertia": a.rotor_inertia, "stiffness": a.stiffness}
-    own |= {"damping": a.damping or None, f"max_speed_{unit}_s": a.max_speed and a.max_speed / scale}
-    return [
-        "",
-        "[[actuator]]",
-        f"name = {string(a.name)}",
-        f"kind = {string(a.kind)}",
-        *([] if a.limits is None else [f"limits_{unit} = {numbers([v / scale for v in a.limits])}"]),
-        *(f"{key} = {number(value)}" for key, value in own.items() if value is not None),
-        *(['provenance = "ASSUMED"', f"note = {string(NOTE)}"] if assumed else _cited(source)),
-    ]
-
-
-def _cited(source: str) -> list[str]:
-    return ['provenance = "CITED"', f"note = {string(source)}"]
+    values = {
+        f"limits_{unit}": a.limits and np.divide(a.limits, scale),
+        "max_effort": a.max_effort,
+        "rotor_inertia": a.rotor_inertia,
+        "stiffness": a.stiffness,
+        "damping": a.damping or None,
+        f"max_speed_{unit}_s": a.max_speed and a.max_speed / scale,
+    }
+    return table("[[actuator]]", name=a.name, kind=a.kind, **values, **provenance)
 
 
 def _obj(path: Path, mesh: Mesh, T: Array) -> None:

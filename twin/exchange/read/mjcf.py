@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,15 +16,12 @@ import numpy as np
 
 from twin.core import spatial
 from twin.core.errors import SourceError
-from twin.core.findings import Finding
 from twin.core.foreign.budget import check_size, read_bytes
 from twin.core.spatial import Array
-from twin.exchange.read.mjcf_assets import without_missing
-from twin.exchange.read.mjcf_left import left_out
 from twin.exchange.read.mjcf_motors import fixed_tendon, read_motors
 from twin.exchange.read.mjcf_robots import chosen, tied_by
 from twin.exchange.read.mjcf_shapes import shown
-from twin.exchange.read.source import Imported, Names, along, assemble, note, possible, warning
+from twin.exchange.read.source import Findings, Imported, Names, along, assemble, possible, warning
 from twin.model.body import TOOL, Body, Frame
 from twin.model.inertia import Inertia
 from twin.model.joint import Drive, Joint, JointType
@@ -40,9 +37,7 @@ _TYPES: tuple[JointType, ...] = ("free", "spherical", "prismatic", "revolute")
 def read_mjcf(path: Path, root: str | None = None) -> Imported:
     """Read an MJCF file.
 
-    Args:
-        path: the file.
-        root: name of a body of the robot to read, if the world has several robots; "world" reads all robots as one.
+    `root` is the name of a body of the robot to read, if the world has several robots; "world" reads all robots as one.
 
     Raises:
         SourceError: MuJoCo rejects the file, the file has a constraint that a mechanism cannot express, or the file has
@@ -51,12 +46,12 @@ def read_mjcf(path: Path, root: str | None = None) -> Imported:
     import mujoco
 
     check_size(path, "MJCF")
-    missing: list[Finding] = []
+    missing = Findings()
     try:
         with warnings.catch_warnings(record=True) as told:
             warnings.simplefilter("always")
             spec = mujoco.MjSpec.from_file(str(path))
-            weightless = without_missing(spec, path, missing)
+            weightless = _without_missing(spec, path, missing)
             model = spec.compile()
     except (ValueError, RuntimeError, mujoco.FatalError) as error:
         raise SourceError(f"{path}: MuJoCo rejects the file: {' '.join(str(error).split())}") from error
@@ -92,7 +87,7 @@ class _Mjcf:
 
         self.path, self.m, self.mujoco = path, model, mujoco
         self.weightless, self.root = weightless, root
-        self.findings: list[Finding] = []
+        self.findings = Findings()
         self.efforts: dict[str, float] = {}
 
     def _name(self, kind: str, i: int) -> str:
@@ -128,7 +123,7 @@ class _Mjcf:
         for i in range(m.neq):
             if tied_by(m, i) <= set(kept):
                 self._equality(i, joints, couplings, used)
-        self.findings += left_out(m, self._name, self.motors.tendons)
+        self.findings += _left_out(m, self._name, self.motors.tendons)
         site_names = Names("site", (self._name("SITE", i) for i in range(m.nsite)), self.findings)
         # In files that twin exported, the site frame_NAME marks the frame NAME; one of these frames is the tool.
         prefix = "frame_" if f"frame_{TOOL}" in site_names else ""
@@ -164,7 +159,7 @@ class _Mjcf:
                 for k in range(m.njnt)
                 if m.jnt_type[k] in (_SLIDE, _HINGE) and m.jnt_bodyid[k] in kept
             }
-            self.findings.append(note("key", f"key '{self._name('KEY', i)}' becomes posture '{label}'.", label))
+            self.findings.note("key", f"key '{self._name('KEY', i)}' becomes posture '{label}'.", label)
         return out
 
     def _hang(self, i: int, extra: list[Body]) -> Iterator[Joint]:
@@ -192,13 +187,8 @@ class _Mjcf:
                 ref = spatial.pose(p=[0, 0, -q0]) if kind == _SLIDE else spatial.pose(spatial.rotation_z(-q0))
             if kind == _FREE:
                 where = self.joints[k]
-                self.findings.append(
-                    warning(
-                        "free",
-                        f"joint '{where}' is a free joint: the base of the robot is not fixed to the world.",
-                        where,
-                    )
-                )
+                text = f"joint '{where}' is a free joint: the base of the robot is not fixed to the world."
+                self.findings.warn("free", text, where)
             yield Joint(
                 self.joints[k],
                 _TYPES[kind],
@@ -239,12 +229,12 @@ class _Mjcf:
                     "driven, without gains."
                 )
                 text += f" {others} are not driven; they move only if an equality couples them." if others else ""
-                self.findings.append(warning("actuator", text, name))
+                self.findings.warn("actuator", text, name)
                 yield tied[0], None
                 continue
             if trn(int(m.actuator_trntype[i])) not in (trn.mjTRN_JOINT, trn.mjTRN_JOINTINPARENT):
                 text = f"actuator '{name}' acts on a spatial tendon, a site or a body: it drives no joint."
-                self.findings.append(warning("actuator", text, name))
+                self.findings.warn("actuator", text, name)
                 continue
             k, gear = int(m.actuator_trnid[i, 0]), float(m.actuator_gear[i, 0])
             if m.jnt_type[k] not in (_SLIDE, _HINGE):
@@ -252,7 +242,7 @@ class _Mjcf:
                     f"actuator '{name}' drives joint '{self.joints[k]}', which has several coordinates: the actuator "
                     "is left out."
                 )
-                self.findings.append(warning("actuator", text, name))
+                self.findings.warn("actuator", text, name)
                 continue
             kp, bias = float(m.actuator_gainprm[i, 0]) * gear**2, m.actuator_biasprm[i]
             servo = bias[1] < 0 and np.isclose(-bias[1], m.actuator_gainprm[i, 0])
@@ -267,7 +257,7 @@ class _Mjcf:
                 f"actuator '{name}' is not a position servo: joint '{joint}' is imported as driven, and the gains of "
                 "the actuator are ignored."
             )
-            self.findings.append(warning("actuator", text, name))
+            self.findings.warn("actuator", text, name)
             yield k, None
 
     def _equality(self, i: int, joints: list[Joint], couplings: list[Coupling], used: set[str]) -> None:
@@ -279,7 +269,7 @@ class _Mjcf:
             label += "_loop"
         used.add(label)
         if not m.eq_active0[i]:
-            self.findings.append(warning("inactive", f"equality '{name}' is not active and is left out.", name))
+            self.findings.warn("inactive", f"equality '{name}' is not active and is left out.", name)
         elif kind in (eq.mjEQ_CONNECT, eq.mjEQ_WELD):
             joints.append(self._loop(i, label, kind == eq.mjEQ_WELD))
         elif kind == eq.mjEQ_JOINT:
@@ -329,3 +319,109 @@ class _Mjcf:
         R = spatial.matrix_from_quat_wxyz(m.body_iquat[i])
         tensor = R @ np.diag(m.body_inertia[i]) @ R.T
         return possible(Inertia(float(m.body_mass[i]), m.body_ipos[i].copy(), tensor), self.bodies[i], self.findings)
+
+
+def _without_missing(spec, path: Path, findings: Findings) -> set[str]:
+    """Remove meshes and textures with missing files, and geoms that use them, from a MuJoCo specification.
+
+    `spec` is parsed and not yet compiled. Each missing file is a warning.
+
+    Returns:
+        Names of bodies without a stated inertia from which a geom was removed; MuJoCo's masses for them are invalid.
+    """
+    lost: dict[str, str] = {}
+    for mesh in list(spec.meshes):
+        if mesh.file and not _place(spec, path, spec.meshdir, mesh.file).is_file():
+            lost[mesh.name or Path(mesh.file).stem] = mesh.file
+            spec.delete(mesh)
+    weightless: set[str] = set()
+    gone: set[str] = set()
+    for geom in list(spec.geoms):
+        if geom.meshname not in lost:
+            continue
+        body = geom.parent
+        text = f"body '{body.name}': mesh {lost[geom.meshname]} is missing: the body is shown without it."
+        findings.warn("mesh", text, lost[geom.meshname])
+        if not body.explicitinertial and body.name != "world":
+            weightless.add(body.name)
+        gone.add(geom.name)
+        spec.delete(geom)
+    for name, file in lost.items():
+        if all(f.where != file for f in findings):
+            findings.warn("mesh", f"mesh '{name}': {file} is missing; no body uses it.", file)
+    for pair in list(spec.pairs):
+        if {pair.geomname1, pair.geomname2} & (gone - {""}):
+            spec.delete(pair)
+    _textures(spec, path, findings)
+    for body in spec.bodies:
+        if body.name in weightless:  # a placeholder that compiles; the reader ignores this mass
+            body.explicitinertial, body.mass, body.inertia = True, 1.0, [1.0, 1.0, 1.0]
+            text = f"body '{body.name}' has no mass, because its mesh is missing."
+            findings.warn("inertia", text, body.name)
+    return weightless
+
+
+def _textures(spec, path: Path, findings: Findings) -> None:
+    for texture in list(spec.textures):
+        files = [f for f in (texture.file, *texture.cubefiles) if f]
+        missing = [f for f in files if not _place(spec, path, spec.texturedir, f).is_file()]
+        if not missing:
+            continue
+        for material in spec.materials:
+            if texture.name in list(material.textures):
+                material.textures = ["" if t == texture.name else t for t in material.textures]
+        findings.warn("texture", f"texture '{texture.name}': {missing[0]} does not exist.", missing[0])
+        spec.delete(texture)
+
+
+def _place(spec, path: Path, folder: str, file: str) -> Path:
+    """Return the path at which MuJoCo searches for a file."""
+    return path.parent / folder / (Path(file).name if spec.strippath else file)
+
+
+def _left_out(m, name: Callable[[str, int], str], kept_tendons: Collection[int] = ()) -> Findings:
+    """Return findings on data of the model that are not imported.
+
+    `name` returns the name of an object from its kind and number; `kept_tendons` are the tendons that transmissions
+    use.
+    """
+    import mujoco
+
+    found = Findings()
+    for i in range(m.njnt):
+        dof = int(m.jnt_dofadr[i])
+        told = {
+            "stiffness": float(np.ravel(m.jnt_stiffness[i])[0]),
+            "damping": float(np.ravel(m.dof_damping[dof])[0]),
+            "frictionloss": float(m.dof_frictionloss[dof]),
+            "armature": float(m.dof_armature[dof]),
+        }
+        kept = [f"{k} {v:g}" for k, v in told.items() if v]
+        if m.jnt_actfrclimited[i]:
+            kept.append(f"actuatorfrcrange {m.jnt_actfrcrange[i, 0]:g} .. {m.jnt_actfrcrange[i, 1]:g}")
+        if kept:
+            where = name("JOINT", i)
+            found.warn("friction", f"joint '{where}': {', '.join(kept)} are not imported.", where)
+    tied = {int(m.eq_obj1id[i]) for i in range(m.neq) if m.eq_type[i] == mujoco.mjtEq.mjEQ_TENDON}
+    for i in kept_tendons:
+        told = {k: np.ravel(getattr(m, f"tendon_{k}")[i])[0] for k in ("stiffness", "damping", "frictionloss")}
+        if kept := [f"{k} {v:g}" for k, v in told.items() if v]:
+            where = name("TENDON", i)
+            found.warn("friction", f"tendon '{where}': {', '.join(kept)} are not imported.", where)
+    for i in set(range(m.ntendon)) - tied - set(kept_tendons):
+        where = name("TENDON", i)
+        found.warn("tendon", f"tendon '{where}' is not imported: no equality constrains its length.", where)
+    for i in range(m.nexclude):
+        a, b = (name("BODY", int(v)) for v in (m.exclude_signature[i] >> 16, m.exclude_signature[i] & 0xFFFF))
+        found.note("contact", f"contact exclusion of '{a}' and '{b}' is not imported.", a)
+    for i in range(m.npair):
+        a, b = (name("GEOM", int(v)) for v in (m.pair_geom1[i], m.pair_geom2[i]))
+        found.note("contact", f"contact pair of '{a}' and '{b}' is not imported.", a)
+    if m.neq:
+        found.note("soft", "equalities are soft in MuJoCo, but exact in the mechanism.", name("EQUALITY", 0))
+    for count, what in ((m.nsensor, "sensors"), (m.ncam, "cameras"), (m.nlight, "lights")):
+        if count:
+            found.note("unread", f"{count} {what} are not imported.", what)
+    if m.nplugin:
+        found.warn("plugin", f"{m.nplugin} plug-ins are not imported.", "plugin")
+    return found

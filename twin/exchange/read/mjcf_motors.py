@@ -7,8 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from twin.core.findings import Finding
-from twin.exchange.read.source import named_apart
+from twin.exchange.read.source import Findings, named_apart
 from twin.model.transmission import CONDITION, Actuator, Transmission, condition
 from twin.usd.read.names import identifier
 
@@ -20,8 +19,6 @@ class Motors:
     """Transmissions of a mechanism, with MuJoCo's numbers of the joints, actuators and tendons in them.
 
     Attributes:
-        actuators: the motors of the transmissions.
-        transmissions: the transmissions of the mechanism.
         joints: MuJoCo numbers of the joints.
         numbers: MuJoCo numbers of the actuators.
         tendons: MuJoCo numbers of the tendons.
@@ -44,19 +41,12 @@ def fixed_tendon(m, tendon: int) -> dict[int, float]:
     return {int(m.wrap_objid[w]): float(m.wrap_prm[w]) for w in rows}
 
 
-def read_motors(m, kept: Sequence[int], joints: Sequence[str], name: Name, findings: list[Finding]) -> Motors:
+def read_motors(m, kept: Sequence[int], joints: Sequence[str], name: Name, findings: Findings) -> Motors:
     """Return the transmissions that drive the joints of the robot's bodies.
 
     A group of tendons that share joints is a transmission if it meets five conditions: each tendon has an actuator;
     there are as many tendons as joints; no other actuator drives these joints; no equality constrains the tendons; the
-    matrix is invertible.
-
-    Args:
-        m: MuJoCo's model.
-        kept: numbers of the robot's bodies.
-        joints: joint names by joint number.
-        name: function from kind and number of an object to its name in the file.
-        findings: receives a finding for each changed name.
+    matrix is invertible. `kept` has the numbers of the robot's bodies, `joints` the joint names by joint number.
     """
     import mujoco
 
@@ -95,7 +85,7 @@ def _rows(m, tendons: Sequence[int], over: Sequence[int], pulls: dict[int, int])
     return np.array([[g * row.get(j, 0.0) for j in over] for g, row in zip(gears, lengths, strict=True)])
 
 
-def _built(m, found, pulls: dict[int, int], joints: Sequence[str], name: Name, findings: list[Finding]) -> Motors:
+def _built(m, found, pulls: dict[int, int], joints: Sequence[str], name: Name, findings: Findings) -> Motors:
     used = [t for tendons, _ in found for t in tendons]
     own = named_apart("motor", ((t, name("ACTUATOR", pulls[t])) for t in used), joints, findings)
     told = {name("TEXT", i): _text(m, i) for i in range(m.ntext)}

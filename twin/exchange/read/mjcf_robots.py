@@ -6,22 +6,16 @@ from collections.abc import Callable
 from pathlib import Path
 
 from twin.core.errors import SourceError, unknown
-from twin.core.findings import Finding
-from twin.exchange.read.source import note, warning
+from twin.exchange.read.source import Findings, note, warning
 
 WORLD = "world"
 """Value of `root` that reads all robots of the file as one."""
 
 
-def chosen(m, path: Path, root: str | None, name: Callable[[str, int], str], findings: list[Finding]) -> list[int]:
+def chosen(m, path: Path, root: str | None, name: Callable[[str, int], str], findings: Findings) -> list[int]:
     """Return the bodies of the robot, the world first.
 
-    Args:
-        m: MuJoCo's model.
-        path: the file, for errors.
-        root: name of a body of the robot, or "world" for all bodies; None: the file has a single robot.
-        name: function from kind and number of an object to its name in the file.
-        findings: receives notes on omitted bodies.
+    `root` is the name of a body of the robot, or "world" for all bodies; None: the file has a single robot.
 
     Raises:
         SourceError: there are several robots and `root` is None, or the body does not exist.

@@ -7,23 +7,19 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from twin.core import spatial
-from twin.core.findings import Finding
 from twin.exchange.read.shapes import placed, primitive
-from twin.exchange.read.source import note, warning
+from twin.exchange.read.source import Findings
 from twin.model.body import Mesh
 from twin.usd.read.names import unique
 
 _SHAPES = {"BOX": "box", "CYLINDER": "cylinder", "SPHERE": "sphere", "CAPSULE": "capsule", "ELLIPSOID": "ellipsoid"}
 
 
-def shown(m, bodies: Sequence[str], name: Callable[[str, int], str], findings: list[Finding]) -> list[list[Mesh]]:
-    """Return the meshes of each body: its visual shapes, or its colliders if it has no visual shapes.
+def shown(m, bodies: Sequence[str], name: Callable[[str, int], str], findings: Findings) -> list[list[Mesh]]:
+    """Return the meshes of each body: its visual shapes or, without visual shapes, its colliders.
 
-    Args:
-        m: MuJoCo's model.
-        bodies: names of the bodies in the mechanism.
-        name: function from kind and number of an object to its name in the file.
-        findings: receives notes on shapes that are not shown.
+    `bodies` has the names of the bodies in the mechanism; `name` returns the name of an object from its kind and
+    number.
     """
     import mujoco
 
@@ -48,16 +44,16 @@ def shown(m, bodies: Sequence[str], name: Callable[[str, int], str], findings: l
             solid = primitive(_SHAPES[kind], [float(v) for v in wanted])
         else:
             text = f"body '{bodies[body]}': a shape of type {kind.lower()} is not shown."
-            findings.append(warning("shape", text, bodies[body]))
+            findings.warn("shape", text, bodies[body])
             continue
         material = int(m.geom_matid[i])
         r, g, b, a = map(float, m.geom_rgba[i] if material < 0 else m.mat_rgba[material])
         if material >= 0 and np.any(m.mat_texid[material] >= 0):
             text = f"body '{bodies[body]}': the texture of material '{name('MATERIAL', material)}' is not imported."
-            findings.append(warning("texture", text, bodies[body]))
+            findings.warn("texture", text, bodies[body])
         T = spatial.pose(spatial.matrix_from_quat_wxyz(m.geom_quat[i]), m.geom_pos[i])
         out[body].append(placed(names[str(i)], *solid, T, (r, g, b, a)))
     for body in sorted(hidden):
         text = f"body '{bodies[body]}': its colliders are not imported: the visual meshes are used instead."
-        findings.append(note("collision", text, bodies[body]))
+        findings.note("collision", text, bodies[body])
     return out

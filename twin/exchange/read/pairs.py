@@ -42,9 +42,7 @@ class Round:
     """A cylindrical or spherical face of a body.
 
     Attributes:
-        body: name of the body.
         part: the part to which the face belongs.
-        face: the face.
         reach: interval of the cylinder along its axis in m, measured from `face.point`; (0, 0) for a sphere.
     """
 
@@ -74,7 +72,6 @@ class Pair:
 
     Attributes:
         kind: "coaxial" or "concentric".
-        a, b: the faces.
         overlap: length in m over which the two cylinders overlap along the axis; for spheres the smaller diameter.
         offset: distance in m between the axes at the middle of the overlap, or between the centres.
         tilt: angle in rad between the axes.
@@ -99,7 +96,7 @@ class Pair:
 
     @property
     def miss(self) -> float:
-        """Largest distance between the axes in the overlap, or between the centres, divided by the smaller radius."""
+        """Maximum distance between the axes in the overlap, or between the centres, divided by the smaller radius."""
         return (self.offset + 0.5 * self.tilt * self.overlap) / min(self.a.face.radius, self.b.face.radius)
 
     @property
@@ -124,11 +121,8 @@ class Pair:
 def find_pairs(parts: Mapping[str, Sequence[Part]]) -> list[Pair]:
     """Return the fits between bodies, in the order of the bodies.
 
-    For each pair of bodies, coincident fits come first; of several fits on one axis, only the fit with the
-    minimum clearance is returned.
-
-    Args:
-        parts: the parts of each body, in the coordinates of the STEP.
+    For each pair of bodies, coincident fits come first; of several fits on one axis, only the fit with the minimum
+    clearance is returned. `parts` has the parts of each body, in the coordinates of the STEP.
     """
     found = [*_coaxial(list(_rounds(parts, "cylinder"))), *_concentric(list(_rounds(parts, "sphere")))]
     out: dict[tuple[str, str], list[Pair]] = {}

@@ -23,7 +23,6 @@ from twin.core.spatial import Array
 from twin.core.units import DEG, MM
 from twin.exchange.read.pairs import GROSS, Pair, Round, perpendicular, same_axis, shared
 from twin.exchange.read.text import frame as given
-from twin.exchange.read.text import number, numbers, string
 from twin.model.joint import JointType
 
 MEETING = (0.001 * MM, 0.001 * DEG)
@@ -38,10 +37,10 @@ _RAIL = 2.0
 
 @dataclass(frozen=True)
 class Side:
-    """A joint's frame on one body: its TOML text, and by name the TOML text of the features to which it refers."""
+    """A joint's frame on one body, and the features to which the frame refers, by name; all are inline TOML tables."""
 
-    text: str
-    features: dict[str, str]
+    frame: dict[str, Any]
+    features: dict[str, dict[str, Any]]
 
 
 @dataclass(frozen=True)
@@ -106,7 +105,7 @@ def propose(parts: Mapping[str, Sequence[Part]], pairs: Sequence[Pair], base: st
 def _kinds(pairs: list[Pair]) -> tuple[list[tuple[JointType | None, Pair, str]], list[Pair]]:
     """Return ((type, fit, evidence) of each joint, remaining fits) for the fits between two bodies.
 
-    The position of the joint is that of its fit. The type is None if it depends on stops along the axis.
+    The joint is at the position of its fit. The type is None if it depends on stops along the axis.
     """
     balls = [p for p in pairs if p.kind == "concentric"]
     axes = sorted((p for p in pairs if p.kind == "coaxial"), key=lambda p: (p.near, p.clearance, -p.overlap))
@@ -193,13 +192,8 @@ class _Frame:
         return frame(FrameSpec(**self._spec()), found)
 
     def side(self) -> Side:
-        """Return the frame and its features as TOML."""
-        shown = {
-            k: string(v) if isinstance(v, str) else number(v) if isinstance(v, float) else numbers(v)
-            for k, v in self._spec().items()
-        }
-        text = ", ".join(f"{k} = {v}" for k, v in shown.items())
-        return Side(f"{{ {text} }}", {n: _table(s) for n, s in self.features.items()})
+        """Return the frame and its features."""
+        return Side(self._spec(), {n: f.model_dump(exclude_none=True) for n, f in self.features.items()})
 
 
 def _along_axis(
@@ -263,7 +257,7 @@ def _along_axis(
 def _flats(parts: Sequence[Sequence[Part]], zs: Sequence[Array], within: float) -> list[tuple[Part, Face]] | None:
     """Return the most parallel pair of plane faces that are parallel to the axes, one of each body.
 
-    Returns None if there is no such pair, or its angle in rad is not below `within`.
+    Returns None if there is no such pair, or the angle of each pair is at least `within` in rad.
     """
     planes = [
         [(part, f) for part in own for f in part.faces if f.kind == "plane" and abs(float(f.direction @ z)) < 1e-4]
@@ -275,12 +269,3 @@ def _flats(parts: Sequence[Sequence[Part]], zs: Sequence[Array], within: float) 
     apart = np.linalg.norm(np.cross(a[:, None], b[None]), axis=-1)
     i, k = np.unravel_index(int(np.argmin(np.round(apart, 9))), apart.shape)
     return [planes[0][i], planes[1][k]] if apart[i, k] < within else None
-
-
-def _table(spec: Feature) -> str:
-    text = f'{{ kind = "{spec.kind}", near_mm = {numbers(spec.near_mm)}'
-    if spec.direction:
-        text += f", direction = {numbers(spec.direction)}"
-    if spec.radius_mm:
-        text += f", radius_mm = {number(spec.radius_mm)}"
-    return f"{text}, part = {string(spec.part or '')} }}"

@@ -14,12 +14,10 @@ import numpy as np
 
 from twin.core import spatial
 from twin.core.errors import MechanismError, SourceError, unknown
-from twin.core.findings import Finding
 from twin.core.spatial import Array
-from twin.exchange.read.sdf_left import left_out
 from twin.exchange.read.sdf_world import robot_of
 from twin.exchange.read.shapes import GREY, SIZES, Color, mesh_file, placed, primitive, size
-from twin.exchange.read.source import Imported, Names, along, assemble, limits, possible, rpy, warning
+from twin.exchange.read.source import Findings, Imported, Names, along, assemble, limits, possible, rpy
 from twin.exchange.read.xml import Xml
 from twin.model.body import Body, Frame, Mesh
 from twin.model.inertia import Inertia
@@ -40,12 +38,29 @@ _ENDLESS = 1e16
 """Magnitude in m or rad from which a limit means "no limit" in SDF."""
 
 
+_READ = {
+    "model": {"link", "joint", "frame", "pose"},
+    "link": {"visual", "collision", "inertial", "pose"},
+    "joint": {"parent", "child", "axis", "pose"},
+    "axis": {"xyz", "limit", "mimic", "initial_position"},
+    "limit": {"lower", "upper", "velocity", "effort"},
+    "visual": {"geometry", "material", "pose", "transparency"},
+    "material": {"diffuse"},
+}
+"""Names of the child elements that are read, by name of the parent element."""
+
+_HARMLESS = {"static", "self_collide", "allow_auto_disable", "enable_wind", "gravity", "cast_shadows", "ambient"}
+_HARMLESS |= {"specular", "emissive", "lighting", "laser_retro", "meta", "must_be_base_link", "physics", "kinematic"}
+"""Elements that affect only simulation or lighting: reported as notes."""
+
+_EMPTY = ("0", "0.0", "-1", "inf", "1e+16", "1e16", "")
+"""Values that have no effect and are not reported."""
+
+
 def read_sdf(path: Path, root: str | None = None) -> Imported:
     """Read an SDF file.
 
-    Args:
-        path: the file.
-        root: name of the model to read, if several models have joints.
+    `root` is the name of the model to read, if several models have joints.
 
     Raises:
         SourceError: the file is invalid or unsupported; the message names file, element and fault.
@@ -56,12 +71,12 @@ def read_sdf(path: Path, root: str | None = None) -> Imported:
 class _Sdf:
     def __init__(self, path: Path, root: str | None) -> None:
         self.xml, self.path = Xml(path, "sdf"), path
-        self.findings: list[Finding] = []
+        self.findings = Findings()
         self.efforts: dict[str, float] = {}
         self.model = robot_of(self.xml, root, self.findings)
 
     def read(self) -> Imported:
-        links, joints, marks = (self._named(k) for k in ("link", "joint", "frame"))
+        links, joints, marks = (self.xml.named(self.model, k) for k in ("link", "joint", "frame"))
         if not links:
             raise SourceError(f"{self.path}: no <link>, so there is no mechanism")
         self.links, self.elements = links, {**links, **joints, **marks}
@@ -83,14 +98,15 @@ class _Sdf:
         name = self.model.get("name") or self.path.stem
         couplings = [c for n, e in joints.items() for c in self._mimic(n, e, joint_names)]
         made = self._drive(made, base, {c.joints[0] for c in couplings}, joint_names)
-        self.findings += left_out(self.model, self.xml)
+        self.findings += _left_out(self.model, self.xml)
         efforts = {joint_names[n]: e for n, e in self.efforts.items()}
         return assemble(self.path, name, base, bodies, made, frames, couplings, self.findings, efforts=efforts)
 
     def _drive(self, joints: list[Joint], base: str, followers: set[str], names: Names) -> list[Joint]:
         """Return the joints, with the driven ones marked as active.
 
-        Driven joints are those named by plug-ins; without plug-ins, all joints that neither mimic nor close a loop.
+        Plug-ins name the driven joints; without plug-ins, all joints are driven except followers (`mimic`) and joints
+        that close a loop.
         """
         told = {t for p in self.model.iter("plugin") for e in p.iter("joint_name") if (t := (e.text or "").strip())}
         told = {names[t] for t in told if t in names}
@@ -113,7 +129,7 @@ class _Sdf:
                 f"no plug-in names a driven joint: all are driven except {', '.join(sorted(closing))}, which close "
                 "loops."
             )
-            self.findings.append(warning("driven", text, base))
+            self.findings.warn("driven", text, base)
         return out
 
     def _mimic(self, name: str, joint: Element, names: Names) -> Iterator[Coupling]:
@@ -134,15 +150,6 @@ class _Sdf:
             self.xml.fail(where, "mimic multiplier is 0; use a fixed joint")
         total = offset - ratio * reference
         yield Coupling(f"{names[name]}_mimic", (names[name], names[leader]), (1.0, -ratio), total)
-
-    def _named(self, kind: str) -> dict[str, Element]:
-        out: dict[str, Element] = {}
-        for element in self.model.findall(kind):
-            name = self.xml.name(element, kind)
-            if name in out:
-                self.xml.fail(f"{kind} '{name}'", "the name is used twice")
-            out[name] = element
-        return out
 
     def _base(self, joints: list[Joint], names: Names) -> str:
         children = {j.child for j in joints}
@@ -227,9 +234,7 @@ class _Sdf:
     def _axis(self, name: str, where: str, kind: str, joint: Element, T: Array) -> tuple[Array, dict]:
         axis = joint.find("axis")
         xyz = axis.find("xyz") if axis is not None else None
-        direction = self.xml.numbers(where, "axis xyz", xyz.text if xyz is not None else None, 3, (0, 0, 1))
-        if not np.abs(direction).max() > 1e-9:
-            self.xml.fail(where, "its axis has no length")
+        direction = self.xml.axis(where, "axis xyz", xyz.text if xyz is not None else None, (0, 0, 1))
         expressed = xyz.get("expressed_in") if xyz is not None else None
         if expressed:
             direction = T[:3, :3].T @ self._at(expressed)[:3, :3] @ direction
@@ -241,10 +246,7 @@ class _Sdf:
             if text is not None and text.strip().lstrip("-+").lower() not in ("inf", "infinity"):
                 value = self.xml.number(where, key, text)
             bounds.append(None if value is None or abs(value) >= _ENDLESS else value)
-        try:
-            values["limits"] = limits(bounds[0], bounds[1], name, self.findings)
-        except SourceError as error:
-            raise SourceError(f"{self.path}: {error}") from error
+        values["limits"] = limits(self.path, bounds[0], bounds[1], name, self.findings)
         speed = axis.findtext("limit/velocity") if axis is not None else None
         if speed is not None and 0 < (value := self.xml.number(where, "velocity", speed)) < _ENDLESS:
             values["max_speed"] = value
@@ -258,16 +260,9 @@ class _Sdf:
         if element is None:
             return None
         T = self._pose(element, where)
-        R = T[:3, :3]
-
-        def value(key: str, default: float) -> float:
-            return self.xml.number(where, key, element.findtext(f"inertia/{key}"), default)
-
-        xx, yy, zz = (value(k, 1.0) for k in ("ixx", "iyy", "izz"))
-        xy, xz, yz = (value(k, 0.0) for k in ("ixy", "ixz", "iyz"))
-        tensor = R @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ R.T
+        tensor = self.xml.tensor(where, lambda key: element.findtext(f"inertia/{key}"), np.eye(3))
         mass = self.xml.number(where, "mass", element.findtext("mass"), 1.0)
-        return possible(Inertia(mass, T[:3, 3], tensor), name, self.findings)
+        return possible(Inertia(mass, T[:3, 3], T[:3, :3] @ tensor @ T[:3, :3].T), name, self.findings)
 
     def _meshes(self, name: str, link: Element) -> list[Mesh]:
         where, out = f"link '{name}'", []
@@ -283,7 +278,7 @@ class _Sdf:
             elif shape.tag in SIZES:
                 solid = primitive(shape.tag, size(self.xml, where, shape.tag, shape.findtext))
             else:
-                self.findings.append(warning("shape", f"{where}: a <{shape.tag}> is not shown.", name))
+                self.findings.warn("shape", f"{where}: a <{shape.tag}> is not shown.", name)
             if solid is not None:
                 rgba = element.findtext("material/diffuse")
                 r, g, b, a = map(float, self.xml.numbers(where, "diffuse", rgba, 4, GREY))
@@ -292,3 +287,46 @@ class _Sdf:
                 label = identifier(f"{name}_shape") + (f"_{len(out) + 1}" if out else "")
                 out.append(placed(label, *solid, self._pose(element, where), color))
         return out
+
+
+def _left_out(model: Element, xml: Xml) -> Findings:
+    """Return findings on data of the model that are not imported."""
+    found = Findings()
+    if xml.root.find("world") is not None:
+        others = sorted({str(e.tag) for w in xml.root.findall("world") for e in w} - {"model"})
+        if others:
+            found.note("unread", f"the elements {', '.join(others)} of the world are not read.", "world")
+    pose = model.find("pose")
+    if pose is not None and (pose.text or "").strip():
+        text = f"the model's pose in the world, {(pose.text or '').strip()[:60]}, is not imported."
+        found.note("unread", text, "model")
+    _walk(model, "model", f"model '{model.get('name')}'", found)
+    return found
+
+
+def _walk(element: Element, kind: str, where: str, found: Findings) -> None:
+    for child in element:
+        tag = str(child.tag)
+        named = f"{where}, {tag} '{child.get('name')}'" if child.get("name") else f"{where}, {tag}"
+        if tag == "collision" and element.find("visual") is not None:
+            found.note("collision", f"{named} is not imported: the visual meshes are used for collision.", where)
+        elif tag not in _READ[kind]:
+            _tell(child, tag, where, found)
+        elif tag in _READ:
+            short = f"{tag} '{child.get('name')}'" if tag in ("link", "joint") else named
+            _walk(child, tag, short, found)
+
+
+def _tell(child: Element, tag: str, where: str, found: Findings) -> None:
+    if tag in ("dynamics", "stiffness", "dissipation"):
+        values = [f"{e.tag} {(e.text or '').strip()}" for e in (child.iter() if len(child) else [child]) if _says(e)]
+        if values:
+            found.warn("friction", f"{where}: {', '.join(values)} is not imported.", where)
+    elif tag in _HARMLESS:
+        found.note("unread", f"{where}: <{tag}> is not imported.", where)
+    else:
+        found.warn("unread", f"{where}: <{tag}> is not read.", where)
+
+
+def _says(element: Element) -> bool:
+    return not len(element) and (element.text or "").strip() not in _EMPTY

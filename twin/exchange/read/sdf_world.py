@@ -11,10 +11,9 @@ from pathlib import Path
 from xml.etree.ElementTree import Element
 
 from twin.core.errors import SourceError, unknown
-from twin.core.findings import Finding
 from twin.core.foreign.budget import INCLUDES, over
 from twin.exchange.read.shapes import find
-from twin.exchange.read.source import note, warning
+from twin.exchange.read.source import Findings, note, warning
 from twin.exchange.read.xml import Xml
 
 ORIGIN = "__model__"
@@ -24,13 +23,10 @@ _DEEPEST = 8
 """Maximum nesting depth of models; a limit, because includes may be recursive."""
 
 
-def robot_of(xml: Xml, root: str | None, findings: list[Finding]) -> Element:
+def robot_of(xml: Xml, root: str | None, findings: Findings) -> Element:
     """Return the selected model as a flat copy.
 
-    Args:
-        xml: the file.
-        root: name of the model; None: the only one that has joints.
-        findings: receives notes on omitted content.
+    `root` is the name of the model; None: the only model with joints.
 
     Raises:
         SourceError: several models have joints and `root` is None, the model does not exist, or a part of the model
@@ -45,7 +41,7 @@ def robot_of(xml: Xml, root: str | None, findings: list[Finding]) -> Element:
                 if model is None:
                     uri = (element.findtext("uri") or "").strip()
                     where = f"include {uri}"
-                    findings.append(warning("include", f"{where} is missing: its content is left out.", where))
+                    findings.warn("include", f"{where} is missing: its content is left out.", where)
                     continue
             elif element.tag == "model":
                 model = copy.deepcopy(element)

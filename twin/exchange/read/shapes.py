@@ -9,10 +9,9 @@ import numpy as np
 
 from twin.cad.mesh import SUFFIXES, load_mesh
 from twin.core.errors import CadError
-from twin.core.findings import Finding
 from twin.core.spatial import Array
 from twin.core.units import linear
-from twin.exchange.read.source import warning
+from twin.exchange.read.source import Findings
 from twin.exchange.read.xml import Xml
 from twin.model.body import Mesh
 
@@ -83,19 +82,17 @@ def find(uri: str, beside: Path) -> Path | None:
     return next((c for c in candidates if c.is_file()), None)
 
 
-def mesh_file(
-    uri: str, beside: Path, scale: Array, link: str, findings: list[Finding]
-) -> tuple[Array, np.ndarray] | None:
+def mesh_file(uri: str, beside: Path, scale: Array, link: str, findings: Findings) -> tuple[Array, np.ndarray] | None:
     """Return (vertices (n, 3) in m, triangles (m, 3)) of a mesh file, or None with a warning that names the file."""
     path = find(uri, beside)
     if path is None or path.suffix.lower() not in SUFFIXES:
         why = "was not found" if path is None else f"is not a file of type {', '.join(SUFFIXES)}"
-        findings.append(warning("mesh", f"link '{link}': mesh {uri} {why}: the link is shown without it.", uri))
+        findings.warn("mesh", f"link '{link}': mesh {uri} {why}: the link is shown without it.", uri)
         return None
     try:
         mesh, _ = load_mesh(path, "m")
     except CadError as error:
-        findings.append(warning("mesh", f"link '{link}': {error}: the link is shown without it.", uri))
+        findings.warn("mesh", f"link '{link}': {error}: the link is shown without it.", uri)
         return None
     triangles = mesh.triangles[:, ::-1] if np.prod(scale) < 0 else mesh.triangles
     return mesh.vertices * scale, triangles

@@ -22,6 +22,18 @@ from twin.usd.read.names import identifier, unique
 from twin.usd.read.tool import with_tool
 
 
+class Findings(list[Finding]):
+    """Findings of an import, in the order in which they were made."""
+
+    def note(self, code: str, message: str, where: str) -> None:
+        """Add a finding of severity info, for data that were changed without loss."""
+        self.append(note(code, message, where))
+
+    def warn(self, code: str, message: str, where: str) -> None:
+        """Add a finding of severity warning, for data of the file that are missing or assumed in the mechanism."""
+        self.append(warning(code, message, where))
+
+
 @dataclass
 class Imported:
     """A mechanism in SI units, with findings on renamed, guessed, missing and omitted data.
@@ -46,13 +58,13 @@ class Imported:
 class Names:
     """Map from the file's names of one kind (such as joints) to identifiers; each changed name is a finding."""
 
-    def __init__(self, kind: str, names: Iterable[str], findings: list[Finding]) -> None:
+    def __init__(self, kind: str, names: Iterable[str], findings: Findings) -> None:
         names = list(names)
         self._kind = kind
         self._known = unique((n, n) for n in names)
         for old, new in self._known.items():
             if old != new:
-                findings.append(note("renamed", f"{kind} '{old}' is renamed to '{new}'.", old))
+                findings.note("renamed", f"{kind} '{old}' is renamed to '{new}'.", old)
 
     def __getitem__(self, name: str) -> str:
         return self._known[name]
@@ -66,15 +78,12 @@ class Names:
 
 
 def named_apart(
-    kind: str, wanted: Iterable[tuple[Hashable, str]], taken: Collection[str], findings: list[Finding]
+    kind: str, wanted: Iterable[tuple[Hashable, str]], taken: Collection[str], findings: Findings
 ) -> dict[Any, str]:
     """Return for each key a unique identifier that is not in `taken`; each changed name is a finding.
 
-    Args:
-        kind: kind of the named objects (such as "joint"), for the findings.
-        wanted: (key, name in the file) of each object.
-        taken: identifiers in use.
-        findings: receives a finding for each changed name.
+    `wanted` has (key, name in the file) of each object, `taken` the identifiers in use; `kind` is the noun in the
+    findings, such as "joint".
     """
     out: dict[Any, str] = {}
     for key, name in wanted:
@@ -85,18 +94,18 @@ def named_apart(
             i += 1
             free = f"{first}_{i}"
         if free != name:
-            findings.append(note("renamed", f"{kind} '{name}' is renamed to '{free}'.", name))
+            findings.note("renamed", f"{kind} '{name}' is renamed to '{free}'.", name)
         out[key] = free
     return out
 
 
 def note(code: str, message: str, where: str) -> Finding:
-    """Return a finding of severity info, for data that were changed without loss."""
+    """Return the finding that `Findings.note` adds."""
     return finding("info", f"import.{code}", where, message)
 
 
 def warning(code: str, message: str, where: str) -> Finding:
-    """Return a finding of severity warning, for data of the file that are missing or assumed in the mechanism."""
+    """Return the finding that `Findings.warn` adds."""
     return finding("warning", f"import.{code}", where, message)
 
 
@@ -115,16 +124,18 @@ def along(axis: Array) -> Array:
     return spatial.pose(spatial.frame_from_axes(z, np.eye(3)[int(np.argmin(np.abs(z)))]))
 
 
-def possible(inertia: Inertia, link: str, findings: list[Finding]) -> Inertia | None:
+def possible(inertia: Inertia, link: str, findings: Findings) -> Inertia | None:
     """Return the inertia; if it is physically impossible, add a warning and return None."""
     bad = inertia.violations() if np.all(np.isfinite(inertia.I_com)) else ["its numbers are not finite"]
     if not bad:
         return inertia
-    findings.append(warning("inertia", f"link '{link}': {'; '.join(bad)}: its mass is left out.", link))
+    findings.warn("inertia", f"link '{link}': {'; '.join(bad)}: its mass is left out.", link)
     return None
 
 
-def limits(lower: float | None, upper: float | None, joint: str, findings: list[Finding]) -> tuple[float, float] | None:
+def limits(
+    path: Path, lower: float | None, upper: float | None, joint: str, findings: Findings
+) -> tuple[float, float] | None:
     """Return (lower, upper) limits in m or rad; None if the joint has no limits.
 
     Raises:
@@ -134,12 +145,10 @@ def limits(lower: float | None, upper: float | None, joint: str, findings: list[
         return None
     low, high = -math.inf if lower is None else lower, math.inf if upper is None else upper
     if low == high == 0.0:
-        findings.append(
-            warning("limits", f"joint '{joint}': limits 0 .. 0 are read as missing: the joint is unlimited.", joint)
-        )
+        findings.warn("limits", f"joint '{joint}': limits 0 .. 0 are read as missing: the joint is unlimited.", joint)
         return None
     if low >= high:
-        raise SourceError(f"joint '{joint}': limits {low:g} .. {high:g} are not ordered")
+        raise SourceError(f"{path}: joint '{joint}': limits {low:g} .. {high:g} are not ordered")
     return None if (low, high) == (-math.inf, math.inf) else (low, high)
 
 
@@ -151,7 +160,7 @@ def assemble(
     joints: Sequence[Joint],
     frames: Sequence[Frame],
     couplings: Sequence[Coupling],
-    findings: list[Finding],
+    findings: Findings,
     efforts: dict[str, float] | None = None,
 ) -> Imported:
     """Return the mechanism that consists of the given parts, with a tool; its rest pose has zero joint values.
@@ -180,13 +189,13 @@ def rest_poses(mechanism: Mechanism) -> dict[str, Array]:
     return rest
 
 
-def tooled(mechanism: Mechanism, findings: list[Finding]) -> Mechanism:
+def tooled(mechanism: Mechanism, findings: Findings) -> Mechanism:
     """Return the mechanism with a tool frame; a frame that was added is reported as a warning."""
     out, said = with_tool(mechanism)
     if out.frames != mechanism.frames:
-        findings.append(warning("tool", f"{said} Edit [frame.tool] to place it correctly.", out.frame(out.tool).body))
+        findings.warn("tool", f"{said} Edit [frame.tool] to place it correctly.", out.frame(out.tool).body)
     elif said:
-        findings.append(note("tool", said, out.tool))
+        findings.note("tool", said, out.tool)
     return out
 
 

@@ -10,6 +10,7 @@ import shutil
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -23,8 +24,8 @@ from twin.core.units import DEG, MM
 from twin.exchange.read.folder import TOLERANCE, write_robot
 from twin.exchange.read.pairs import GROSS, Pair, find_pairs
 from twin.exchange.read.proposals import Proposal, propose
-from twin.exchange.read.source import Names, note, warning
-from twin.exchange.read.text import numbers, one_line, string
+from twin.exchange.read.source import Findings, Names, warning
+from twin.exchange.read.text import one_line, rows, table, toml
 from twin.model.mechanism import Mechanism
 
 DRIVE = (
@@ -51,7 +52,6 @@ class Skeleton:
     Attributes:
         parts: parts by body.
         nodes: name of the assembly node by body.
-        base: name of the base body.
         pairs: pairs of fitting faces.
         proposals: proposed joints.
         findings: findings of the import.
@@ -80,7 +80,7 @@ def read_skeleton(path: Path) -> Skeleton:
         step = read_step(path)
     except CadError as error:
         raise SourceError(str(error)) from error
-    findings: list[Finding] = []
+    findings = Findings()
     by_node = bodies(step.parts)
     if len(by_node) < 2:
         raise SourceError(
@@ -97,14 +97,10 @@ def read_skeleton(path: Path) -> Skeleton:
                 f"node '{node}' holds several parts named '{min(twice)}': if the node occurs several times, its copies "
                 "are read as one body. Give the copies different names in the CAD."
             )
-            findings.append(warning("copies", text, node))
+            findings.warn("copies", text, node)
     base = next((b for w in _GROUND for b in parts if w in b.split("_")), next(iter(parts)))
-    findings.append(
-        note("base", f"body '{base}' is assumed to be the base; change `base` if another body is fixed.", base)
-    )
-    findings.append(
-        warning("mass", "a STEP has no densities: bodies have no mass until [material.*] states the densities.", base)
-    )
+    findings.note("base", f"body '{base}' is assumed to be the base; change `base` if another body is fixed.", base)
+    findings.warn("mass", "a STEP has no densities: bodies have no mass until [material.*] states the densities.", base)
     pairs = find_pairs(parts)
     proposals, left = propose(parts, pairs, base)
     findings += [_near(p) for p in proposals if p.misses or p.pair.near]
@@ -116,20 +112,20 @@ def read_skeleton(path: Path) -> Skeleton:
             f"no joint is proposed for {', '.join(held)}: none of their bores, pins, rails or balls fits a face of "
             "another body."
         )
-        findings.append(warning("held", text, held[0]))
+        findings.warn("held", text, held[0])
     text = (
         f"{len(proposals)} joints are proposed, as comments: all bodies are fixed to '{base}' until you name their "
         "joints. "
         f"Axes count as coincident below a distance of {GROSS[0] / MM:g} mm (or the smaller radius, if less) and "
         f"an angle of {GROSS[1] / DEG:g}°."
     )
-    findings.append(warning("joints", text, base))
+    findings.warn("joints", text, base)
     if step.placement_error > 0:
         text = (
             "the file places instances with rounded matrices, so faces are measured with an accuracy of "
             f"{step.placement_error * 1e6:.2g} um."
         )
-        findings.append(note("placement", text, base))
+        findings.note("placement", text, base)
     return Skeleton(parts, {names[n]: n for n in by_node}, base, pairs, proposals, findings)
 
 
@@ -202,13 +198,8 @@ def describe(s: Skeleton, name: str, source: str) -> str:
         "# To add joints: uncomment the correct proposals below, name them, mark the driven joints with",
         "# `active = true` (list driven joints first), and delete the temporary fixed joint of each body that now "
         "moves.",
-        f"name = {string(name)}",
-        f"title = {string(name)}",
-        f"source = {string(source)}",
-        'default_protocol = "first"',
-        f"base = {string(s.base)}",
-        'tool = "tool"',
-        f"step = {string(f'{name}.step')}",
+        *rows({"name": name, "title": name, "source": source, "default_protocol": "first", "base": s.base}),
+        *rows({"tool": "tool", "step": f"{name}.step"}),
         *TOLERANCE,
         "",
         "# [material.steel]",
@@ -219,53 +210,30 @@ def describe(s: Skeleton, name: str, source: str) -> str:
         *DRIVE,
     ]
     for body in s.parts:
-        lines += ["", f"[body.{body}]"] + ([f"node = {string(s.nodes[body])}"] if s.nodes[body] != body else [])
-    used: dict[str, dict[str, str]] = {}
-    for proposal in s.proposals:
-        for body, features in (
-            (proposal.parent, proposal.on_parent.features),
-            (proposal.child, proposal.on_child.features),
-        ):
-            used.setdefault(body, {}).update(features)
-    for body in s.parts:
-        if body in used:
-            lines += ["", f"[feature.{body}]", *(f"{n} = {text}" for n, text in used[body].items())]
+        lines += table(f"[body.{body}]", node=s.nodes[body] if s.nodes[body] != body else None)
+    used: dict[str, dict[str, Any]] = {}
     for p in s.proposals:
-        lines += [
-            "",
-            f"# {one_line(p.why)}",
-            *(
-                [f"# In the CAD its two frames are {p.miss} apart (confidence {p.pair.confidence})."]
-                if p.misses
-                else []
-            ),
-            "# [[joint]]",
-            f"# name = {string(p.name)}",
-            f"# type = {string(p.type)}",
-            f"# parent = {string(p.parent)}",
-            f"# child = {string(p.child)}",
-            f"# on_parent = {p.on_parent.text}",
-            f"# on_child = {p.on_child.text}",
-        ]
+        for body, side in ((p.parent, p.on_parent), (p.child, p.on_child)):
+            used.setdefault(body, {}).update(side.features)
+    for body in (b for b in s.parts if b in used):
+        lines += table(f"[feature.{body}]", **used[body])
+    for p in s.proposals:
+        sides = {"on_parent": p.on_parent.frame, "on_child": p.on_child.frame}
+        lines += ["", f"# {one_line(p.why)}"]
+        if p.misses:
+            lines.append(f"# In the CAD its two frames are {p.miss} apart (confidence {p.pair.confidence}).")
+        joint = table("[[joint]]", name=p.name, type=p.type, parent=p.parent, child=p.child, **sides)
+        lines += [f"# {line}" for line in joint[1:]]
     here = "{ position_mm = [0, 0, 0], angles_deg = [0, 0, 0] }"
-    for body in s.parts:
-        if body != s.base:
-            lines += [
-                "",
-                "[[joint]]",
-                f"name = {string(f'hold_{body}')}",
-                'type = "fixed"',
-                f"parent = {string(s.base)}",
-                f"child = {string(body)}",
-                f"on_parent = {here}",
-                f"on_child = {here}",
-            ]
+    for body in (b for b in s.parts if b != s.base):
+        lines += table("[[joint]]", name=f"hold_{body}", type="fixed", parent=s.base, child=body)
+        lines += [f"on_parent = {here}", f"on_child = {here}"]
     centre = _middle(s.parts[s.tool]) / MM
     lines += [
         "",
         "[frame.tool] # at the middle of the outermost body: move it to the tool",
-        f"body = {string(s.tool)}",
-        f"at = {{ position_mm = {numbers(round(float(v), 3) for v in centre)}, angles_deg = [0, 0, 0] }}",
+        f"body = {toml(s.tool)}",
+        f"at = {{ position_mm = {toml(round(float(v), 3) for v in centre)}, angles_deg = [0, 0, 0] }}",
         "",
         "[posture.home]",
     ]

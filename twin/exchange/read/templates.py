@@ -8,7 +8,7 @@ from twin.core.assets import NO_EQUATIONS
 from twin.core.errors import TwinError
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM
-from twin.exchange.read.text import number, one_line, string
+from twin.exchange.read.text import one_line, toml
 from twin.model.mechanism import Mechanism
 from twin.reference import ReferenceModel
 
@@ -55,10 +55,10 @@ def protocol(mechanism: Mechanism) -> str:
 # Try it: twin plan, twin validate. To move the tool to a pose, use a phase of type "positioning" and a waypoint with
 # position_mm and angles_deg; see docs/your-own-robot.md.
 name = "first"
-title = {string(f"First motion of {mechanism.name}")}
+title = {toml(f"First motion of {mechanism.name}")}
 source = "template of twin new"
-robot = {string(mechanism.name)}
-frame = {string(mechanism.tool)}
+robot = {toml(mechanism.name)}
+frame = {toml(mechanism.tool)}
 shaft_axis = [0, 0, 1] # in `frame`; used by insertions and pivots only
 rotation = "zyx"
 start = "home"
@@ -139,10 +139,9 @@ note = "Slow; to be replaced."
 
 
 def _waypoint(name: str, values: dict[str, float]) -> str:
-    joints = ", ".join(f"{key} = {number(value)}" for key, value in values.items())
     return f"""
 [waypoints.{name}]
-joints = {{ {joints} }} # joints that are not listed stay at home
+joints = {toml(values)} # joints that are not listed stay at home
 provenance = "ASSUMED"
 note = "The home position of the mechanism; to be replaced."
 """

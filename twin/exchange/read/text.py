@@ -1,9 +1,10 @@
-"""Write numbers, texts and angles as TOML, with all digits of a double."""
+"""Write values as TOML, with all digits of a double."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from typing import Any
 
 import numpy as np
 
@@ -12,20 +13,31 @@ from twin.core.spatial import Array
 from twin.core.units import DEG, MM
 
 
-def number(value: float) -> str:
-    """Return a number as TOML with all its digits."""
+def toml(value: Any) -> str:
+    """Return a truth value, text, number, list or inline table (mapping) as TOML.
+
+    Keys with the value None are omitted, because TOML has no such value.
+    """
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, str):  # a JSON string; TOML requires one more character to be escaped
+        return json.dumps(value).replace("\x7f", "\\u007f")
+    if isinstance(value, Mapping):
+        return f"{{ {', '.join(rows(value))} }}"
+    if isinstance(value, Iterable):
+        return f"[{', '.join(map(toml, value))}]"
     text = repr(float(value) + 0.0)  # turns -0.0 into 0.0
     return text if np.isfinite(value) else ("inf" if value > 0 else "-inf")
 
 
-def numbers(values: Iterable[float]) -> str:
-    """Return numbers as a TOML array."""
-    return f"[{', '.join(number(v) for v in values)}]"
+def rows(values: Mapping[str, Any]) -> list[str]:
+    """Return a line "key = value" for each value that is not None."""
+    return [f"{key} = {toml(value)}" for key, value in values.items() if value is not None]
 
 
-def string(text: str) -> str:
-    """Return a text as a TOML string: a JSON string, in which TOML requires one more character to be escaped."""
-    return json.dumps(text).replace("\x7f", "\\u007f")
+def table(header: str, **values: Any) -> list[str]:
+    """Return the lines of a table, after an empty line; values that are None are omitted."""
+    return ["", header, *rows(values)]
 
 
 def one_line(text: str) -> str:
@@ -33,7 +45,6 @@ def one_line(text: str) -> str:
     return "".join(c if c.isprintable() else " " for c in text)
 
 
-def frame(T: Array) -> str:
-    """Return a frame T (4, 4) as TOML with position_mm and angles_deg."""
-    angles = numbers(spatial.euler_angles(T[:3, :3], "zyx") / DEG)
-    return f"{{ position_mm = {numbers(T[:3, 3] / MM)}, angles_deg = {angles} }}"
+def frame(T: Array) -> dict[str, Any]:
+    """Return a frame T (4, 4) as the inline table of a description, with position_mm and angles_deg."""
+    return {"position_mm": T[:3, 3] / MM, "angles_deg": spatial.euler_angles(T[:3, :3], "zyx") / DEG}

@@ -1,8 +1,8 @@
 """Read a URDF, with its loops from a closure YAML.
 
-Joint frames are those of the URDF, rotated so that z is the axis. A fixed link without shape and mass becomes a named
-frame on its parent. Data that a mechanism cannot hold cause an error (planar joints) or a warning (friction, efforts,
-textures).
+Joint frames are the frames in the URDF, rotated so that z is the axis. A fixed link without shape and mass becomes a
+named frame on its parent. Data that a mechanism cannot hold cause an error (planar joints) or a warning (friction,
+efforts, textures).
 """
 
 from __future__ import annotations
@@ -14,10 +14,13 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
+from twin.core import spatial
 from twin.core.errors import SourceError, unknown
-from twin.core.findings import Finding
+from twin.core.spatial import Array
 from twin.exchange.read.closures import Closures, read_closures
+from twin.exchange.read.shapes import GREY, SIZES, Color, mesh_file, placed, primitive, size
 from twin.exchange.read.source import (
+    Findings,
     Imported,
     Names,
     along,
@@ -25,13 +28,11 @@ from twin.exchange.read.source import (
     limits,
     missing,
     named_apart,
-    note,
     possible,
-    warning,
+    rpy,
 )
-from twin.exchange.read.urdf_visual import Visuals, origin
 from twin.exchange.read.xml import Xml
-from twin.model.body import Body, Frame
+from twin.model.body import Body, Frame, Mesh
 from twin.model.inertia import Inertia
 from twin.model.joint import Joint, JointType
 from twin.model.mechanism import Coupling
@@ -47,20 +48,12 @@ TYPES: dict[str, JointType] = {
 }
 """Joint types of URDF that a mechanism can express."""
 
+_UNUSED = ("calibration", "joint_properties")
+"""Elements of a joint that have no effect on the mechanism."""
+
 _KNOWN = {
     "robot": {"link", "joint", "material", "transmission", "gazebo"},
-    "joint": {
-        "origin",
-        "parent",
-        "child",
-        "axis",
-        "limit",
-        "mimic",
-        "dynamics",
-        "safety_controller",
-        "calibration",
-        "joint_properties",
-    },
+    "joint": {"origin", "parent", "child", "axis", "limit", "mimic", "dynamics", "safety_controller", *_UNUSED},
     "link": {"visual", "collision", "inertial"},
 }
 
@@ -69,7 +62,7 @@ _LIGHT = 1e-6
 
 
 def read_urdf(path: Path, closures: Path | None = None) -> Imported:
-    """Read a URDF and its closure YAML, if it has one.
+    """Read a URDF and its closure YAML; None: the URDF has no closure YAML.
 
     Raises:
         SourceError: the file is invalid or unsupported; the message names file, element and fault.
@@ -81,7 +74,7 @@ class _Urdf:
     def __init__(self, path: Path, closures: Closures | None, closure_file: Path | None) -> None:
         self.xml = Xml(path, "robot")
         self.path, self.closures, self.closure_file = path, closures, closure_file
-        self.findings: list[Finding] = []
+        self.findings = Findings()
         self.efforts: dict[str, float] = {}
 
     def read(self) -> Imported:
@@ -100,7 +93,7 @@ class _Urdf:
             for n, j in self.marks.items():
                 if ends[j][0] in self.home:
                     body, T = self.home[ends[j][0]]
-                    self.home[n] = (body, T @ origin(self.xml, joints[j], f"joint '{j}'"))
+                    self.home[n] = (body, T @ _origin(self.xml, joints[j], f"joint '{j}'"))
         if self.closures is None:
             self._unclosed([*joints, *links])
         driven = self._driven(root, joints)
@@ -115,7 +108,7 @@ class _Urdf:
                 else [self._joint(n, joint_names[n], joints[n], ends[n], n in driven)]
             )
         ]
-        visuals = Visuals(self.xml, found)
+        visuals = _Visuals(self.xml, found)
         bodies = [
             Body(body_names[n], tuple(visuals.meshes(n, e)), self._inertia(n, e))
             for n, e in links.items()
@@ -136,13 +129,9 @@ class _Urdf:
     # -- structure ------------------------------------------------------------------------------------
 
     def _named(self, root: Element, kind: str) -> dict[str, Element]:
-        out: dict[str, Element] = {}
-        for element in root.findall(kind):
-            name = self.xml.name(element, kind)
-            if name in out:
-                self.xml.fail(f"{kind} '{name}'", "the name is used twice")
+        out = self.xml.named(root, kind)
+        for name, element in out.items():
             self._strange(element, kind, f"{kind} '{name}'")
-            out[name] = element
         if not out:
             raise SourceError(f"{self.path}: no <{kind}>, so there is no mechanism")
         return out
@@ -151,17 +140,15 @@ class _Urdf:
         """Report each unsupported child tag of an element once."""
         for tag in dict.fromkeys(str(child.tag) for child in element):
             if tag not in _KNOWN[kind]:
-                self.findings.append(warning("unread", f"{where}: <{tag}> is not read.", where))
-            elif tag in ("calibration", "joint_properties"):
-                self.findings.append(note("unread", f"{where}: <{tag}> is not imported.", where))
+                self.findings.warn("unread", f"{where}: <{tag}> is not read.", where)
+            elif tag in _UNUSED:
+                self.findings.note("unread", f"{where}: <{tag}> is not imported.", where)
             elif tag == "gazebo":
-                self.findings.append(
-                    warning("unread", f"{where}: <gazebo> is not imported: plug-ins are not supported.", where)
-                )
+                self.findings.warn("unread", f"{where}: <gazebo> is not imported: plug-ins are not supported.", where)
         dynamics = element.find("dynamics") if kind == "joint" else None
         for key in ("damping", "friction"):
             if dynamics is not None and self.xml.number(where, key, dynamics.get(key), 0.0):
-                self.findings.append(warning("friction", f"{where}: {key} {dynamics.get(key)} is not imported.", where))
+                self.findings.warn("friction", f"{where}: {key} {dynamics.get(key)} is not imported.", where)
 
     def _ends(self, name: str, joint: Element, links: dict[str, Element]) -> tuple[str, str]:
         out = []
@@ -179,11 +166,11 @@ class _Urdf:
         above: dict[str, str] = {}
         for joint, (_, child) in ends.items():
             if child in above:
-                self.xml.fail(
-                    f"link '{child}'",
+                text = (
                     f"joints '{above[child]}' and '{joint}' are both parents of the link, but a URDF is a tree. "
-                    "Remove one, and close the loop in a YAML file given with --closures",
+                    "Remove one, and close the loop in a YAML file given with --closures"
                 )
+                self.xml.fail(f"link '{child}'", text)
             above[child] = joint
         roots = [n for n in links if n not in above]
         if len(roots) != 1:
@@ -203,9 +190,8 @@ class _Urdf:
                 and not self._has_body(child, element)
             ):
                 out[child] = joint
-                self.findings.append(
-                    note("mark", f"link '{child}' has no shape and no mass: it becomes a frame on its parent.", child)
-                )
+                text = f"link '{child}' has no shape and no mass: it becomes a frame on its parent."
+                self.findings.note("mark", text, child)
         return out
 
     def _has_body(self, name: str, link: Element) -> bool:
@@ -225,7 +211,7 @@ class _Urdf:
                 "closure YAML, "
             )
             text += "so the robot is read as a tree. Put the YAML next to the URDF, or name it with --closures."
-            self.findings.append(warning("closures", text, ends[0]))
+            self.findings.warn("closures", text, ends[0])
 
     def _retyped(self, joints: dict[str, Element]) -> dict[str, str]:
         """Return the joints whose type the closure YAML replaces, with the new type."""
@@ -277,13 +263,8 @@ class _Urdf:
             ratios = [self.xml.number(where, r.tag, r.text, 1.0) for r in t.iter("mechanicalReduction")]
             offsets = [self.xml.number(where, o.tag, o.text, 0.0) for o in t.iter("offset")]
             if any(offsets):
-                self.findings.append(
-                    warning(
-                        "gear",
-                        f"{where}: its offset is not imported; motor and joint get the same zero position.",
-                        name,
-                    )
-                )
+                text = f"{where}: its offset is not imported; motor and joint get the same zero position."
+                self.findings.warn("gear", text, name)
             single = len(told) == len(t.findall("actuator")) == len(ratios) == 1 and ratios[0] != 0
             if single and told[0] in driven - set(found) - set(self.retyped):
                 if ratios[0] != 1 and TYPES.get(str(joints[told[0]].get("type"))) in ("revolute", "prismatic"):
@@ -294,9 +275,7 @@ class _Urdf:
                     if ratios
                     else "the assignment of motors to joints"
                 )
-                self.findings.append(
-                    warning("gear", f"{where}: {what} is not imported: the joints are driven directly.", name)
-                )
+                self.findings.warn("gear", f"{where}: {what} is not imported: the joints are driven directly.", name)
         motors = [(n, str(getattr(t.find("actuator"), "attrib", {}).get("name"))) for n, (t, _) in found.items()]
         motor = named_apart("motor", motors, {i for _, i in names.items()}, self.findings)
         label = named_apart("transmission", ((n, str(t.get("name"))) for n, (t, _) in found.items()), (), self.findings)
@@ -315,20 +294,17 @@ class _Urdf:
         values: dict = {}
         if kind in ("revolute", "continuous", "prismatic"):
             element = joint.find("axis")
-            axis = self.xml.numbers(where, "axis", element.get("xyz") if element is not None else None, 3, (1, 0, 0))
-            if not np.abs(axis).max() > 1e-9:
-                self.xml.fail(where, "its axis has no length")
-            turn = along(axis)
+            turn = along(self.xml.axis(where, "axis", element.get("xyz") if element is not None else None, (1, 0, 0)))
             values = self._limits(where, name, kind, joint.find("limit"), joint.find("safety_controller"))
         if kind == "floating":
-            found.append(warning("free", f"{where} is a floating joint: the robot is not fixed to the world.", name))
+            found.warn("free", f"{where} is a floating joint: the robot is not fixed to the world.", name)
         body, T = self.home[ends[0]]
         return Joint(
             new,
             TYPES[kind],
             body,
             self.home[ends[1]][0],
-            T @ origin(self.xml, joint, where) @ turn,
+            T @ _origin(self.xml, joint, where) @ turn,
             turn,
             active=active,
             **values,
@@ -339,10 +315,10 @@ class _Urdf:
     ) -> Iterator[Joint]:
         """Yield the joints that replace a URDF joint, as the closure YAML states, with axes of that joint's frame."""
         kind, where, (parent, T) = self.retyped[name], f"joint '{name}'", self.home[ends[0]]
-        T = T @ origin(self.xml, joint, where)
+        T = T @ _origin(self.xml, joint, where)
         child = self.home[ends[1]][0]
         text = f"{where} is {kind} by the closure YAML: the axis and limits of the URDF are not imported."
-        self.findings.append(note("retyped", text, name))
+        self.findings.note("retyped", text, name)
         if not kind.startswith("UJOINT"):
             yield Joint(names[name], "spherical" if kind == "SPHERICAL" else "fixed", parent, child, T)
             return
@@ -351,9 +327,9 @@ class _Urdf:
         while cross in {b for b, _ in self.home.values()} | {b.name for b in self.crosses}:
             cross += "_1"
         self.crosses.append(Body(cross))
-        for part, a, b, placed in ((first, parent, cross, T), (second, cross, child, np.eye(4))):
+        for part, a, b, at in ((first, parent, cross, T), (second, cross, child, np.eye(4))):
             turn = along(np.eye(3)["XYZ".index(part[-1])])
-            yield Joint(names[part], "revolute", a, b, placed @ turn, turn, active=part in driven)
+            yield Joint(names[part], "revolute", a, b, at @ turn, turn, active=part in driven)
 
     def _limits(self, where: str, name: str, kind: str, limit: Element | None, safety: Element | None) -> dict:
         out: dict = {}
@@ -363,23 +339,17 @@ class _Urdf:
 
         if limit is None:
             if kind != "continuous":
-                self.findings.append(warning("limits", f"{where} has no <limit>: the joint is unlimited.", name))
+                self.findings.warn("limits", f"{where} has no <limit>: the joint is unlimited.", name)
         elif kind != "continuous":
             low, high = value(limit, "lower"), value(limit, "upper")
             if low is None and high is None:
-                self.findings.append(
-                    warning("limits", f"{where}: <limit> gives no lower and upper: the joint is unlimited.", name)
-                )
+                text = f"{where}: <limit> gives no lower and upper: the joint is unlimited."
+                self.findings.warn("limits", text, name)
             else:
                 # In URDF a missing limit means zero.
-                try:
-                    out["limits"] = limits(low or 0.0, high or 0.0, name, self.findings)
-                except SourceError as error:
-                    raise SourceError(f"{self.path}: {error}") from error
+                out["limits"] = limits(self.path, low or 0.0, high or 0.0, name, self.findings)
         elif any(limit.get(k) is not None for k in ("lower", "upper")):
-            self.findings.append(
-                note("limits", f"{where} is continuous: its limits lower and upper are ignored.", name)
-            )
+            self.findings.note("limits", f"{where} is continuous: its limits lower and upper are ignored.", name)
         if limit is not None:
             speed, effort = value(limit, "velocity"), value(limit, "effort")
             if speed is not None and speed < 0:
@@ -391,7 +361,7 @@ class _Urdf:
         if safety is not None:
             low, high = value(safety, "soft_lower_limit"), value(safety, "soft_upper_limit")
             if low is not None and high is not None:
-                out["soft_limits"] = limits(low, high, name, self.findings)
+                out["soft_limits"] = limits(self.path, low, high, name, self.findings)
                 self._within(out, name)
         return out
 
@@ -406,7 +376,7 @@ class _Urdf:
         if not out["soft_limits"][0] < out["soft_limits"][1]:
             del out["soft_limits"]
         text = f"its soft limits {first:g} .. {last:g} exceed its limits {low:g} .. {high:g} and have no effect there"
-        self.findings.append(note("soft_limits", f"joint '{name}': {text}; they are cut to the limits.", name))
+        self.findings.note("soft_limits", f"joint '{name}': {text}; they are cut to the limits.", name)
 
     def _mimic(self, name: str, names: Names, joints: dict[str, Element]) -> Coupling:
         where, mimic = f"joint '{name}', mimic", joints[name].find("mimic")
@@ -444,17 +414,78 @@ class _Urdf:
         where, element = f"link '{name}'", link.find("inertial")
         if element is None:
             return None
-        T = origin(self.xml, element, where)
+        T = _origin(self.xml, element, where)
         mass, tensor = element.find("mass"), element.find("inertia")
         kilograms = self.xml.number(where, "mass", mass.get("value") if mass is not None else None)
         if tensor is None:
             self.xml.fail(where, "<inertial> without <inertia>")
-        xx, xy, xz, yy, yz, zz = (
-            self.xml.number(where, k, tensor.get(k)) for k in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
-        )
         R = T[:3, :3]
-        I = R @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ R.T  # noqa: E741
+        I = R @ self.xml.tensor(where, tensor.get) @ R.T  # noqa: E741
         return possible(Inertia(kilograms, T[:3, 3], 0.5 * (I + I.T)), name, self.findings)
+
+
+def _origin(xml: Xml, element: Element, where: str) -> Array:
+    """Return the pose (4, 4) of an element's <origin>; the identity without <origin>."""
+    found = element.find("origin")
+    xyz, angles = (found.get("xyz"), found.get("rpy")) if found is not None else (None, None)
+    p = xml.numbers(where, "origin xyz", xyz, 3, (0, 0, 0))
+    return spatial.pose(rpy(xml.numbers(where, "origin rpy", angles, 3, (0, 0, 0))), p)
+
+
+class _Visuals:
+    """Reader of the links' meshes in one file; colours may be defined by name for the whole robot."""
+
+    def __init__(self, xml: Xml, findings: Findings) -> None:
+        self.xml, self.findings = xml, findings
+        self.path = xml.path
+        self.taken: dict[str, int] = {}
+        self.colors: dict[str, Color] = {}
+        for m in xml.root.findall("material"):
+            where = f"material '{m.get('name')}'"
+            self._texture(m, where)
+            if m.find("color") is not None:
+                self.colors[m.get("name", "")] = self._color(m, where)
+
+    def _texture(self, material: Element, where: str) -> None:
+        texture = material.find("texture")
+        if texture is not None:
+            self.findings.warn("texture", f"{where}: texture {texture.get('filename')} is not imported.", where)
+
+    def _color(self, material: Element | None, where: str) -> Color:
+        color = material.find("color") if material is not None else None
+        if color is None:
+            return self.colors.get(material.get("name", ""), GREY) if material is not None else GREY
+        r, g, b, a = self.xml.numbers(where, "color rgba", color.get("rgba"), 4, GREY)
+        return (float(r), float(g), float(b), float(a))
+
+    def meshes(self, name: str, link: Element) -> list[Mesh]:
+        """Return the visual shapes of a link or, without visual shapes, its collision shapes."""
+        where, out = f"link '{name}'", []
+        if link.find("visual") is not None and link.find("collision") is not None:
+            text = f"{where}: its <collision> shapes are not imported; the visual meshes are used for collision."
+            self.findings.note("collision", text, name)
+        for element in link.findall("visual") or link.findall("collision"):
+            geometry = element.find("geometry")
+            shape = geometry[0] if geometry is not None and len(geometry) else None
+            if shape is None:
+                self.xml.fail(where, "a <visual> without geometry")
+            if shape.tag == "mesh":
+                scale = self.xml.numbers(where, "mesh scale", shape.get("scale"), 3, (1, 1, 1))
+                solid = mesh_file(shape.get("filename", ""), self.path.parent, scale, name, self.findings)
+            elif shape.tag in SIZES:
+                solid = primitive(shape.tag, size(self.xml, where, shape.tag, shape.get))
+            else:
+                self.xml.fail(where, unknown("shape", str(shape.tag), (*SIZES, "mesh")))
+            if solid is not None:
+                stem = identifier(f"{name}_shape")
+                self.taken[stem] = self.taken.get(stem, 0) + 1
+                label = stem if self.taken[stem] == 1 else f"{stem}_{self.taken[stem]}"
+                material = element.find("material")
+                if material is not None:
+                    self._texture(material, where)
+                color = self._color(material, where)
+                out.append(placed(label, *solid, _origin(self.xml, element, where), color))
+        return out
 
 
 def _common(a: str, b: str) -> str:

@@ -9,7 +9,7 @@ from typing import Any
 
 from twin.core.errors import SourceError, TwinError
 from twin.core.findings import Finding
-from twin.exchange.read.source import Imported, tooled, warning
+from twin.exchange.read.source import Findings, Imported, tooled
 
 _READ = (
     "PhysicsRigidBodyAPI",
@@ -44,14 +44,14 @@ def read_usd(path: Path, root: str | None) -> Imported:
         if str(path) in str(error):
             raise
         raise SourceError(f"{path}: {error}") from error
-    findings = [replace(f, severity="warning") if f.code == "stage.read.shape" else f for f in findings]
+    findings = Findings(replace(f, severity="warning") if f.code == "stage.read.shape" else f for f in findings)
     findings += _left_out(path, root, {n for c in mechanism.couplings for n in c.joints})
     if not mechanism.active:
         moving = {j.name for j in mechanism.tree if len(j.free_axes) == 1}
         joints = tuple(replace(j, active=j.name in moving) for j in mechanism.joints)
         mechanism = replace(mechanism, joints=joints, postures={})
         text = f"no joint has a drive: all joints of the tree are driven, {', '.join(sorted(moving))}."
-        findings.append(warning("driven", text, mechanism.base))
+        findings.warn("driven", text, mechanism.base)
     return Imported(tooled(mechanism, findings), findings)
 
 
@@ -60,7 +60,7 @@ def _left_out(path: Path, root: str | None, coupled: Container[str]) -> list[Fin
 
     stage = Usd.Stage.Open(str(path))
     top = stage.GetPrimAtPath(root) if root else stage.GetPseudoRoot()
-    found: list[Finding] = []
+    found = Findings()
     for prim in Usd.PrimRange(top, Usd.TraverseInstanceProxies()):
         where = str(prim.GetPath())
         strange = [str(s) for s in prim.GetPrimTypeInfo().GetAppliedAPISchemas() if str(s).split(":")[0] not in _READ]
@@ -74,24 +74,24 @@ def _left_out(path: Path, root: str | None, coupled: Container[str]) -> list[Fin
                     "Remove the schema, and write the [[coupling]] into the new folder."
                 )
             if prim.HasAPI(UsdPhysics.RigidBodyAPI) or joint:
-                found.append(warning("schema", f"{where}: {schema} is not read.", where))
+                found.warn("schema", f"{where}: {schema} is not read.", where)
         if prim.HasAPI(UsdPhysics.RigidBodyAPI) and prim.HasAPI(UsdPhysics.MassAPI):
             mass = UsdPhysics.MassAPI(prim)
             kilograms, tensor = mass.GetMassAttr().Get(), mass.GetDiagonalInertiaAttr().Get()
             if kilograms and not any(tensor or ()):
-                text = f"{where}: its mass of {kilograms:g} kg is not imported: the stage gives no inertia with it."
-                found.append(warning("inertia", text, where))
+                text = f"{where}: its mass of {kilograms:g} kg is not imported: the stage does not state its inertia."
+                found.warn("inertia", text, where)
         if joint:
             names = [a.GetName() for a in prim.GetAttributes() if a.HasAuthoredValue()]
             names = [
                 n for n in names if not n.startswith(("drive:", "state:")) and any(w in n.lower() for w in _WITHOUT)
             ]
             if names := [n for n in names if _is_set(prim.GetAttribute(n))]:
-                found.append(warning("friction", f"joint {where}: {', '.join(names)} are not imported.", where))
+                found.warn("friction", f"joint {where}: {', '.join(names)} are not imported.", where)
         elif prim.IsA(UsdGeom.Gprim) and not prim.IsA(UsdGeom.Mesh) and prim.IsA(UsdGeom.PointBased):
-            found.append(warning("shape", f"{where}: a {prim.GetTypeName()} is not shown.", where))
+            found.warn("shape", f"{where}: a {prim.GetTypeName()} is not shown.", where)
         elif prim.GetTypeName() in ("PhysicsTendon", "PhysxTendon") or "Tendon" in str(prim.GetTypeName()):
-            found.append(warning("tendon", f"{where}: a {prim.GetTypeName()} is not imported.", where))
+            found.warn("tendon", f"{where}: a {prim.GetTypeName()} is not imported.", where)
     return found
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import NoReturn
 from xml.etree import ElementTree
@@ -36,11 +36,21 @@ class Xml:
         raise SourceError(f"{self.path}: {where}: {message}")
 
     def name(self, element: ElementTree.Element, kind: str) -> str:
-        """Return the name of an element; raise `SourceError` if it has none."""
+        """Return the name of an element; raise `SourceError` if the name is missing."""
         name = (element.get("name") or "").strip()
         if not name:
             self.fail(f"<{kind}>", "it has no name")
         return name
+
+    def named(self, parent: ElementTree.Element, kind: str) -> dict[str, ElementTree.Element]:
+        """Return the children of one kind by name; raise `SourceError` if a name is missing or used twice."""
+        out: dict[str, ElementTree.Element] = {}
+        for element in parent.findall(kind):
+            name = self.name(element, kind)
+            if name in out:
+                self.fail(f"{kind} '{name}'", "the name is used twice")
+            out[name] = element
+        return out
 
     def numbers(self, where: str, what: str, text: str | None, count: int, default: Sequence[float] | None) -> Array:
         """Return `count` finite numbers parsed from a text; the default if the text is None."""
@@ -59,3 +69,18 @@ class Xml:
     def number(self, where: str, what: str, text: str | None, default: float | None = None) -> float:
         """Return one finite number parsed from a text; the default if the text is None."""
         return float(self.numbers(where, what, text, 1, None if default is None else (default,))[0])
+
+    def axis(self, where: str, what: str, text: str | None, default: Sequence[float]) -> Array:
+        """Return a direction (3,) parsed from a text; raise `SourceError` if it has no length."""
+        axis = self.numbers(where, what, text, 3, default)
+        if not np.abs(axis).max() > 1e-9:
+            self.fail(where, "its axis has no length")
+        return axis
+
+    def tensor(self, where: str, text: Callable[[str], str | None], default: Array | None = None) -> Array:
+        """Return the inertia tensor (3, 3) from the texts of its entries `ixx`, `ixy` ...; the default for no text."""
+        out = np.zeros((3, 3))
+        for i, j in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)):
+            key = f"i{'xyz'[i]}{'xyz'[j]}"
+            out[i, j] = out[j, i] = self.number(where, key, text(key), None if default is None else default[i, j])
+        return out

@@ -21,7 +21,7 @@ from twin.core.result import Part, Result, Table
 from twin.core.units import DEG, UM
 from twin.core.version import __version__
 from twin.exchange.write import readme
-from twin.exchange.write.clip import Clip, model_hash
+from twin.exchange.write.clip import Between, Budget, Clip, model_hash
 from twin.exchange.write.order import Order, Progress
 
 PROOF = "proof.json"
@@ -54,10 +54,8 @@ class Bundle(Result):
     """Result of an export.
 
     Attributes:
-        folder: the export folder.
         formats: names of the written formats.
         files: all files, relative to the folder.
-        order: the data that were exported.
         findings: findings on the robot, from the writers and from the audit.
         checks: measurements in proof.json.
     """
@@ -78,13 +76,20 @@ class Bundle(Result):
 
     def content(self) -> dict[str, Any]:
         """Return the result as plain data for JSON."""
-        keys = ("rate", "between_position", "between_rotation", "joint_gap")
         return {
             "folder": str(self.folder),
             "files": [f.as_posix() for f in self.files],
             "bytes": self.size,
             "clips": [
-                {"protocol": c.name, "keys": len(c.times), **{k: getattr(c, k) for k in keys}} for c in self.order.clips
+                {
+                    "protocol": c.name,
+                    "keys": len(c.times),
+                    "rate": c.rate,
+                    "between_position": c.between.position,
+                    "between_rotation": c.between.rotation,
+                    "joint_gap": c.between.joint_gap,
+                }
+                for c in self.order.clips
             ],
             "checks": list(self.checks),
         }
@@ -118,7 +123,8 @@ _VERDICTS = {
 
 
 def _row(c: Clip) -> tuple[str, ...]:
-    between = (f"{c.between_position / UM:.1f}", f"{c.between_rotation / DEG:.4f}", f"{c.joint_gap / UM:.1f}")
+    b = c.between
+    between = (f"{b.position / UM:.1f}", f"{b.rotation / DEG:.4f}", f"{b.joint_gap / UM:.1f}")
     return c.name, f"{c.times[-1]:.3f}", f"{c.rate:g}", *between
 
 
@@ -165,7 +171,7 @@ def write_bundle(
         for i, name in enumerate(formats):
             progress(f"write {name}", i / len(formats))
             before = _tree(work)
-            findings += _WRITERS[name](order, work)
+            findings += _WRITERS[name](order, work) or []
             written[name] = {f for f in _tree(work) - before if not f.endswith(".schema.json")}
         (work / "README.txt").write_text(readme.text(order, formats, findings), encoding="utf-8")
         progress("audit", 0.0)
@@ -201,14 +207,13 @@ def _unjudged(written: Mapping[str, set[str]], judged: set[str]) -> list[Finding
 # ------------------------------------------------------------------------------------------------ formats
 
 
-def _usd(order: Order, work: Path) -> list[Finding]:
+def _usd(order: Order, work: Path) -> None:
     from twin.exchange.write.usd import write_usd
 
     write_usd(order.mechanism, order.clips, work / "usd")
-    return []
 
 
-def _usdz(order: Order, work: Path) -> list[Finding]:
+def _usdz(order: Order, work: Path) -> None:
     from twin.exchange.write.usdz import write_usdz
 
     name, clips = order.mechanism.name, {c.name: c for c in order.clips}
@@ -216,30 +221,26 @@ def _usdz(order: Order, work: Path) -> list[Finding]:
     write_usdz(order.mechanism, first, work / f"{name}_ar.usdz")
     for clip in order.quick_looks[1:]:
         write_usdz(order.mechanism, clips[clip], work / f"{name}_{clip}_ar.usdz")
-    return []
 
 
-def _glb(order: Order, work: Path) -> list[Finding]:
+def _glb(order: Order, work: Path) -> None:
     from twin.exchange.write.glb import write_glb
 
     write_glb(order.mechanism, order.clips, work / f"{order.mechanism.name}.glb")
-    return []
 
 
-def _unity(order: Order, work: Path) -> list[Finding]:
+def _unity(order: Order, work: Path) -> None:
     from twin.exchange.write.unity import write_unity
 
     write_unity(work / "unity")
-    return []
 
 
-def _tracks(order: Order, work: Path) -> list[Finding]:
+def _tracks(order: Order, work: Path) -> None:
     from twin.exchange.write.tracks import write_schema, write_tracks
 
     for scene in order.scenes:
         write_tracks(scene.mechanism, scene.clip, work / "tracks", order.mechanism, order.assumed)
     write_schema(work / "tracks")
-    return []
 
 
 def _mjcf(order: Order, work: Path) -> list[Finding]:
@@ -262,7 +263,7 @@ def _urdf(order: Order, work: Path) -> list[Finding]:
     return urdf_findings(order.mechanism)
 
 
-_WRITERS: dict[str, Callable[[Order, Path], list[Finding]]] = {
+_WRITERS: dict[str, Callable[[Order, Path], list[Finding] | None]] = {
     "usd": _usd,
     "usdz": _usdz,
     "glb": _glb,
@@ -330,24 +331,22 @@ def _proof(
                 "rate": c.rate,
                 "keys": len(c.times),
                 "duration_s": round(float(c.times[-1]), 9),
-                "between_position_m": _short(c.between_position),
-                "between_rotation_rad": _short(c.between_rotation),
-                "joint_gap_m": _short(c.joint_gap),
-                **(
-                    {
-                        "budget_position_m": _short(c.budget.position),
-                        "budget_rotation_rad": _short(c.budget.rotation),
-                        "budget_joint_gap_m": _short(c.budget.joint_gap),
-                    }
-                    if c.budget
-                    else {}
-                ),
+                **_errors("between_", "", c.between),
+                **(_errors("budget_", "budget_", c.budget) if c.budget else {}),
             }
             for c in order.clips
         ],
         "checks": [{k: _short(v) if isinstance(v, float) else v for k, v in c.items()} for c in checks],
         "findings": [f.as_dict() for f in findings],
         "verdict": verdict(findings),
+    }
+
+
+def _errors(begin: str, begin_gap: str, e: Between | Budget) -> dict[str, float]:
+    return {
+        f"{begin}position_m": _short(e.position),
+        f"{begin}rotation_rad": _short(e.rotation),
+        f"{begin_gap}joint_gap_m": _short(e.joint_gap),
     }
 
 

@@ -62,6 +62,11 @@ class Between:
     rotation_at: tuple[str, float] = ("", 0.0)
     joint_gap_at: tuple[str, float] = ("", 0.0)
 
+    def numbers(self) -> dict[str, float]:
+        """Return the errors for files, in m and rad with six digits."""
+        named = {"between_position": self.position, "between_rotation": self.rotation, "joint_gap": self.joint_gap}
+        return {name: float(f"{value:.6g}") for name, value in named.items()}
+
     def keeps(self, budget: Budget) -> bool:
         """Return whether all errors are within the budget."""
         return (
@@ -74,7 +79,6 @@ class Clip:
     """A motion at keys, in SI units; the world is the base frame, z up.
 
     Attributes:
-        name, title: name and title of the protocol.
         times: (k,) in s: 0, then every 1 / rate, and the end.
         links: T_world_body (k, 4, 4) by body.
         joints: (k,) in m or rad by joint, for all joints with a single coordinate: active and passive, of the tree and
@@ -112,21 +116,6 @@ class Clip:
     trocars: Mapping[str, Array] = field(default_factory=dict)
 
     @property
-    def between_position(self) -> float:
-        """Largest position error in m of any point of a link between keys."""
-        return self.between.position
-
-    @property
-    def between_rotation(self) -> float:
-        """Largest rotation error in rad of any link between keys."""
-        return self.between.rotation
-
-    @property
-    def joint_gap(self) -> float:
-        """Largest joint gap in m between keys."""
-        return self.between.joint_gap
-
-    @property
     def rcm(self) -> Array | None:
         """RCM (3,) in m in the base frame of the first phase with an RCM; None if no phase has one."""
         return next((p for p in self.phase_rcm if p is not None), None)
@@ -141,14 +130,9 @@ def make_clip(
 ) -> Clip:
     """Return the clip of a planned motion, at the lowest key rate of `RATES` whose errors are within the budget.
 
-    If the errors exceed the budget at every rate, the highest rate is used.
-
-    Args:
-        mechanism: the robot, with the trocar positions of the protocol.
-        trajectory: the planned motion.
-        title: title of the protocol; "" means its name.
-        budget: largest allowed interpolation errors; default `Budget()`.
-        assumed: one text "name: reason" for each assumed number of the protocol.
+    If the errors exceed the budget at every rate, the highest rate is used. The mechanism has the trocar positions of
+    the protocol. The title "" means the name of the protocol. `assumed` has one text "name: reason" for each assumed
+    number of the protocol.
 
     Raises:
         AssemblyError: the mechanism cannot reach the tool poses.
@@ -162,7 +146,7 @@ def make_clip(
     for grid in _GRIDS:
         times = key_times(trajectory.duration, grid)
         run = trajectory.on(model, times)
-        links = {n: np.round(T, 13) + 0.0 for n, T in model.link_poses(run.x).items()}
+        links = rounded(model.link_poses(run.x))
         values = {n: run.q[:, i] for i, n in enumerate(trajectory.joint_names)} | run.q_passive
         for rate in (r for r in RATES if _first_grid(r) == grid):
             keys = key_rows(len(times), grid // rate)
@@ -177,7 +161,7 @@ def make_clip(
                     title or trajectory.protocol,
                     times[keys],
                     {n: T[keys] for n, T in links.items()},
-                    {n: np.round(v[keys], 13) + 0.0 for n, v in values.items()},
+                    rounded({n: v[keys] for n, v in values.items()}),
                     tuple(trajectory.joint_names),
                     tuple((p.name, float(p.t0), float(p.t1)) for p in trajectory.phases),
                     float(rate),
@@ -208,8 +192,8 @@ def key_rows(count: int, stride: int) -> Index:
 def extremes(mechanism: Mechanism, body: Body) -> Array:
     """Return the corner points (n, 3) in m of a body, in its frame; their convex hull contains the body.
 
-    The largest position error of the body occurs at one of these points: the corners of the meshes' bounding box, named
-    frames, named points, and the origin.
+    The position error of the body has its maximum at one of these points: the corners of the meshes' bounding box,
+    named frames, named points, and the origin.
     """
     points = [np.zeros((1, 3))]
     if meshes := [m.vertices for m in body.meshes if len(m.vertices)]:
@@ -277,7 +261,7 @@ def draw(times: Array, Ts: Array, keys: Index, blend: Callable[[Array, Array, Ar
 
 
 def _furthest(off: Array, reach: Array) -> Array:
-    """Return the largest error (k,) in m of the points `reach` (n, 3), from the pose differences `off` (k, 4, 4)."""
+    """Return the maximum error (k,) in m of the points `reach` (n, 3), from the pose differences `off` (k, 4, 4)."""
     moved = off[:, None, :3, :3] @ reach[None, :, :, None]
     return np.linalg.norm(moved[..., 0] + off[:, None, :3, 3], axis=-1).max(axis=1)
 
@@ -320,8 +304,12 @@ def home_poses(mechanism: Mechanism) -> dict[str, Array]:
     """Return T_world_body (4, 4) of every body at home with closed loops: the rest pose of every format."""
     from twin.reference import ReferenceModel
 
-    poses = ReferenceModel(mechanism).home().link_poses
-    return {n: np.round(T, 13) + 0.0 for n, T in poses.items()}
+    return rounded(ReferenceModel(mechanism).home().link_poses)
+
+
+def rounded(arrays: Mapping[str, Array]) -> dict[str, Array]:
+    """Return arrays rounded to 1e-13, so that the file does not depend on the processor."""
+    return {name: np.round(a, 13) + 0.0 for name, a in arrays.items()}
 
 
 def model_hash(mechanism: Mechanism) -> str:
@@ -357,12 +345,8 @@ def model_hash(mechanism: Mechanism) -> str:
 def between_keys(keys: Array, Ts: Array, times: Array) -> Array:
     """Return the poses (n, 4, 4) that a player shows at times (n,) in s.
 
-    Before the first key, the pose is that of the first key; after the last key, that of the last key.
-
-    Args:
-        keys: (k,) in s.
-        Ts: (k, 4, 4) poses at the keys.
-        times: (n,) in s.
+    Before the first key, players show the first pose; after the last key, the last pose. `keys` (k,) are
+    the times of the keys in s, `Ts` (k, 4, 4) the poses at the keys.
     """
     from scipy.spatial.transform import Rotation, Slerp
 

@@ -42,11 +42,8 @@ def write_glb(
 ) -> Path:
     """Write the robot with its clips and return the path.
 
-    Args:
-        mechanism: the robot.
-        clips: motions; each becomes an animation with the clip's name.
-        path: the .glb file.
-        link_poses: T_world_body (4, 4) of every body at rest; default: home with closed loops.
+    Each clip becomes an animation with its name. `link_poses` has T_world_body (4, 4) of every body at rest; default:
+    home with closed loops.
     """
     Path(path).write_bytes(glb_bytes(mechanism, clips, link_poses))
     return Path(path)
@@ -56,8 +53,8 @@ def glb_bytes(mechanism: Mechanism, clips: Sequence[Clip] = (), link_poses: Mapp
     """Return the content of a .glb file; for the arguments see `write_glb`."""
     rest = home_poses(mechanism) if link_poses is None else link_poses
     out = _Document()
-    names = node_names(mechanism, clips)
-    nodes: list[dict[str, Any]] = [{"name": names.root, "rotation": list(UP_XYZW), "children": []}]
+    root, frames = node_names(mechanism, clips)
+    nodes: list[dict[str, Any]] = [{"name": root, "rotation": list(UP_XYZW), "children": []}]
     index = {}
     for body in mechanism.bodies:
         index[body.name] = len(nodes)
@@ -70,34 +67,22 @@ def glb_bytes(mechanism: Mechanism, clips: Sequence[Clip] = (), link_poses: Mapp
         if (mesh := out.mesh(body, mechanism.materials)) is not None:
             nodes[-1]["mesh"] = mesh
     for frame in mechanism.frames:
-        if frame.name not in names.frames:
+        if frame.name not in frames:
             continue
         nodes[index[frame.body]].setdefault("children", []).append(len(nodes))
-        nodes.append({"name": names.frames[frame.name], **_trs(frame.T_body_frame), "extras": {"frame": frame.name}})
+        nodes.append({"name": frames[frame.name], **_trs(frame.T_body_frame), "extras": {"frame": frame.name}})
     nodes = [{k: v for k, v in n.items() if k != "children" or v} for n in nodes]
     moving = moving_paths(clips, rest)
     animations = [out.animation(clip, index, moving) for clip in clips] if moving else []
-    document: dict[str, Any] = {
-        "asset": {
-            "version": "2.0",
-            "generator": f"twin {__version__}",
-            "extras": {
-                "schema": "twin-glb",
-                "version": 1,
-                "robot": mechanism.name,
-                "model_hash": model_hash(mechanism),
-                "units": "m, kg, s",
-                "frame": "links below the root node: z-up right-handed",
-            },
-        },
-        "scene": 0,
-        "scenes": [{"name": mechanism.name, "nodes": [0]}],
-        "nodes": nodes,
-        **out.lists(),
+    about = {
+        "schema": "twin-glb",
+        "version": 1,
+        "robot": mechanism.name,
+        "model_hash": model_hash(mechanism),
+        "units": "m, kg, s",
+        "frame": "links below the root node: z-up right-handed",
     }
-    if animations:
-        document["animations"] = animations
-    return _pack(document, out.binary())
+    return out.packed(mechanism.name, about, nodes, animations)
 
 
 def bends_glb(name: str, bends: Sequence[Bend]) -> bytes:
@@ -116,31 +101,16 @@ def bends_glb(name: str, bends: Sequence[Bend]) -> bytes:
             keys = bend.changes()
             channels.append({"sampler": len(samplers), "target": {"node": len(nodes) - 1, "path": "weights"}})
             samplers.append(out.keys(bend.times[keys], factors[keys].reshape(-1, 1), "SCALAR"))
-    document: dict[str, Any] = {
-        "asset": {
-            "version": "2.0",
-            "generator": f"twin {__version__}",
-            "extras": {"schema": "twin-deformables", "version": 1, "units": "m, kg, s"},
-        },
-        "scene": 0,
-        "scenes": [{"name": name, "nodes": [0]}],
-        "nodes": nodes,
-        **out.lists(),
-    }
-    if channels:
-        document["animations"] = [{"name": "motion", "channels": channels, "samplers": samplers}]
-    return _pack(document, out.binary())
+    about = {"schema": "twin-deformables", "version": 1, "units": "m, kg, s"}
+    motion = [{"name": "motion", "channels": channels, "samplers": samplers}] if channels else []
+    return out.packed(name, about, nodes, motion)
 
 
-class Names:
-    """Names of the root node and, by frame, of the nodes of named frames; link nodes have the names of their bodies."""
+def node_names(mechanism: Mechanism, clips: Sequence[Clip]) -> tuple[str, dict[str, str]]:
+    """Return unique names of the root node and, by frame, of frame nodes; link nodes have the names of their bodies.
 
-    def __init__(self, root: str, frames: Mapping[str, str]) -> None:
-        self.root, self.frames = root, frames
-
-
-def node_names(mechanism: Mechanism, clips: Sequence[Clip]) -> Names:
-    """Return unique names for root and frame nodes, because Unity and three.js address nodes by name only."""
+    They are unique because Unity and three.js address nodes by name only.
+    """
     taken = {b.name for b in mechanism.bodies}
 
     def free(name: str) -> str:
@@ -151,7 +121,7 @@ def node_names(mechanism: Mechanism, clips: Sequence[Clip]) -> Names:
 
     wanted = {mechanism.tool, *(c.frame for c in clips)}
     root = free(mechanism.name)
-    return Names(root, {f.name: free(f"frame_{f.name}") for f in mechanism.frames if f.name in wanted})
+    return root, {f.name: free(f"frame_{f.name}") for f in mechanism.frames if f.name in wanted}
 
 
 def moving_paths(clips: Sequence[Clip], rest: Mapping[str, Array]) -> set[tuple[str, str]]:
@@ -217,26 +187,25 @@ class _Document:
             if not len(faces):
                 continue
             points, normals = (np.concatenate([part[i] for part in parts]) for i in (0, 1))
-            small = len(points) <= _MOST_UINT16
-            primitives.append(
-                {
-                    "attributes": {
-                        "POSITION": self._add("vertices", points, "VEC3", _FLOAT, bounds=True),
-                        "NORMAL": self._add("vertices", normals, "VEC3", _FLOAT),
-                    },
-                    "indices": self._add(
-                        "uint16" if small else "uint32",
-                        faces.astype("<u2" if small else "<u4").reshape(-1, 1),
-                        "SCALAR",
-                        _UINT16 if small else _UINT32,
-                    ),
-                    "material": self._materials.setdefault(material, len(self._materials)),
-                }
-            )
+            primitives.append(self._primitive(points, normals, faces, material, len(points) <= _MOST_UINT16))
         if not primitives:
             return None
         self._meshes.append({"name": f"{body.name}_mesh", "primitives": primitives})
         return len(self._meshes) - 1
+
+    def _primitive(
+        self, points: np.ndarray, normals: np.ndarray, faces: np.ndarray, material: Material, short: bool
+    ) -> dict[str, Any]:
+        """Add triangles of one material and return their primitive; `short`: with 16-bit indices."""
+        part, dtype, component = ("uint16", "<u2", _UINT16) if short else ("uint32", "<u4", _UINT32)
+        return {
+            "attributes": {
+                "POSITION": self._add("vertices", points.astype("<f4"), "VEC3", _FLOAT, bounds=True),
+                "NORMAL": self._add("vertices", normals.astype("<f4"), "VEC3", _FLOAT),
+            },
+            "indices": self._add(part, faces.astype(dtype).reshape(-1, 1), "SCALAR", component),
+            "material": self._materials.setdefault(material, len(self._materials)),
+        }
 
     def bending(self, bend: Bend, shapes: Array) -> int:
         """Add the mesh of a deformable with a morph target for each shape (s, n, 3); return its index.
@@ -250,14 +219,7 @@ class _Document:
             np.add.at(normals, faces[:, k], np.cross(b - a, c - a))
         normals /= np.linalg.norm(normals, axis=1, keepdims=True)
         material = Material(mesh.name, mesh.color_rgba, mesh.finish)
-        primitive: dict[str, Any] = {
-            "attributes": {
-                "POSITION": self._add("vertices", mesh.vertices.astype("<f4"), "VEC3", _FLOAT, bounds=True),
-                "NORMAL": self._add("vertices", normals.astype("<f4"), "VEC3", _FLOAT),
-            },
-            "indices": self._add("uint32", faces.astype("<u4").reshape(-1, 1), "SCALAR", _UINT32),
-            "material": self._materials.setdefault(material, len(self._materials)),
-        }
+        primitive = self._primitive(mesh.vertices, normals, faces, material, short=False)
         out: dict[str, Any] = {"name": f"{mesh.name}_mesh", "primitives": [primitive]}
         if len(shapes):
             primitive["targets"] = [
@@ -275,7 +237,6 @@ class _Document:
 
     def animation(self, clip: Clip, nodes: Mapping[str, int], moving: set[tuple[str, str]]) -> dict[str, Any]:
         """Return a clip as a glTF animation, with a channel for each (link, path) in `moving`."""
-        times = self._add("keys", clip.times.astype("<f4").reshape(-1, 1), "SCALAR", _FLOAT, bounds=True)
         channels, samplers = [], []
         for name, Ts in clip.links.items():
             for path, kind, values in (
@@ -285,15 +246,8 @@ class _Document:
                 if (name, path) not in moving:
                     continue
                 channels.append({"sampler": len(samplers), "target": {"node": nodes[name], "path": path}})
-                output = self._add("keys", values.astype("<f4") + np.float32(0), kind, _FLOAT)
-                samplers.append({"input": times, "interpolation": "LINEAR", "output": output})
-        extras = {
-            "title": clip.title,
-            "rate": clip.rate,
-            "between_position": float(f"{clip.between_position:.6g}"),
-            "between_rotation": float(f"{clip.between_rotation:.6g}"),
-            "joint_gap": float(f"{clip.joint_gap:.6g}"),
-        }
+                samplers.append(self.keys(clip.times, values, kind))
+        extras = {"title": clip.title, "rate": clip.rate, **clip.between.numbers()}
         return {"name": clip.name, "channels": channels, "samplers": samplers, "extras": extras}
 
     def _add(self, part: str, values: np.ndarray, kind: str, component: int, bounds: bool = False) -> int:
@@ -338,9 +292,22 @@ class _Document:
         }
         return {k: v for k, v in lists.items() if v}
 
-    def binary(self) -> bytes:
-        """Return the concatenated parts; each part starts at a multiple of four bytes."""
-        return b"".join(b"".join(p).ljust(_aligned(self._sizes[n]), b"\0") for n, p in self._parts.items())
+    def packed(
+        self, name: str, about: Mapping[str, Any], nodes: list[dict[str, Any]], animations: list[dict[str, Any]]
+    ) -> bytes:
+        """Return the .glb file with one scene, whose root is the first node; `about` are the extras of the asset."""
+        document: dict[str, Any] = {
+            "asset": {"version": "2.0", "generator": f"twin {__version__}", "extras": about},
+            "scene": 0,
+            "scenes": [{"name": name, "nodes": [0]}],
+            "nodes": nodes,
+            **self.lists(),
+        }
+        if animations:
+            document["animations"] = animations
+        # each part starts at a multiple of four bytes
+        parts = (b"".join(p).ljust(_aligned(self._sizes[n]), b"\0") for n, p in self._parts.items())
+        return _pack(document, b"".join(parts))
 
 
 def _aligned(size: int) -> int:

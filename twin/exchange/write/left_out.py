@@ -17,7 +17,7 @@ CONES: Told = {"cones": lambda j: j.cone}
 
 
 def left_out(mechanism: Mechanism, file: str, told: Told) -> Iterator[Finding]:
-    """Yield a finding for each kind of joint data in `told` that at least one joint has and the format cannot hold."""
+    """Yield a finding for each kind of joint data in `told` that the format cannot hold, if a joint has such data."""
     for what, of in told.items():
         names = ", ".join(j.name for j in mechanism.joints if of(j) is not None)
         if names:

@@ -1,8 +1,8 @@
 """Write .mcap: link poses and joint values over time, with the messages of Foxglove, as JSON with their schemas.
 
-Every link's pose is given in "world", so that a viewer needs no kinematics. Messages and their names are those of
+Every link's pose is given in "world", so that a viewer needs no kinematics. Messages and their names are from
 Foxglove's documentation (docs.foxglove.dev/docs/sdk/schemas): /tf holds foxglove.FrameTransforms, /joint_states
-foxglove.JointStates, /console the numbers of a console. Times are those of the session, which begins at 0.
+foxglove.JointStates, /console the numbers of a console. Times are counted from the start of the session.
 """
 
 from __future__ import annotations
@@ -51,12 +51,8 @@ def write_mcap(
 ) -> Path:
     """Write the file and return its path; the same input gives the same bytes.
 
-    Args:
-        path: the .mcap file.
-        t: (k,) times in s, from 0.
-        links: T_world_link (k, 4, 4), by name of the link ("psm1/yaw").
-        joints: joint values (k,) in m or rad, by name of the joint ("psm1/q1").
-        console: further numbers (k,), by name.
+    Times (k,) are in s, from 0; links are T_world_link (k, 4, 4) and joints (k,) in m or rad, with names such as
+    "psm1/yaw". `console` has further numbers (k,), by name.
 
     Raises:
         TwinError: the package `mcap` is not installed.

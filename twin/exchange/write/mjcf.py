@@ -1,9 +1,10 @@
 """The robot as MJCF for MuJoCo: a tree, and equality constraints that close its loops.
 
 Bodies are placed at home, and the `ref` of a joint is its coordinate at home, so that a simulation starts with closed
-loops; all joint coordinates equal those of the mechanism. A control is the displacement of a drive from home: the
-initial value zero holds the robot at home. A ball joint has no scalar coordinate; its quaternion is relative to home.
-Because loops are closed at `ref`, one anchor point is sufficient for both bodies; Drake reads no other form:
+loops; all joint coordinates are equal to the coordinates of the mechanism. A control is the displacement of a drive
+from home: the initial value zero holds the robot at home. A ball joint has no scalar coordinate; its quaternion is
+relative to home. Because loops are closed at `ref`, one anchor point is sufficient for both bodies; Drake reads no
+other form:
 
     spherical       one connect at the ball
     revolute        two connects, at two points of the pin
@@ -73,10 +74,8 @@ MOTORS = (
 def write_mjcf(mechanism: Mechanism, folder: Path, name: str = "") -> Path:
     """Write <robot>.xml, or <name>.xml, and its meshes; return the .xml file.
 
-    Args:
-        mechanism: the robot with masses; masses of bodies without one are assumed (see `mjcf_findings`).
-        folder: created if it is missing; the caller moves it to its final place.
-        name: file name without suffix, if a robot has several files (one for each trocar position); "": robot name.
+    The mechanism has masses; the missing ones are assumed (see `mjcf_findings`). `name` is the file name without
+    suffix, if a robot has several files (one for each trocar position).
 
     Raises:
         AssemblyError: the loops of the mechanism cannot be closed.

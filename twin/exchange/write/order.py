@@ -68,7 +68,7 @@ class Order:
         scenes: a clip and its mechanism for each protocol.
         quick_looks: names of the clips with a .usdz; the first file is <robot>_ar.usdz, others <robot>_<clip>_ar.usdz.
         inputs: (displayed path, sha256) of every source file.
-        assumed: "name: reason" of every assumed (unpublished) number of the robot; clips have those of protocols.
+        assumed: "name: reason" of every assumed (unpublished) number of the robot, without the numbers of protocols.
         title, source: title and source of the robot.
         findings: findings on the robot.
     """
@@ -108,7 +108,7 @@ def order(
 
     Args:
         robot: a robot from CAD, or from a USD stage; a stage has no protocols, but may contain a motion.
-        trajectory: a planned motion, exported as the only one; it belongs to the first of `protocols`, if given. None:
+        trajectory: a planned motion, the only exported motion, of the first protocol in `protocols`, if given. None:
             plan the protocols.
         protocols: names or paths; None: all protocols of the robot.
         budget: maximum errors of each clip; None: `Budget()`. Ignored for a stage, whose samples are the keys.

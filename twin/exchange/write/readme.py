@@ -14,7 +14,7 @@ _WIDTH = 100
 
 
 def text(order: Order, formats: Sequence[str], findings: Sequence[Finding]) -> str:
-    """Return the text of README.txt for these formats; `findings` are those of the robot and of the writers."""
+    """Return the text of README.txt for these formats; `findings` are the findings on the robot and of the writers."""
     head = f"{order.mechanism.name}: {order.title}"
     lines = [head, "=" * len(head), "", f"Written by twin {__version__} from: {order.source}", ""]
     for title, body in (
@@ -116,9 +116,10 @@ def _motions(order: Order) -> Iterator[str]:
         )
         yield (
             f"- {c.name}: {c.title}; {c.times[-1]:.3f} s, {len(c.times)} keys at {c.rate:g} Hz. A player that "
-            f"interpolates linearly between keys is at most {c.between_position / UM:.1f} um off at any point of a "
+            f"interpolates linearly between keys is at most {c.between.position / UM:.1f} um off at any point of a "
             "link and "
-            f"{c.between_rotation / DEG:.4f} degrees; joints open by at most {c.joint_gap / UM:.1f} um ({budget})."
+            f"{c.between.rotation / DEG:.4f} degrees; joints open by at most {c.between.joint_gap / UM:.1f} um "
+            f"({budget})."
         )
 
 

@@ -18,11 +18,8 @@ def sampled_clip(mechanism: Mechanism, stage: Path) -> Clip | None:
     """Return the motion of a USD stage as a clip; None if no link moves.
 
     A stage has no data between its samples. The stated interpolation errors are measured with every second sample
-    removed, and are therefore larger than the actual errors.
-
-    Args:
-        mechanism: the mechanism read from the stage.
-        stage: path of the root layer.
+    removed, and are therefore larger than the actual errors. `stage` is the path of the root layer from which the
+    mechanism was read.
     """
     from twin.usd.read import read_motion
 

@@ -27,12 +27,9 @@ def write_tracks(
 ) -> tuple[Path, Path]:
     """Write <clip>.json and <clip>.csv, which contain the same numbers, into `folder`, and return their paths.
 
-    Args:
-        mechanism: the robot, with the trocar positions of the protocol.
-        clip: the motion.
-        folder: created if it is missing.
-        drawn: the robot as in the CAD; the track contains its model hash and home; default: `mechanism`.
-        assumed: "name: reason" of each assumed number of the robot, in addition to those of the clip.
+    The mechanism has the trocar positions of the protocol; `drawn`, by default the same, is the robot as in the CAD,
+    and the track contains its model hash and home. `assumed` has "name: reason" of each assumed number of the robot;
+    the clip has the assumed numbers of its protocol.
     """
     folder.mkdir(parents=True, exist_ok=True)
     data = track(mechanism, clip, drawn, assumed)
@@ -108,9 +105,7 @@ def track(
         "frame_links": [f.body for f in mechanism.frames],
         "frames_local": _flat([_seven(f.T_body_frame[None])[0] for f in mechanism.frames]),
         "rcm": [] if rcm is None else _flat(rcm),
-        "between_position": float(f"{clip.between_position:.6g}"),
-        "between_rotation": float(f"{clip.between_rotation:.6g}"),
-        "joint_gap": float(f"{clip.joint_gap:.6g}"),
+        **clip.between.numbers(),
         "assumed": [*assumed, *clip.assumed],
     }
 

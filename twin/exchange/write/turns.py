@@ -28,9 +28,7 @@ class Coordinate(NamedTuple):
 def tree_coordinates(mechanism: Mechanism, links: Mapping[str, Array]) -> list[Coordinate]:
     """Return the coordinates of the ball joints and cylindrical joints of the tree, computed from link poses.
 
-    Args:
-        mechanism: the mechanism of the URDF; at its home all coordinates of ball joints are zero.
-        links: T_world_body (k, 4, 4) by body.
+    At the home of the mechanism all coordinates of ball joints are zero. `links` has T_world_body (k, 4, 4) by body.
 
     Raises:
         AssemblyError: the loops of the mechanism cannot be closed.

@@ -44,7 +44,7 @@ FAR = 1e3
 """Limit in m of a slide without limits, because URDF requires a limit."""
 
 _ON_AXIS = 1e-12
-"""Maximum distance in m between a body's origin and its pin axis at which the origin counts as on the axis."""
+"""Distance in m of a body's origin from its pin axis up to which the origin counts as a point on the axis."""
 
 
 _TRANSMISSION = Kind("export.urdf_transmission", "warning", "use MJCF or USD if motors matter")
@@ -54,12 +54,9 @@ _LOOPS = Kind("export.urdf_loops", "warning", "use MJCF or USD if loops must clo
 def write_urdf(mechanism: Mechanism, folder: Path, name: str = "") -> Path:
     """Write <robot>.urdf, or <name>.urdf, and its meshes; return the .urdf file.
 
-    `urdf_findings` lists the data that the file cannot hold.
-
-    Args:
-        mechanism: the robot with masses; `spanning` chooses the joints at which loops are cut.
-        folder: created if it is missing; the caller moves it to its final place.
-        name: file name without suffix, if a robot has several files (one for each trocar position); "": robot name.
+    `urdf_findings` lists the data that the file cannot hold. The mechanism has masses; `spanning` chooses the joints at
+    which loops are cut. `name` is the file name without suffix, if a robot has several files (one for each trocar
+    position).
 
     Raises:
         AssemblyError: the loops of the mechanism cannot be closed.
@@ -85,23 +82,16 @@ def urdf_findings(mechanism: Mechanism) -> list[Finding]:
     cut = spanning(mechanism).cut
     if cut:
         names = ", ".join(f"{j.name} ({j.type}, {j.parent} to {j.child})" for j in cut)
-        found.append(
-            _LOOPS(
-                ", ".join(j.name for j in cut),
-                f"{file}: URDF cannot close loops; left out: {names}. Link poses are correct only with the values "
-                "of the passive joints from the tracks",
-            )
+        text = (
+            f"{file}: URDF cannot close loops; left out: {names}. Link poses are correct only with the values "
+            "of the passive joints from the tracks"
         )
+        found.append(_LOOPS(", ".join(j.name for j in cut), text))
     held = _mimics(mechanism)
     for coupling in (c for c in mechanism.couplings if c.name not in held):
         terms = " + ".join(f"{r:g} {n}" for n, r in zip(coupling.joints, coupling.ratios, strict=True))
-        found.append(
-            warning(
-                "export.urdf_coupling",
-                coupling.name,
-                f"{file}: URDF cannot hold coupling {coupling.name}: {terms} = {coupling.total:g}",
-            )
-        )
+        text = f"{file}: URDF cannot hold coupling {coupling.name}: {terms} = {coupling.total:g}"
+        found.append(warning("export.urdf_coupling", coupling.name, text))
     found += left_out(mechanism, file, {**SOFT_LIMITS, **MAX_ACCELERATIONS, **CONES})
     if mechanism.frames or mechanism.points:
         names = ", ".join(x.name for x in (*mechanism.frames, *mechanism.points))

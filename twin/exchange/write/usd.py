@@ -8,16 +8,15 @@ motion/<protocol>.usdc               baked poses and joint values at the key tim
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
 from pxr import Gf, Sdf, Usd, UsdPhysics
 
 from twin.core.atomic import Scratch
 from twin.core.errors import AssemblyError, StageError
-from twin.core.spatial import Array
+from twin.exchange.write.clip import rounded
 from twin.model.mechanism import Mechanism
 from twin.reference.holding import GRAVITY, holding_efforts
 from twin.usd.read import made_from
@@ -37,10 +36,8 @@ Measured sag of the tool of SHER under gravity: 0.1 mm at 240 steps per second, 
 def write_usd(mechanism: Mechanism, clips: Sequence[Clip], folder: Path) -> list[Path]:
     """Write the stage of a mechanism, and one motion for each clip.
 
-    Args:
-        mechanism: the robot, with masses if the stage is for simulators.
-        clips: motions to bake; their times in s are converted to time codes at 60 per second.
-        folder: created if it is missing; the caller moves it to its final place.
+    The mechanism has masses if the stage is for simulators. The times of clips, in s, become time codes at 60 per
+    second.
 
     Returns:
         The files written, root layer first.
@@ -70,11 +67,7 @@ def write_usd(mechanism: Mechanism, clips: Sequence[Clip], folder: Path) -> list
 def bake(mechanism: Mechanism, bound: Mechanism, trajectory: Trajectory, folder: Path) -> None:
     """Add a planned trajectory to the stage of `mechanism` in `folder`, sampled every 1/60 s and at its end.
 
-    Args:
-        mechanism: the mechanism of the stage.
-        bound: the mechanism with the trocar positions of the protocol.
-        trajectory: the planned motion.
-        folder: folder of the stage.
+    `bound` is the mechanism with the trocar positions of the protocol.
     """
     from twin.planning.trajectory import key_times
     from twin.reference import ReferenceModel
@@ -127,10 +120,8 @@ def _add_scene(layer: Sdf.Layer) -> None:
 def fresh_stage(stage: Path, source: str, weighed: Callable[[], Mechanism]) -> Iterator[Path]:
     """Yield the path of a robot's USD stage: the existing stage if up to date, else one in a temporary folder.
 
-    Args:
-        stage: path of the existing stage; the file may be missing.
-        source: current `Mechanism.source` of the robot: its description and the hash of its CAD.
-        weighed: function that returns the mechanism with masses, called if the stage is rebuilt.
+    `source` is the current `Mechanism.source` of the robot: its description and the hash of its CAD. `weighed` returns
+    the mechanism with masses; it is called if the stage is rebuilt.
     """
     if stage.is_file():
         with contextlib.suppress(StageError):
@@ -139,8 +130,3 @@ def fresh_stage(stage: Path, source: str, weighed: Callable[[], Mechanism]) -> I
                 return
     with Scratch() as folder:
         yield write_usd(weighed(), (), Path(folder))[0]
-
-
-def rounded(poses: Mapping[str, Array]) -> dict[str, Array]:
-    """Return poses rounded to 1e-13, so that the file does not depend on the processor."""
-    return {name: np.round(T, 13) + 0.0 for name, T in poses.items()}

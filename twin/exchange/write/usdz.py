@@ -16,7 +16,7 @@ from pxr import Gf, Sdf, Usd, UsdGeom
 
 from twin.core.atomic import Scratch
 from twin.core.spatial import Array
-from twin.exchange.write.usd import rounded
+from twin.exchange.write.clip import home_poses, rounded
 from twin.model.mechanism import Mechanism
 from twin.usd.write import Motion, write_motion
 from twin.usd.write.geometry import write_geometry
@@ -41,10 +41,7 @@ _PADDING = 0x1986
 def write_usdz(mechanism: Mechanism, clip: Clip | None, path: Path) -> Path:
     """Write the robot, with a motion or at rest, as one .usdz; the output is reproducible byte by byte.
 
-    Args:
-        mechanism: its meshes and materials are written; frames, points and joints are not.
-        clip: the motion; None: the robot at home.
-        path: the .usdz file, replaced if it exists.
+    The file contains meshes and materials, but no frames, points and joints. Without a clip, the robot is at home.
 
     Raises:
         StageError: the clip does not match the mechanism, or the file cannot be written.
@@ -68,9 +65,7 @@ def _rest(mechanism: Mechanism, clip: Clip | None) -> dict[str, Array]:
     """Return T_world_body (4, 4) of every body at the start of the motion, or at home without a motion."""
     if clip is not None:
         return rounded({name: Ts[0] for name, Ts in clip.links.items()})
-    from twin.reference import ReferenceModel
-
-    return rounded(ReferenceModel(mechanism).home().link_poses)
+    return home_poses(mechanism)
 
 
 def _flattened(mechanism: Mechanism, layers: list[str], end: float) -> Sdf.Layer:

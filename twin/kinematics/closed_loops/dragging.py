@@ -103,9 +103,7 @@ class Dragged:
 def bounds_of(mechanism: Mechanism, gaps: Sequence[tuple[str, str, float]] = ()) -> tuple[Bound, ...]:
     """Return the bounds: hard limits of active joints and their motors, and minimum distances on a rail.
 
-    Args:
-        mechanism: the mechanism with these limits.
-        gaps: (lower joint, upper joint, minimum distance in m) for each pair of joints on one rail.
+    `gaps` are (lower joint, upper joint, minimum distance in m) for pairs of joints on one rail.
     """
     order, eye, out = [j.name for j in mechanism.active], np.eye(len(mechanism.active)), []
     for i, joint in enumerate(mechanism.active):
@@ -152,11 +150,8 @@ class Dragger:
     def take(self, q: Array, u: Array, body: str, p_body: Array) -> Grip:
         """Return a grip on a point of a body, which moves the point along straight lines by the smallest joint motion.
 
-        Args:
-            q: active joints (n,).
-            u: unknowns (numbers,) that close the loops at q.
-            body: name of the body.
-            p_body: the point (3,) in the body frame, in m.
+        u (numbers,) contains the unknowns that close the loops at q (n,). `p_body` (3,) is the point in the body frame,
+        in m.
         """
         p_body = np.asarray(p_body, float)
         return Grip(self, self.look(q, u, body, p_body), (body, p_body))
@@ -262,9 +257,8 @@ class Grip:
     def to(self, target: Array, seconds: float = np.inf) -> Dragged:
         """Move the point towards a target.
 
-        Args:
-            target: position (3,) in base in m.
-            seconds: processor time in s after which the motion stops; call again with the same target to continue.
+        `target` (3,) is in base in m. After `seconds` of processor time the motion stops; call again with the same
+        target to continue.
         """
         until, walk = time.thread_time() + seconds, self._walk
         if not np.array_equal(target, self._target):

@@ -80,7 +80,7 @@ class Equations:
             counts as 1 rad.
         T_base_tool: (4, 4) pose of the tool.
         errors: (6,) error of a joint frame by (joint, "parent" or "child"), in the frame's own axes: shift in m, then
-            rotation in rad, to second order. Empty unless requested.
+            rotation in rad, to second order. Empty if not requested.
     """
 
     def __init__(self, mechanism: Mechanism, *, with_errors: bool = False) -> None:
@@ -130,7 +130,7 @@ class Equations:
         return ca.vertcat(T, ca.SX([[0, 0, 0, 1]]))
 
     def links(self) -> dict[str, ca.SX]:
-        """Return T_base_body (3, 4) of every body, by name; each pose is composed from that of the parent body.
+        """Return T_base_body (3, 4) of every body, by name; each pose is composed from the pose of the parent body.
 
         `pose` carries vectors along the whole path instead, which gives less to compute for one frame.
         """

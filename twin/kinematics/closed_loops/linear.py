@@ -17,11 +17,8 @@ _PIVOT = 0.2
 def square(J: ca.SX, b: ca.SX, pattern: np.ndarray, sample: Array) -> tuple[ca.SX, ca.SX]:
     """Return the solution (n,) of J x = b by elimination, and the determinant of J except for a constant sign.
 
-    Args:
-        J: (n, n).
-        b: (n,).
-        pattern: (n, n) bool, whether an entry of J can differ from 0.
-        sample: (n, n) values of J in one state, to choose a stable pivot order with few fill-ins.
+    `pattern` (n, n) marks the entries of J (n, n) that can differ from 0. `sample` (n, n) is J in one state, used to
+    choose a stable pivot order with few fill-ins.
     """
     n = len(sample)
     a = {(i, j): J[i, j] for i in range(n) for j in range(n) if pattern[i, j]}
@@ -61,10 +58,7 @@ def _pivot(a: dict, values: Array, rows: list[int], columns: list[int]) -> tuple
 def least_squares(J: ca.SX, b: ca.SX, pattern: np.ndarray) -> ca.SX:
     """Return the shortest x (n,) that minimises |J x - b|, from the normal equations.
 
-    Args:
-        J: (m, n).
-        b: (m,).
-        pattern: (m, n) bool, whether an entry of J can differ from 0.
+    `pattern` (m, n) marks the entries of J (m, n) that can differ from 0; b has m entries.
     """
     n = pattern.shape[1]
     J = ca.SX(J)
@@ -96,7 +90,7 @@ def least_squares(J: ca.SX, b: ca.SX, pattern: np.ndarray) -> ca.SX:
 
 
 def _least_filling(linked: np.ndarray) -> list[int]:
-    """Return an order of elimination; the next unknown is always the one with the fewest neighbours."""
+    """Return an order of elimination; the next unknown is always the unknown with the fewest neighbours."""
     linked, left, order = linked.copy(), list(range(len(linked))), []
     while left:
         least = min(left, key=lambda i: int(linked[i, left].sum()))

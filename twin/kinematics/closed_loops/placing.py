@@ -8,11 +8,11 @@ from twin.core.spatial import Array
 from twin.kinematics.closed_loops.solver import LoopSolver
 
 _JUMP = 0.5
-"""Largest change (m, rad) of an unknown in one call; after a larger one, the state is solved from the rest poses."""
+"""Largest change (m, rad) of an unknown in one call; after a larger change, the state is solved from the rest poses."""
 
 
 class LinkPoses:
-    """Returns the body poses at joint values; each call continues from the state of the last one."""
+    """Returns the body poses at joint values; each call continues from the state of the last call."""
 
     def __init__(self, loops: LoopSolver) -> None:
         """Use a mechanism whose loops are compiled."""

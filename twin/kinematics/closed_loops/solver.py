@@ -67,7 +67,6 @@ class LoopSolver:
     """Closed-loop forward kinematics of a mechanism; shares no code with the reference model that checks it.
 
     Attributes:
-        mechanism: the mechanism.
         equations: its loop equations.
         blocks: blocks of equations, in the order of solution.
         q, home: active joints (n,) and unknowns in the rest poses, with closed loops.
@@ -105,9 +104,8 @@ class LoopSolver:
     def forward(self, q: Array, seed: Array | None = None) -> Array:
         """Return T_base_tool (4, 4) at active joints q (n,).
 
-        Args:
-            q: (n,) in m or rad.
-            seed: unknowns (numbers,) to start from, as in `Closed.states`; default: those of the rest poses.
+        `seed` (numbers,) contains the unknowns to start from, as in `Closed.states`; default: unknowns of the rest
+        poses.
 
         Raises:
             AssemblyError: the loops cannot be closed at q.
@@ -146,12 +144,10 @@ class LoopSolver:
         return np.vstack([self._single(q, states)[:12].reshape(3, 4), [0.0, 0.0, 0.0, 1.0]])
 
     def forward_many(self, qs: Array, seeds: Array | None = None, threads: int | None = None) -> Closed:
-        """Return the states at active joints qs (k, n), each solved independently; NaN poses where no state is found.
+        """Return the states at active joints qs (k, n), each solved independently; NaN poses without a solution.
 
-        Args:
-            qs: (k, n) in m or rad.
-            seeds: unknowns (numbers, k) to start from; default: those of the rest poses.
-            threads: maximum number of threads; default: the number of processors.
+        `seeds` (numbers, k) contains the unknowns to start from; default: unknowns of the rest poses. `threads` is the
+        maximum number of threads; default: the number of processors.
         """
         qs = np.asarray(qs, float)
         if qs.ndim != 2 or qs.shape[1] != len(self.q):

@@ -1,15 +1,23 @@
-"""One session of a campaign: an operator moves the tool in a circle, a fault acts, machine and model are compared."""
+"""One session of a campaign: an operator moves the tool in a circle, a fault acts, machine and model are compared.
+
+A session runs without a response first; the model, which no fault reaches, runs once for each motion scale. A second
+run has a trainee, whose responses reach machine and model.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from twin.core.spatial import Array
 from twin.simulation.controllers.cue import Cue
+from twin.simulation.hazards.detection import Adaptive
 from twin.simulation.hazards.fault import Fault
-from twin.simulation.machine.itp import pack
+from twin.simulation.hazards.hand import Hand
+from twin.simulation.hazards.trainee import Reaction, Trainee
+from twin.simulation.machine.beside import Beside
 from twin.simulation.machine.levels import Level
 from twin.simulation.machine.machine import Machine, Parts
 from twin.simulation.machine.plant import TICK, Physics
@@ -17,11 +25,20 @@ from twin.simulation.machine.plant import TICK, Physics
 _HOMED = 100
 """Tick at which the operator presses the pedal; homing from home takes fewer."""
 
+_FOLLOWS = 10
+"""Packets after which the arm follows the pedal at the beginning."""
+
 _AFTER = 300
 """Packets after a fault, in which its consequences are watched."""
 
-_MOTION = (6.0, 0.2)
-"""Speed of the operator's hand in um per packet, and time in s for one radian of the circle. ASSUMED."""
+_SETTLED = 100
+"""Ticks after a stop, after which the brakes have brought the arm to rest: the outcome no longer changes."""
+
+_ROUND = 2000
+"""The model runs for a multiple of this number of packets, so that few sessions need more than what it has run."""
+
+_LONGEST = 12.0
+"""Longest time in s of a session with a trainee."""
 
 _MM = 1e3
 
@@ -30,108 +47,242 @@ HARM = 1.0
 
 
 @dataclass(frozen=True)
+class Session:
+    """What a session is made of.
+
+    Attributes:
+        faults: makes the faults of the machine, which are used once.
+        start: packet with which the fault begins.
+        length: duration of the fault in packets.
+        mass, friction: factors of all masses and of all friction of the machine.
+        scale: motion scale of the operator.
+    """
+
+    faults: Callable[[], Sequence[Fault]]
+    start: int
+    length: int
+    mass: float = 1.0
+    friction: float = 1.0
+    scale: float = 0.1
+
+
+@dataclass(frozen=True)
 class Outcome:
-    """What a session showed; times are in ms from the start of the fault, None: never.
+    """What a session without a response showed; times are in ms from the start of the fault, None: never.
 
     Attributes:
         peak: largest distance in mm of the machine's true tip from the model's, which is at rest once a check has
             stopped the machine.
         harm: time at which this distance exceeds `HARM`.
+        jump: time at which the tip is more than `HARM` from the whole path of the model: it has not only stayed behind.
         beyond: time at which it exceeds the limit of the cue.
         cue: time of the first force on the operator's hand.
+        adaptive: time at which the measured distance exceeds the adaptive limit.
         stop, check: time at which a check has stopped the arm, and which one ("" if none).
         held, refused: packets with a target out of reach, and packets refused.
+        residual, ratio: before the fault, the largest measured distance in mm, and the largest quotient of it and the
+            adaptive limit.
+        seen, seen_ratio: the same from the start of the fault until harm or stop.
+        noticeable: whether there was a force, or the arm did not follow while the pedal was down.
     """
 
     peak: float
     harm: int | None
+    jump: int | None
     beyond: int | None
     cue: int | None
+    adaptive: int | None
     stop: int | None
     check: str
     held: int
     refused: int
+    residual: float
+    ratio: float
+    seen: float
+    seen_ratio: float
+    noticeable: bool
 
 
 @dataclass(frozen=True)
-class _Trace:
-    """Joint values (k, n), true and as measured, from the first packet on; run levels, and the reason of a stop."""
+class Response:
+    """What the trainee did; times are in ms from the start of the fault.
+
+    Attributes:
+        noticed: time of the first force or stop that he could notice.
+        acted: time of his first response.
+        responses: his responses in their order.
+        response_peak: largest deviation of the true tip in mm, as long as the arm is not braked.
+        response_harm: whether it exceeded `HARM`.
+        works: whether the arm followed him at the end.
+    """
+
+    noticed: int
+    acted: int
+    responses: list[str]
+    response_peak: float
+    response_harm: bool
+    works: bool
+
+
+@dataclass(frozen=True)
+class Trace:
+    """From the first packet on: joint values (k, n), true and measured, run levels of PLC and software; the machine."""
 
     q: Array
     measured: Array
     levels: Array
+    read: Array
     machine: Machine
 
 
 class Arena:
-    """Runs sessions of one robot; the model, which no fault reaches, runs only once.
+    """Runs sessions of one robot.
 
     Attributes:
         cue: the equation of the force on the operator's hand.
     """
 
-    def __init__(self, parts: Parts) -> None:
-        """Take what machine and model are made of."""
-        self._parts, self.cue = parts, Cue()
-        self._model: _Trace | None = None
+    def __init__(self, parts: Parts, adaptive: Adaptive) -> None:
+        """Take what machine and model are made of, and the adaptive limit."""
+        self._parts, self._adaptive, self.cue = parts, adaptive, Cue()
+        self._models: dict[float, Trace] = {}
 
-    def run(self, faults: list[Fault], start: int, length: int, mass: float, friction: float) -> Outcome:
-        """Return the outcome of a session.
-
-        Args:
-            faults: faults of the machine.
-            start: packet with which the fault begins.
-            length: duration of the fault in packets.
-            mass: factor of all masses of the machine.
-            friction: factor of all friction.
-        """
-        packets = start + length + _AFTER
-        if self._model is None or len(self._model.q) < packets:
-            self._model = self._trace([], self._parts.plant.physics, packets)
-        physics = self._parts.plant.physics.changed(mass, friction)
-        seen, model = self._trace(faults, physics, packets), self._model
-        forward = self._parts.kin.forward_many
+    def run(self, session: Session) -> Outcome:
+        """Return the outcome of a session without a response."""
+        start, packets = session.start, session.start + session.length + _AFTER
+        physics, hand = self._physics(session), Hand(self._parts.settings, session.scale)
+        seen = trace(self._parts, hand, packets, start + _SETTLED, physics, session.faults())
+        k = len(seen.q)
+        model = self._model(session.scale, k)
+        tips = self._tips(model.q[:k])
         stopped = seen.levels == Level.E_STOP
-        wanted = forward(model.q[:packets])[:, :3, 3]
+        wanted = tips.copy()
         if stopped.any():  # from then on the machine has to stand where the model was
             wanted[stopped] = wanted[int(np.argmax(stopped))]
-        true = np.linalg.norm(forward(seen.q)[:, :3, 3] - wanted, axis=1) * _MM
-        dp = forward(model.measured[:packets])[:, :3, 3] - forward(seen.measured)[:, :3, 3]
-        both = (seen.levels == Level.PEDAL_DN) & (model.levels[:packets] == Level.PEDAL_DN)
+        true = self._tips(seen.q)
+        apart = np.linalg.norm(true - wanted, axis=1) * _MM
+        beside = self._tips(model.measured[:k])
+        both = (seen.read == Level.PEDAL_DN) & (model.read[:k] == Level.PEDAL_DN)
+        residual = np.where(both, np.linalg.norm(beside - self._tips(seen.measured), axis=1) * _MM, 0.0)
+        ratio = residual / (self._adaptive.limits(beside) * _MM)
+        harm, stop = _first(apart > HARM, start), _first(stopped, start)
+        end = min([k, *(start - 1 + x for x in (harm, stop) if x is not None)])
         found = seen.machine
         return Outcome(
-            float(true.max()),
-            _first(true > HARM, start),
-            _first(true > self.cue.tol, start),
-            _first(self._felt(dp) & both, start),
-            _first(stopped, start),
+            float(apart.max()),
+            harm,
+            _first(_off(true, tips, apart > HARM), start),
+            _first(apart > self.cue.tol, start),
+            _first(residual > self.cue.tol, start),
+            _first(ratio > 1, start),
+            stop,
             found.reason if stopped.any() else "",
             found.held,
             found.receiver.refused,
+            float(residual[: start - 1].max()),
+            float(ratio[: start - 1].max()),
+            float(residual[start - 1 : end].max(initial=0.0)),
+            float(ratio[start - 1 : end].max(initial=0.0)),
+            bool((residual > self.cue.tol).any() or (seen.levels[_FOLLOWS:] != Level.PEDAL_DN).any()),
         )
 
-    def _felt(self, dp: Array) -> np.ndarray:
-        """Return (k,) whether the operator feels a force; dp (k, 3) is the measured deviation in m."""
-        return np.array([bool(self.cue.force(row, np.zeros(3)).any()) for row in dp])
+    def respond(self, session: Session, reaction: Reaction) -> Response | None:
+        """Return what a trainee does in a session; None if there was nothing that he could notice."""
+        pair = Beside(Machine(self._parts, physics=self._physics(session), faults=session.faults()), self.cue)
+        hand, trainee = Hand(self._parts.settings, session.scale), Trainee(reaction)
+        last, restarted = session.start + session.length + _AFTER, False
+        pair.step(0.0)
+        pair.start()
+        peak, number, coasts, wanted = 0.0, 0, _SETTLED, np.zeros(3)
+        aside = np.zeros(3)  # tip of the machine minus that of the model, when the arm began to follow after a restart
+        forward = self._parts.kin.forward
+        for k in range(1, round(_LONGEST / TICK)):
+            packets = []
+            if k > _HOMED:
+                number += 1
+                packets = [(hand.packet(number, trainee.pace, trainee.pedal), "trainee")]
+            pair.step(k * TICK, packets)
+            if number <= _FOLLOWS:
+                continue
+            level = pair.machine.plc.level
+            tip = forward(pair.machine.plant.q)[:3, 3]
+            if level == Level.PEDAL_DN:
+                wanted = forward(pair.model.plant.q)[:3, 3]
+                aside = tip - wanted if restarted else aside
+                coasts, restarted = 0, False
+            coasts += 1
+            if coasts <= _SETTLED:
+                peak = max(peak, float(np.linalg.norm(tip - wanted - aside)) * _MM)
+            trainee.step(k * TICK, bool(pair.force.any()), min(level, pair.model.plc.level))
+            if trainee.restarts:
+                for one in (pair.machine, pair.model):
+                    one.stop()
+                    one.start()
+                coasts, restarted = _SETTLED, True
+            if trainee.done or (trainee.noticed is None and number >= last):
+                break
+        if trainee.noticed is None:
+            return None
+        begin = (session.start + _HOMED) * TICK
+        order = sorted(trainee.responses, key=lambda name: trainee.responses[name])
+        acted = min(trainee.responses.values(), default=float("inf"))
+        works = pair.machine.plc.level == Level.PEDAL_DN and "convert" not in order
+        noticed = round((trainee.noticed - begin) / TICK)
+        return Response(noticed, round((acted - begin) / TICK), list(order), peak, peak > HARM, works)
 
-    def _trace(self, faults: list[Fault], physics: Physics, packets: int) -> _Trace:
-        machine = Machine(self._parts, physics=physics, faults=faults)
-        speed, radian = _MOTION
-        q, measured, levels = [], [], []
-        machine.step(0.0)
-        machine.start()
-        for k in range(1, _HOMED + packets + 1):
-            sent, number = [], k - _HOMED
-            if number > 0:
-                a = number * TICK / radian
-                step = np.array([round(speed * np.cos(a)), round(speed * np.sin(a)), 0, 1, 0, 0, 0, 0, 1.0])
-                sent = [(pack(number, self._parts.settings.arm, step, self._parts.settings.packet_version), "operator")]
-            machine.step(k * TICK, sent)
-            if number > 0:
-                q.append(machine.plant.q)
-                measured.append(machine.q)
-                levels.append(machine.plc.level)
-        return _Trace(np.array(q), np.array(measured), np.array(levels), machine)
+    def _physics(self, session: Session) -> Physics:
+        return self._parts.plant.physics.changed(session.mass, session.friction)
+
+    def _tips(self, q: Array) -> Array:
+        return self._parts.kin.forward_many(q)[:, :3, 3]
+
+    def _model(self, scale: float, packets: int) -> Trace:
+        known = self._models.get(scale)
+        if known is None or len(known.q) < packets:
+            whole = _ROUND * -(-packets // _ROUND)
+            known = self._models[scale] = trace(self._parts, Hand(self._parts.settings, scale), whole, whole)
+        return known
+
+
+def trace(
+    parts: Parts, hand: Hand, packets: int, settled: int, physics: Physics | None = None, faults: Sequence[Fault] = ()
+) -> Trace:
+    """Run a machine under a hand for a number of packets, or until its outcome is settled.
+
+    Args:
+        parts: what the machine is made of.
+        hand: makes the packets.
+        packets: number of packets.
+        settled: number of the packet from which on a stop settles the outcome.
+        physics: parameters of the plant; None: those of the model.
+        faults: faults of the machine.
+    """
+    machine = Machine(parts, physics=physics, faults=faults)
+    q, measured, levels, read, stands = [], [], [], [], 0
+    machine.step(0.0)
+    machine.start()
+    for k in range(1, _HOMED + packets + 1):
+        number = k - _HOMED
+        machine.step(k * TICK, [(hand.packet(number), "operator")] if number > 0 else [])
+        if number > 0:
+            q.append(machine.plant.q)
+            measured.append(machine.q)
+            levels.append(machine.plc.level)
+            read.append(machine.level)
+            stands = stands + 1 if machine.plc.level == Level.E_STOP else 0
+            if stands > _SETTLED and number >= settled:
+                break
+    return Trace(np.array(q), np.array(measured), np.array(levels), np.array(read), machine)
+
+
+def _off(true: Array, path: Array, far: np.ndarray) -> np.ndarray:
+    """Return (k,) whether a tip (k, 3) is more than `HARM` from each point of a path; only where `far` is true."""
+    out = far.copy()
+    for k in np.flatnonzero(far):
+        out[k] = float(np.min(np.linalg.norm(path - true[k], axis=1))) * _MM > HARM
+        if out[k]:  # the first one counts
+            break
+    return out
 
 
 def _first(condition: np.ndarray, start: int) -> int | None:

@@ -10,21 +10,77 @@ import numpy as np
 from pydantic import Field
 
 from twin.core.errors import DescriptionError, unknown
-from twin.schema import Table, error_at, load_toml
+from twin.core.provenance import Parameter
+from twin.core.units import MM
+from twin.schema import Origin, Table, error_at, load_toml
+from twin.simulation.hazards import trainee
+from twin.simulation.hazards.detection import Adaptive
 from twin.simulation.hazards.fault import Fault, Operation
+from twin.simulation.hazards.trainee import Reaction, Response
+from twin.simulation.machine.machine import LOSABLE
 
 _Range = tuple[float, float]
 _Positive = Annotated[float, Field(gt=0)]
 _Count = Annotated[int, Field(gt=0)]
 
+Signal = Literal["wire", "packet", "usb", "encoder", "level", "tool", "joints", "dac"]
+"""Signals of a machine, see `twin.simulation.machine.machine.LOCATIONS`."""
+
 FREE = "none"
 """Class of the sessions without a fault."""
+
+
+class Quantity(Table):
+    """A number with its spread (standard deviation) and provenance."""
+
+    value: _Positive
+    spread: Annotated[float, Field(ge=0)] = 0.0
+    provenance: Origin
+    note: str = Field(min_length=1)
+
+
+class TraineeTable(Table):
+    """Times in s of the scripted trainee, see `trainee.Reaction`; each session draws them."""
+
+    haptic: Quantity
+    visual: Quantity
+    troubleshoot: Quantity
+
+
+class DetectionTable(Table):
+    """The adaptive limit, see `detection.Adaptive`: mm at rest, and ms of the model's motion."""
+
+    floor_mm: Quantity
+    lead_ms: Quantity
+
+
+class Scenario(Table):
+    """A scenario of the paper's Table 1.
+
+    Attributes:
+        name: the hazard, as a name of the classes.
+        action: unsafe control action.
+        causes: possible causes.
+        module: module of the robot's software, and its variables.
+        impact: what happened in the incidents.
+        incidents: numbers of reports.
+        responses: responses that are trained.
+    """
+
+    name: str = Field(min_length=1)
+    action: str
+    causes: str
+    module: str
+    impact: str
+    incidents: list[str] = Field(min_length=1)
+    responses: list[Response] = Field(min_length=1)
 
 
 class Class(Table):
     """Faults of one kind; one target, operation, length and value is drawn for each fault.
 
     Attributes:
+        scenario: name of its scenario; "": not of the table.
         targets: each a list of names that are hit together; []: all numbers of the signal.
         value: range of the value, of which each number of a target gets the same; `whole`: whole numbers only.
         length: lengths in packets (signal packet) or ms.
@@ -32,8 +88,8 @@ class Class(Table):
     """
 
     name: str = Field(min_length=1)
-    outcome: str
-    signal: Literal["packet", "encoder", "dac"]
+    scenario: str = ""
+    signal: Signal
     targets: list[list[str]] = Field(min_length=1)
     operations: list[Operation] = Field(min_length=1)
     value: _Range
@@ -50,9 +106,14 @@ class CampaignTable(Table):
     seed: Annotated[int, Field(ge=0)]
     faults: Annotated[int, Field(ge=0)]
     free: Annotated[int, Field(ge=0)]
+    trained: Annotated[int, Field(ge=0)]
     mass: tuple[_Positive, _Positive]
     friction: tuple[Annotated[float, Field(ge=0)], Annotated[float, Field(ge=0)]]
     lead: _Count
+    scales: list[Annotated[float, Field(gt=0, le=1)]] = Field(min_length=1)
+    trainee: TraineeTable
+    detection: DetectionTable
+    scenario: list[Scenario] = Field(min_length=1)
     class_: list[Class] = Field(min_length=1, alias="class")
 
 
@@ -65,6 +126,7 @@ class Drawn:
         kind: class of its fault; `FREE`: no fault.
         target, operation, value, start, length: of its fault; start and length in packets (one per ms).
         mass, friction: factors of the machine's plant.
+        scale: motion scale of the operator.
     """
 
     index: int
@@ -77,6 +139,7 @@ class Drawn:
     length: int
     mass: float
     friction: float
+    scale: float
 
 
 class Campaign:
@@ -94,8 +157,9 @@ class Campaign:
         t = self.table
         rng = np.random.default_rng([t.seed, index])
         mass, friction = float(rng.uniform(*t.mass)), float(rng.uniform(*t.friction))
+        scale = t.scales[rng.integers(len(t.scales))]
         if index >= t.faults:
-            return Drawn(index, FREE, "", "", "hold", 0.0, t.lead, 1, mass, friction)
+            return Drawn(index, FREE, "", "", "hold", 0.0, t.lead, 1, mass, friction, scale)
         weights = np.array([c.weight for c in t.class_])
         c = t.class_[rng.choice(len(weights), p=weights / weights.sum())]
         target = c.targets[rng.integers(len(c.targets))]
@@ -104,7 +168,27 @@ class Campaign:
         value = float(round(value)) if c.whole else value
         length = int(c.length[rng.integers(len(c.length))])
         start = t.lead + int(rng.integers(100))
-        return Drawn(index, c.name, c.signal, " ".join(target), operation, value, start, length, mass, friction)
+        return Drawn(index, c.name, c.signal, " ".join(target), operation, value, start, length, mass, friction, scale)
+
+    @property
+    def adaptive(self) -> Adaptive:
+        """The adaptive limit of the file."""
+        d = self.table.detection
+        return Adaptive(d.floor_mm.value * MM, d.lead_ms.value * MM)
+
+    def parameters(self) -> list[Parameter]:
+        """Return the numbers of trainee and detection with their provenance."""
+        t, d = self.table.trainee, self.table.detection
+        known = {f"trainee.{n}": (getattr(t, n), "s", 1.0) for n in ("haptic", "visual", "troubleshoot")}
+        known |= {"detection.floor_mm": (d.floor_mm, "mm", MM), "detection.lead_ms": (d.lead_ms, "ms", MM)}
+        return [Parameter(n, q.value * si, u, q.value, q.provenance, q.note) for n, (q, u, si) in known.items()]
+
+    def reaction(self, index: int) -> Reaction:
+        """Return the times of the trainee of a session; they depend on seed and index only."""
+        t = self.table.trainee
+        rng = np.random.default_rng([self.table.seed, index, 1])
+        times = (t.haptic, t.visual, t.troubleshoot)
+        return trainee.drawn(rng, [q.value for q in times], [q.spread for q in times])
 
     def faults(self, drawn: Drawn) -> list[Fault]:
         """Return the faults of a session, for use in one machine; triggers count packets."""
@@ -112,8 +196,7 @@ class Campaign:
             return []
         target = [self._places[drawn.signal].index(n) for n in drawn.target.split()] or None
         stop = drawn.start + drawn.length
-        more = {"target": target, "counts": True}
-        return [Fault(drawn.signal, drawn.start, stop, drawn.operation, drawn.value, **more)]
+        return [Fault(drawn.signal, drawn.start, stop, drawn.operation, drawn.value, target, counts=True)]
 
 
 def load(path: Path, places: dict[str, tuple[str, ...]]) -> Campaign:
@@ -131,6 +214,7 @@ def load(path: Path, places: dict[str, tuple[str, ...]]) -> Campaign:
         found = sorted(p.stem for p in path.parent.glob("*.toml"))
         raise DescriptionError(f"{path}: the file does not exist; campaigns there: {', '.join(found) or 'none'}")
     table = load_toml(path, CampaignTable)
+    scenarios = [s.name for s in table.scenario]
     for i, c in enumerate(table.class_):
         for k, target in enumerate(c.targets):
             for name in target:
@@ -139,8 +223,12 @@ def load(path: Path, places: dict[str, tuple[str, ...]]) -> Campaign:
                     raise error_at(path, ("class", i, "targets", k), wrong)
         if c.name in [other.name for other in table.class_[:i]] or c.name == FREE:
             raise error_at(path, ("class", i, "name"), f"class '{c.name}' is there twice, or its name is '{FREE}'")
+        if c.scenario and c.scenario not in scenarios:
+            raise error_at(path, ("class", i, "scenario"), unknown("scenario", c.scenario, scenarios))
         if c.value[0] > c.value[1]:
             raise error_at(path, ("class", i, "value"), f"the range {c.value} goes down: give the smaller number first")
+        if c.signal not in LOSABLE and {"skip", "duplicate"} & set(c.operations):
+            raise error_at(path, ("class", i, "operations"), f"skip and duplicate are for packets, not for {c.signal}")
         if "delay" in c.operations and not (c.whole and c.value[0] >= 1):
             raise error_at(path, ("class", i, "value"), "a delay needs whole = true and values of at least 1 packet")
     return Campaign(table, places)

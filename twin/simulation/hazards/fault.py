@@ -13,9 +13,10 @@ from twin.core.errors import WorldError
 from twin.core.spatial import Array
 from twin.simulation.world import Hazard
 
-Operation = Literal["hold", "overwrite", "add", "add_once", "delay", "skip"]
+Operation = Literal["hold", "overwrite", "add", "add_once", "delay", "skip", "duplicate"]
 """hold: the last value before the fault; overwrite: `value`; add: plus `value`; add_once: as add, and it stays after
-the fault; delay: what was written `value` steps before; skip: no value at all, a packet is lost."""
+the fault; delay: what was written `value` steps before; skip: no value at all, a packet is lost; duplicate: a packet
+comes twice."""
 
 
 @dataclass
@@ -49,9 +50,10 @@ class Fault(Hazard):
         if self.operation == "delay" and not (steps.ndim == 0 and steps >= 1 and float(steps).is_integer()):
             raise WorldError(f"fault of {self.signal}: a delay of {self.value} steps; give a whole number above 0")
 
-    def lost(self, t: float) -> bool:
-        """Return whether the value at t is lost."""
-        return self.operation == "skip" and self.start <= t < self.stop
+    def copies(self, t: float) -> int:
+        """Return how often the value at t arrives: 0 it is lost, 1, or 2."""
+        now = self.start <= t < self.stop
+        return {"skip": 0, "duplicate": 2}.get(self.operation, 1) if now else 1
 
     def change(self, t: float, value: Array) -> Array:
         """Return what the readers of the signal get at t instead of `value` (n,)."""
@@ -79,4 +81,4 @@ class Fault(Hazard):
             return np.broadcast_to(np.asarray(self.value, float), value.shape)
         if self.operation == "delay":
             return self._past[0]
-        return value if self.operation == "skip" else value + np.asarray(self.value, float)
+        return value if self.operation in ("skip", "duplicate") else value + np.asarray(self.value, float)

@@ -1,9 +1,9 @@
-"""What a campaign showed, by class of faults."""
+"""What a campaign showed, by class of faults: outcome, detection, and the trainee's responses."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
 from functools import cached_property
 from typing import Any
 
@@ -11,8 +11,13 @@ import numpy as np
 
 from twin.core.findings import Finding, disagreement, warning
 from twin.core.result import Part, Result, Table
+from twin.simulation.controllers.cue import Cue
 from twin.simulation.hazards.attacked import HARM
-from twin.simulation.hazards.campaign import FREE
+from twin.simulation.hazards.campaign import FREE, CampaignTable, Scenario
+from twin.simulation.hazards.roc import Roc, curves, dangerous, in_time
+from twin.simulation.machine.machine import LOCATIONS
+
+Row = Mapping[str, Any]
 
 
 @dataclass(frozen=True)
@@ -20,7 +25,7 @@ class ClassRow:
     """Sessions of one class; each number counts sessions, except the peaks (mm) and the delay (ms).
 
     Attributes:
-        kind, outcome: class, and its outcome in the paper's table.
+        kind, scenario, location: class, its scenario in the paper's table ("": none), and where its faults act.
         sessions: sessions done.
         harmed: the tip deviated more than `HARM` before a check had stopped the arm, or without a stop.
         beyond: it deviated more than 3 mm.
@@ -28,10 +33,17 @@ class ClassRow:
         stopped: a check stopped the arm.
         peak_p50, peak_max: median and largest peak deviation in mm.
         delay: 95th percentile of the time in ms from 3 mm to the cue; None: no session has both.
+        jumped: the tip was more than `HARM` away from the path, not only behind.
+        unseen_checks, unseen_fixed, unseen_adaptive: it jumped before the checks of the software, the fixed limit, and
+            the adaptive limit saw it.
+        danger: harmed, or stopped before; in_time: stopped before harm.
+        seen_adaptive: dangerous ones that the adaptive limit saw before harm or stop.
+        early: those beyond 3 mm that the adaptive limit saw before 3 mm.
     """
 
     kind: str
-    outcome: str
+    scenario: str
+    location: str
     sessions: int
     harmed: int
     beyond: int
@@ -40,6 +52,41 @@ class ClassRow:
     peak_p50: float
     peak_max: float
     delay: float | None
+    jumped: int
+    unseen_checks: int
+    unseen_fixed: int
+    unseen_adaptive: int
+    danger: int
+    in_time: int
+    seen_adaptive: int
+    early: int
+
+
+@dataclass(frozen=True)
+class ResponseRow:
+    """The trainee in the sessions of one class in which there was something to notice.
+
+    Attributes:
+        kind: class.
+        sessions: number of sessions.
+        noticed, acted: median times in ms from the start of the fault until he could notice it, and until he acted.
+        peak, peak_alone: median peak deviation in mm with his responses, and without.
+        harmed: sessions with more than `HARM` with his responses, before the arm was braked.
+        trained: mean share of the scenario's responses that he performed; None: the class has no scenario.
+        works: sessions in which the arm followed him at the end.
+        converted: sessions that he converted.
+    """
+
+    kind: str
+    sessions: int
+    noticed: float
+    acted: float
+    peak: float
+    peak_alone: float
+    harmed: int
+    trained: float | None
+    works: int
+    converted: int
 
 
 @dataclass(frozen=True)
@@ -47,27 +94,45 @@ class Hazards(Result):
     """Outcomes of the sessions of a campaign.
 
     Attributes:
-        robot, campaign: names.
+        robot: name.
+        table: the campaign file.
         expected: number of sessions of the campaign.
         rows: one mapping per session that was done, as in the log, in the order of its index.
-        outcomes: outcome in the paper's table, by class.
-        assumed: numbers of the machine that are ASSUMED, with their reasons.
+        assumed: numbers of machine, trainee and detection that are ASSUMED, with their reasons.
     """
 
     kind = "hazards"
     robot: str
-    campaign: str
+    table: CampaignTable
     expected: int
-    rows: Sequence[Mapping[str, Any]]
-    outcomes: Mapping[str, str]
+    rows: Sequence[Row]
     assumed: Sequence[str]
+
+    @cached_property
+    def by_class(self) -> dict[str, list[Row]]:
+        """The rows of each class that has sessions."""
+        names = [*(c.name for c in self.table.class_), FREE]
+        return {n: rows for n in names if (rows := [r for r in self.rows if r["kind"] == n])}
 
     @cached_property
     def classes(self) -> list[ClassRow]:
         """One row for each class that has sessions."""
-        return [
-            _row(k, o, rows) for k, o in self.outcomes.items() if (rows := [r for r in self.rows if r["kind"] == k])
-        ]
+        known = {c.name: c for c in self.table.class_}
+        places = {n: (known[n].scenario, LOCATIONS[known[n].signal]) if n in known else ("", "") for n in self.by_class}
+        return [_row(n, *places[n], rows) for n, rows in self.by_class.items()]
+
+    @cached_property
+    def responses(self) -> list[ResponseRow]:
+        """One row for each class with sessions in which there was something to notice."""
+        scenarios = {s.name: s for s in self.table.scenario}
+        of = {c.name: scenarios.get(c.scenario) for c in self.table.class_}
+        found = ((n, [r for r in rows if r["response"] is not None]) for n, rows in self.by_class.items())
+        return [_responses(n, rows, of.get(n)) for n, rows in found if rows]
+
+    @cached_property
+    def roc(self) -> list[Roc]:
+        """The curves of the fixed and of the adaptive limit."""
+        return curves(self.rows, Cue().tol)
 
     @property
     def findings(self) -> tuple[Finding, ...]:
@@ -92,50 +157,129 @@ class Hazards(Result):
         """Return plain data."""
         return {
             "robot": self.robot,
-            "campaign": self.campaign,
+            "campaign": self.table.title,
             "sessions": len(self.rows),
             "expected": self.expected,
-            "classes": [vars(row) for row in self.classes],
+            "scenarios": [s.model_dump() for s in self.table.scenario],
+            "classes": [asdict(row) for row in self.classes],
+            "responses": [asdict(row) for row in self.responses],
+            "detectors": [
+                {"name": c.name, "unit": c.unit, "limit": c.limit, "area": c.area}
+                | dict(zip(("detected", "false"), c.at(c.limit), strict=True))
+                for c in self.roc
+            ],
             "assumed": list(self.assumed),
         }
 
     def text(self) -> Iterator[Part]:
         """Yield the parts of the printed result."""
-        yield f"{self.robot} · {self.campaign} · {len(self.rows)} of {self.expected} sessions"
-        head = (
-            "class",
-            "sessions",
-            f"> {HARM:g} mm",
-            "> 3 mm",
-            "felt",
-            "stopped",
-            "peak p50 mm",
-            "max mm",
-            "cue ms p95",
+        yield f"{self.robot} · {self.table.title} · {len(self.rows)} of {self.expected} sessions"
+        yield "\nScenarios"
+        head = ("scenario", "incidents", "impact", "responses")
+        yield Table(
+            head, [(s.name, ", ".join(s.incidents), s.impact, ", ".join(s.responses)) for s in self.table.scenario]
         )
-        yield Table(head, [_cells(row) for row in self.classes])
+        yield "\nOutcome without a response (sessions)"
+        head = ("class", "location", "sessions", f"> {HARM:g} mm", "> 3 mm", "felt", "stopped")
+        yield Table((*head, "peak p50 mm", "max mm", "cue ms p95"), [_outcome(r) for r in self.classes])
+        yield "\nDetection (sessions)"
+        head = ("class", "dangerous", "checks in time", "adaptive in time", "adaptive before 3 mm", "jumps > 1 mm")
+        unseen = ("before checks", "before 3 mm limit", "before adaptive")
+        yield Table((*head, *unseen), [_detection(r) for r in self.classes if r.danger or r.jumped])
+        yield from self._detectors()
+        if self.responses:
+            yield "\nResponses of the scripted trainee (medians)"
+            head = ("class", "sessions", "noticed ms", "acted ms", "peak mm", "without", f"> {HARM:g} mm")
+            yield Table((*head, "performed", "works again", "converted"), [_response(r) for r in self.responses])
+        yield ""
         yield from self.assumed
         yield f"{self.word}"
         yield from self.findings
 
+    def _detectors(self) -> Iterator[Part]:
+        for c in self.roc:
+            detected, false = c.at(c.limit)
+            size = f"{c.limit:g} mm" if c.unit == "mm" else f"factor {c.limit:g}"
+            yield (
+                f"  {c.name}, {size}: {100 * detected:.1f} % of dangerous sessions in time, "
+                f"{100 * false:.2f} % false alarms, area below the curve {c.area:.3f}"
+            )
+        danger = [r for r in self.rows if dangerous(r)]
+        if danger:
+            share, free = float(np.mean([in_time(r) for r in danger])), self.by_class.get(FREE, [])
+            wrong = sum(r["stop"] is not None for r in free)
+            yield f"  checks of the software: {100 * share:.1f} % in time, {wrong} of {len(free)} free sessions stopped"
 
-def _row(kind: str, outcome: str, rows: Sequence[Mapping[str, Any]]) -> ClassRow:
+
+def _row(kind: str, scenario: str, location: str, rows: Sequence[Row]) -> ClassRow:
     peaks = np.array([r["peak"] for r in rows])
     late = [r["cue"] - r["beyond"] for r in rows if r["cue"] is not None and r["beyond"] is not None]
+    danger = [r for r in rows if dangerous(r)]
+
+    def count(condition: Callable[[Row], bool]) -> int:
+        return sum(map(condition, rows))
+
+    def unseen(key: str) -> int:
+        return count(lambda r: r["jump"] is not None and (r[key] is None or r[key] > r["jump"]))
+
     return ClassRow(
         kind,
-        outcome,
+        scenario,
+        location,
         len(rows),
-        sum(r["harm"] is not None for r in rows),
-        sum(r["beyond"] is not None for r in rows),
-        sum(r["cue"] is not None for r in rows),
-        sum(r["stop"] is not None for r in rows),
+        count(lambda r: r["harm"] is not None),
+        count(lambda r: r["beyond"] is not None),
+        count(lambda r: r["cue"] is not None),
+        count(lambda r: r["stop"] is not None),
         float(np.median(peaks)),
         float(peaks.max()),
         float(np.percentile(late, 95)) if late else None,
+        count(lambda r: r["jump"] is not None),
+        unseen("stop"),
+        unseen("cue"),
+        unseen("adaptive"),
+        len(danger),
+        sum(map(in_time, danger)),
+        sum(r["seen_ratio"] > 1 for r in danger),
+        count(lambda r: r["beyond"] is not None and r["adaptive"] is not None and r["adaptive"] < r["beyond"]),
     )
 
 
-def _cells(r: ClassRow) -> tuple[str, ...]:
+def _responses(kind: str, rows: Sequence[Row], scenario: Scenario | None) -> ResponseRow:
+    done = [r["response"] for r in rows]
+
+    def median(key: str) -> float:
+        return float(np.median([d[key] for d in done]))
+
+    shares = [np.mean([name in d["responses"] for name in scenario.responses]) for d in done] if scenario else []
+    return ResponseRow(
+        kind,
+        len(rows),
+        median("noticed"),
+        median("acted"),
+        median("response_peak"),
+        float(np.median([r["peak"] for r in rows])),
+        sum(d["response_harm"] for d in done),
+        float(np.mean(shares)) if shares else None,
+        sum(d["works"] for d in done),
+        sum("convert" in d["responses"] for d in done),
+    )
+
+
+def _outcome(r: ClassRow) -> tuple[str, ...]:
     counts = (str(n) for n in (r.sessions, r.harmed, r.beyond, r.felt, r.stopped))
-    return r.kind, *counts, f"{r.peak_p50:.2f}", f"{r.peak_max:.2f}", "-" if r.delay is None else f"{r.delay:.0f}"
+    delay = "-" if r.delay is None else f"{r.delay:.0f}"
+    return r.kind, r.location, *counts, f"{r.peak_p50:.2f}", f"{r.peak_max:.2f}", delay
+
+
+def _detection(r: ClassRow) -> tuple[str, ...]:
+    early = f"{r.early} of {r.beyond}"
+    counts = (r.jumped, r.unseen_checks, r.unseen_fixed, r.unseen_adaptive)
+    return r.kind, str(r.danger), str(r.in_time), str(r.seen_adaptive), early, *map(str, counts)
+
+
+def _response(r: ResponseRow) -> tuple[str, ...]:
+    trained = "-" if r.trained is None else f"{100 * r.trained:.0f} %"
+    peaks = (f"{r.peak:.2f}", f"{r.peak_alone:.2f}")
+    counts = (str(r.harmed), trained, str(r.works), str(r.converted))
+    return r.kind, str(r.sessions), f"{r.noticed:.0f}", f"{r.acted:.0f}", *peaks, *counts

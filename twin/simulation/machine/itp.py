@@ -29,6 +29,8 @@ from twin.core.spatial import Array
 
 PACKET = struct.Struct("<3I6i8d6i")
 
+_FIRST = struct.Struct("<I")
+
 FIELDS = ("x", "y", "z", "qw", "qx", "qy", "qz", "grasp", "pedal")
 """Names of the numbers of `Packet.values`."""
 
@@ -65,6 +67,17 @@ def pack(sequence: int, arm: int, values: Array, version: int = 0) -> bytes:
     steps = [int(v) for pair in pairs[:3] for v in pair]
     turns = [v for pair in pairs[3:7] for v in pair]
     numbers = (sequence, 0, version, *steps, *turns, 0, 0, *(int(v) for v in pairs[7]), int(pedal))
+    return PACKET.pack(*numbers, checksum(numbers))
+
+
+def sequence_of(data: bytes) -> int:
+    """Return the sequence number of a packet, which is not checked; 0 if the packet is too short to have one."""
+    return _FIRST.unpack_from(data)[0] if len(data) >= _FIRST.size else 0
+
+
+def renumbered(data: bytes, sequence: int) -> bytes:
+    """Return a packet with another sequence number (modulo 2^32) and the checksum that fits to it."""
+    numbers = (sequence % 2**32, *PACKET.unpack(data)[1:22])
     return PACKET.pack(*numbers, checksum(numbers))
 
 

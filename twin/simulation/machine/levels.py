@@ -36,6 +36,10 @@ class Plc:
         if self.level == Level.E_STOP:
             self.level, self.reason, self._changed = Level.INIT, "", t
 
+    def ready(self) -> None:
+        """Allow PEDAL_UP, as after a start with an initialised arm."""
+        self.level, self.reason, self._changed = Level.PEDAL_UP, "", float("inf")
+
     def stop(self, reason: str) -> None:
         """Press the stop button."""
         if self.level != Level.E_STOP:
@@ -58,6 +62,10 @@ class Reader:
     def __init__(self, cycles: int) -> None:
         """Start in E_STOP."""
         self.level, self._cycles, self._read, self._count = Level.E_STOP, cycles, Level.E_STOP, 0
+
+    def hold(self, level: Level) -> None:
+        """Take a level as read already."""
+        self.level, self._read, self._count = level, level, self._cycles
 
     def read(self, levels: Sequence[Level]) -> Level:
         """Return the level that counts in this cycle, for the levels of all mechanisms."""

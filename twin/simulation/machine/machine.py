@@ -2,9 +2,18 @@
 
 The control software follows the released one of the Raven-II (uw-biorobotics/raven2): increments of the tool pose are
 summed while the pedal is down, the inverse gives joints, the servo gives counts of the DAC. Where the plant's
-parameters differ from the software's, the machine is not its model. Faults act on three signals: `packet`
-(`itp.FIELDS`) after the packet has been accepted, `encoder` (counts of each motor) before the software, `dac` after its
-checks.
+parameters differ from the software's, the machine is not its model. Faults act on the signals of `LOCATIONS`:
+
+| signal | numbers | where |
+|---|---|---|
+| wire | sequence number | before a packet is checked |
+| packet | `itp.FIELDS` | after a packet has been accepted |
+| usb | number of bytes that a read of the USB board returns; unless it is `BYTES`, the software keeps its old counts |
+| encoder | counts of each motor | before the software |
+| level | run level | as the software reads it from the PLC |
+| tool | desired position of the tool, x, y, z in base, um | while the pedal is down |
+| joints | desired joint values, rad or m | while the motors are on |
+| dac | counts of each motor | after the checks of the software |
 """
 
 from __future__ import annotations
@@ -21,20 +30,40 @@ from twin.core.spatial import Array
 from twin.kinematics import Kinematics
 from twin.simulation.dynamics.arm import Arm
 from twin.simulation.hazards.fault import Fault
-from twin.simulation.machine.itp import Packet
+from twin.simulation.machine.itp import FIELDS, Packet
 from twin.simulation.machine.levels import Level, Plc, Reader
 from twin.simulation.machine.plant import TICK, Physics, Plant
 from twin.simulation.machine.receiver import Receiver
 from twin.simulation.machine.servo import Servo, compensation
 from twin.simulation.machine.settings import Settings
+from twin.simulation.machine.stability import require_stable
+from twin.simulation.machine.wire import SENT, Wire
 
-SIGNALS = ("packet", "encoder", "dac")
-"""Signals that faults change."""
+LOCATIONS = {
+    "wire": "network",
+    "packet": "network",
+    "usb": "USB read",
+    "encoder": "USB read",
+    "level": "control state",
+    "tool": "control state",
+    "joints": "control state",
+    "dac": "USB write",
+}
+"""Signals that faults change, and where in the machine each of them is."""
+
+LOSABLE = ("wire", "packet")
+"""Signals that faults can lose or repeat."""
+
+BYTES = 27
+"""Length of a packet of the USB board; the software ignores a read of any other length (uw-biorobotics/raven2)."""
 
 _MICRO = 1e-6
 
-_HOMED = (0.02, 2e-3)
-"""Largest error in rad and m at which homing is complete."""
+_HOMED = (0.02, 5e-3, 5e-4)
+"""Largest errors at which homing is complete: rad without a brake, rad and m with one."""
+
+_STILL = (0.02, 2e-3)
+"""Largest rates of joints with brakes in rad/s and m/s at which homing is complete."""
 
 _EASE = 1.875
 """Largest speed of a minimum-jerk motion over its mean speed."""
@@ -60,16 +89,26 @@ class Parts:
     gravity: Callable[[Array], Array]
     home: Array
 
+    @property
+    def places(self) -> dict[str, tuple[str, ...]]:
+        """Names of the numbers of each signal of `LOCATIONS`."""
+        m = self.arm.mechanism
+        motors, joints = tuple(m.motor_names), tuple(j.name for j in m.active)
+        many = {"packet": FIELDS, "encoder": motors, "tool": ("x", "y", "z"), "joints": joints, "dac": motors}
+        return {"wire": SENT, "usb": ("bytes",), "level": ("level",)} | many
+
     @classmethod
     def of(cls, arm: Arm, kin: Kinematics, settings: Settings) -> Parts:
         """Compile the robot.
 
         Raises:
-            MechanismError: the mechanism has loops, no posture home, or a frame of the settings is not in it.
+            MechanismError: the mechanism has loops, no posture home, or a frame of the settings is not in it; or the
+                gains make it oscillate.
         """
         m = arm.mechanism
         if m.home is None:
             raise WorldError(f"{m.name} has no posture 'home', to which a machine moves at its start")
+        require_stable(arm, settings, m.posture("home"))
         plant = Plant(arm, Physics.of(arm, settings.coulomb(m)))
         return cls(arm, kin, settings, plant, compensation(settings, m), m.posture("home"))
 
@@ -104,19 +143,22 @@ class Machine:
             parts: what it is made of.
             physics: parameters of its plant; None: those of the robot's files.
             q: (n,) joint values at the start; None: home.
-            faults: faults of the signals `packet`, `encoder` and `dac`.
+            faults: faults of the signals of `LOCATIONS`.
 
         Raises:
-            WorldError: a fault has an unknown signal, or loses what is not a packet.
+            WorldError: a fault has an unknown signal, or loses or repeats what is not a packet.
             MechanismError: a parameter of the plant is impossible.
         """
         for fault in faults:
-            if fault.signal not in SIGNALS:
-                raise WorldError(unknown("signal of the machine", fault.signal, SIGNALS))
-            if fault.operation == "skip" and fault.signal != "packet":
-                raise WorldError(f"fault of {fault.signal}: skip loses packets; give hold for other signals")
+            if fault.signal not in LOCATIONS:
+                raise WorldError(unknown("signal of the machine", fault.signal, LOCATIONS))
+            if fault.operation in ("skip", "duplicate") and fault.signal not in LOSABLE:
+                raise WorldError(
+                    f"fault of {fault.signal}: {fault.operation} is for packets; give hold for other signals"
+                )
         self.parts, s, m = parts, parts.settings, parts.arm.mechanism
-        self._faults = {name: [f for f in faults if f.signal == name] for name in SIGNALS}
+        self._faults = {name: [f for f in faults if f.signal == name] for name in LOCATIONS}
+        self._wire = Wire(self._faults["wire"])
         self.plant = parts.plant.another(physics)
         self.plant.reset(parts.home if q is None else q)
         brakes = np.array([j.brake for j in s.of_joints(m)])
@@ -127,11 +169,18 @@ class Machine:
         self.servo = Servo(s, m, s.mode, s.overdrive)
         self.level, self.t, self.tick, self.held = Level.E_STOP, float("-inf"), 0, 0
         self._bit = self._initialised = self._pedal = False
-        self._count = 2 * np.pi / s.number.counts_per_turn.value
+        turn = s.number.counts_per_turn.value / (2 * np.pi)  # counts per rad
+        self._count, self._read = 1 / turn, 1 / (int(turn) if s.released.whole_counts else turn)
+        self._counts = np.zeros(len(m.active))
+        T = m.motor_matrix
+        one_way = (T != 0) & (T.T == 0)  # the motor of another joint, whose cable runs over this joint
+        self._rates_of = np.where(one_way, 0.0, T) if s.released.rates_without_coupling else T
         self.filter_share = 1 - np.exp(-2 * np.pi * s.number.velocity_cutoff.value * TICK)
         self._limits = np.array([j.limits or (-np.inf, np.inf) for j in m.active]).T
         self._angles = np.array([j.is_angle for j in m.active])
         self._fast = self._angles & (brakes > 0)
+        self._close = np.where(brakes == 0, _HOMED[0], np.where(self._angles, *_HOMED[1:]))
+        self._still = np.where(brakes == 0, np.inf, np.where(self._angles, *_STILL))
         self._grasped = parts.kin.auxiliary
         n = len(m.active)
         self._motors, self._speeds, self.qd, self.dac = None, np.zeros(n), np.zeros(n), np.zeros(n)
@@ -148,6 +197,20 @@ class Machine:
         self.servo.reset()
         self._initialised, self._homing = False, None
         self.plc.start(max(self.t, 0.0))
+
+    def stand(self, q: Array) -> None:
+        """Put the arm at rest at joint values q (n,), initialised, at PEDAL_UP with brakes; forget its errors."""
+        self.plant.reset(q)
+        self.plc.ready()
+        self._reader.hold(Level.PEDAL_UP)
+        self.level, self._initialised, self._pedal, self._target = Level.PEDAL_UP, True, False, None
+        self.servo.reset()
+        motors = self.parts.arm.mechanism.motors(self.plant.q)
+        self._motors = np.round(motors / self._count) * self._count
+        self._speeds, self._rates = np.zeros_like(self._speeds), np.zeros_like(self._rates)
+        self.q, self.qd = self.parts.arm.mechanism.from_motors(self._motors), np.zeros_like(self.qd)
+        self.wanted, self.dac = self.q.copy(), np.zeros_like(self.dac)
+        self._brake(True)
 
     def stop(self, reason: str = "the stop button is pressed") -> None:
         """Press the stop button."""
@@ -168,15 +231,16 @@ class Machine:
             t = self.t
         self.t = t
         back, accepted = [], []
-        for data, sender in packets:
+        for data, sender in self._wire.carry(t, packets):
             try:
                 packet = self.receiver.read(data, sender, t)
             except DeviceError:
                 continue
             back += [(data, sender)] if packet is None else []
             accepted += self._disturbed(packet) if packet is not None else []
-        motors = self.parts.arm.mechanism.motors(self.plant.q)
-        counts = self._changed("encoder", t, np.round(motors / self._count))
+        if not self._faults["usb"] or self._changed("usb", t, np.array([float(BYTES)]))[0] == BYTES:
+            self._counts = np.round(self.parts.arm.mechanism.motors(self.plant.q) / self._count)
+        counts = self._changed("encoder", t, self._counts)
         try:
             self._control(t, counts, accepted)
             self._bit = not self._bit
@@ -197,13 +261,13 @@ class Machine:
 
     def _control(self, t: float, counts: Array, packets: list[Packet]) -> None:
         m, before = self.parts.arm.mechanism, self.level
-        motors = counts * self._count
+        motors = counts * self._read
         if self._motors is None:
             self._motors = motors
         self._speeds = self._speeds + self.filter_share * ((motors - self._motors) / TICK - self._speeds)
         self._motors = motors
-        self.q, self.qd = m.from_motors(motors), m.from_motors(self._speeds)
-        self.level = level = self._reader.read([self.plc.level])
+        self.q, self.qd = m.from_motors(motors), self._rates_of @ self._speeds
+        self.level = level = self._level(t, self._reader.read([self.plc.level]))
         pedals = [bool(p.values[8]) for p in packets] or [self._pedal]
         self._pedal = pedals[-1] and not self.receiver.silent(t)
         if level == Level.E_STOP:
@@ -220,6 +284,9 @@ class Machine:
         elif level == Level.PEDAL_DN:
             for packet in packets:
                 self._follow(packet)
+            self._misplace(t)
+        if level in (Level.INIT, Level.PEDAL_DN):
+            self.wanted = self._changed("joints", t, self.wanted)
         self._rates = self._rates + self.filter_share * ((self.wanted - old) / TICK - self._rates)
         if level in (Level.INIT, Level.PEDAL_DN):
             error, change = m.motors(self.wanted - self.q), m.motors(self._rates - self.qd)
@@ -228,9 +295,11 @@ class Machine:
             self.dac = np.zeros_like(self.q)
 
     def _check_speed(self) -> None:
+        if self.level not in (Level.INIT, Level.PEDAL_DN):
+            return
         most = self.parts.settings.number.largest_speed.value
         fast = self._fast & ~(np.abs(self.qd) <= most)
-        if fast.any() and self.level in (Level.INIT, Level.PEDAL_DN):
+        if fast.any():
             i = int(np.argmax(fast))
             name = self.parts.arm.mechanism.active[i].name
             self.servo.stop = f"{name} turns with {self.qd[i]:.3g} rad/s (limit {most:g})"
@@ -244,7 +313,7 @@ class Machine:
         begin, duration, start = self._homing
         s = min((t - begin) / duration, 1.0)
         error = np.abs(self.parts.home - self.q)
-        if s == 1 and (error <= np.where(self._angles, *_HOMED)).all():
+        if s == 1 and (error <= self._close).all() and (np.abs(self.qd) <= self._still).all():
             self._initialised = True
         return start + (10 * s**3 - 15 * s**4 + 6 * s**5) * (self.parts.home - start)
 
@@ -257,10 +326,16 @@ class Machine:
         T[:3, 3] += _MICRO * v[:3]
         if v[4:7].any():
             T[:3, :3] = spatial.matrix_from_quat_wxyz(v[3:7] / np.linalg.norm(v[3:7])) @ T[:3, :3]
-        seed = self.wanted.copy()
+        seed = self.wanted
+        if v[7]:
+            seed, (low, high) = seed.copy(), self._limits[:, self._grasped]
+            grasp = self.parts.settings.number.grasp_step.value * v[7]
+            seed[self._grasped] = np.clip(seed[self._grasped] + grasp, low, high)
+        self._reach(T, seed)
+
+    def _reach(self, T: Array, seed: Array) -> None:
+        """Move the target to the pose T, if the arm reaches it within its limits; seed (n,) as for the inverse."""
         low, high = self._limits
-        grasp = self.parts.settings.number.grasp_step.value * v[7]
-        seed[self._grasped] = np.clip(seed[self._grasped] + grasp, low[self._grasped], high[self._grasped])
         try:
             q = self.parts.kin.inverse(T, seed)
         except KinematicsError:
@@ -274,13 +349,30 @@ class Machine:
     # -- faults and power --------------------------------------------------------------------------------
 
     def _disturbed(self, packet: Packet) -> list[Packet]:
-        values = packet.values
+        if not self._faults["packet"]:
+            return [packet]
+        values, copies = packet.values, 1
         for fault in self._faults["packet"]:
             at = packet.sequence if fault.counts else self.t
-            if fault.lost(at):
-                return []
+            copies *= fault.copies(at)
             values = fault.change(at, values)
-        return [replace(packet, values=values)]
+        return [replace(packet, values=values)] * copies
+
+    def _level(self, t: float, level: Level) -> Level:
+        if not self._faults["level"]:
+            return level
+        return Level(int(np.clip(self._changed("level", t, np.array([float(level)]))[0], 0, 3)))
+
+    def _misplace(self, t: float) -> None:
+        """Let faults move the desired position of the tool."""
+        if self._target is None or not self._faults["tool"]:
+            return
+        place = self._target[:3, 3] / _MICRO
+        moved = self._changed("tool", t, place)
+        if (moved != place).any():
+            T = self._target.copy()
+            T[:3, 3] = moved * _MICRO
+            self._reach(T, self.wanted)
 
     def _changed(self, signal: str, t: float, value: Array) -> Array:
         for fault in self._faults[signal]:

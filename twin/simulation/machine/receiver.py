@@ -64,7 +64,7 @@ class Receiver:
         if gap:
             raise DeviceError(f"{gap} packets are missing before {packet.sequence}; it is dropped, the next one counts")
         self.accepted += 1
-        self._pedal = packet.values[8] > 0
+        self._pedal = bool(packet.values[8] > 0)
         return packet
 
     def silent(self, t: float) -> bool:

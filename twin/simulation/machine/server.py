@@ -1,22 +1,7 @@
 """A machine in real time: packets by UDP, states and buttons by TCP, both on 127.0.0.1.
 
-A state has 48 + 24 n bytes for n joints, little-endian:
-
-| byte | type | what |
-|---|---|---|
-| 0 | 4 bytes | "TWNM" |
-| 4 | 4 uint8 | version (1), run level (0 E_STOP, 1 INIT, 2 PEDAL_UP, 3 PEDAL_DN), pedal of the master (0, 1), n |
-| 8 | uint64 | number of the tick |
-| 16 | float64 | time of the machine in s |
-| 24 | 3 uint32 | sequence number of the last packet, packets accepted, packets refused |
-| 36 | 2 uint32 | packets whose target was out of reach, ticks that began more than one tick late |
-| 44 | uint32 | 0 |
-| 48 | n float64 | joint values that the encoders measure, rad or m |
-| 48 + 8 n | n float64 | desired joint values |
-| 48 + 16 n | n float64 | counts of the DAC |
-
-Each connection gets every state, and may send the lines "start" and "stop": the buttons of the machine. If one reads so
-slowly that its states do not fit into the socket, it is closed.
+Each connection gets every state (`states`), and may send the lines "start" and "stop": the buttons of the machine. If
+one reads so slowly that its states do not fit into the socket, it is closed.
 """
 
 from __future__ import annotations
@@ -24,7 +9,6 @@ from __future__ import annotations
 import contextlib
 import gc
 import socket
-import struct
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -32,20 +16,21 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from twin.core.errors import DeviceError
-from twin.core.spatial import Array
 from twin.simulation.machine.itp import PACKET
 from twin.simulation.machine.machine import Machine
 from twin.simulation.machine.plant import TICK
+from twin.simulation.machine.states import State, pack
 
 HOST = "127.0.0.1"
-
-HEAD = struct.Struct("<4s4BQd6I")
 
 _READERS = 4
 """Largest number of connections for states."""
 
-_PACKETS = 64
-"""Largest number of packets read in one tick."""
+_PACKETS = 2
+"""Largest number of packets read in one tick: those that have piled up must not move the arm all at once."""
+
+_ASK = 50
+"""Number of ticks between two questions whether to end."""
 
 _LINE = 64
 """Largest length in bytes of a line from a connection."""
@@ -113,11 +98,19 @@ class Server:
         for sock in (self._udp, self._tcp, *getattr(self, "_readers", ())):
             sock.close()
 
-    def run(self, seconds: float = float("inf"), said: Callable[[str], None] = lambda text: None) -> None:
-        """Run for a time in s; `said` gets a line for each change of the run level, with its reason."""
+    def run(
+        self,
+        seconds: float = float("inf"),
+        said: Callable[[str], None] = lambda text: None,
+        ends: Callable[[], bool] = lambda: False,
+    ) -> None:
+        """Run for a time in s, or until `ends`, which is asked 20 times a second.
+
+        `said` gets a line for each change of the run level, with its reason.
+        """
         gc.freeze()  # else the collector goes through all imported modules, which takes many ticks
         begin, k, level = time.monotonic(), 0, None
-        while k * TICK < seconds:
+        while k * TICK < seconds and not (k % _ASK == 0 and ends()):
             due = begin + k * TICK
             wait = due - time.monotonic()
             if wait > 0:
@@ -181,11 +174,8 @@ class Server:
 
     def _state(self) -> bytes:
         m, r = self.machine, self.machine.receiver
-        counts = (r.sequence, r.accepted, r.refused, m.held, self._missed, 0)
-        pedal = r.pedal(m.t)
-        head = HEAD.pack(b"TWNM", 1, m.plc.level, pedal, len(m.q), m.tick, m.t, *(c % 2**32 for c in counts))
-        rows: tuple[Array, ...] = (m.q, m.wanted, m.dac)
-        return head + np.concatenate(rows).astype("<f8").tobytes()
+        counts = (r.sequence, r.accepted, r.refused, m.held, self._missed)
+        return pack(State(m.plc.level, r.pedal(m.t), m.tick, m.t, *counts, m.q, m.wanted, m.dac))
 
     def _send(self, state: bytes) -> None:
         for reader in list(self._readers):

@@ -3,7 +3,7 @@
 The motor torque is (kp e + ki int e + kd de/dt) / gear + T^T g(q), with e the desired minus the measured motor angle.
 The DAC gets it in whole counts. Above `stop_dac` counts the arm stops at any run level. Above the limit of the mode,
 the policy "none" only counts the violation, "soft" clips it, and "hard" stops after more than `violations` of them. The
-counter is one for all motors, as released: ten motors once count as one motor ten times.
+counter is one for all motors, as released (ten motors once count as one motor ten times), or one for each motor.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ class Servo:
         settings: motors and limits.
         mechanism: the robot, for the order of the motors and for the transmission.
         mode, policy: limits of the DAC and what happens above them.
-        violations: number of commands above the limit of the mode so far, over all motors.
+        violations: (n,) number of commands above the limit of the mode so far, of each motor.
         stop: why the arm must stop; "" if it need not.
     """
 
@@ -41,8 +41,8 @@ class Servo:
     mechanism: Mechanism
     mode: Mode
     policy: Policy
-    violations: int = 0
     stop: str = ""
+    violations: np.ndarray = field(init=False)
     _sum: Array = field(init=False)
 
     def __post_init__(self) -> None:
@@ -50,13 +50,18 @@ class Servo:
         self.counts = np.array([m.counts_per_amp / m.torque_per_amp for m in motors])  # per N m at the rotor
         self._kp, self._kd, self._ki = (np.array([getattr(m, k) / m.gear for m in motors]) for k in ("kp", "kd", "ki"))
         self.limit = np.array([getattr(m.dac, self.mode) for m in motors])
-        self._sum = np.zeros(len(motors))
+        self.reset()
         self._stop_dac = self.settings.number.stop_dac.value
         self._most = self.settings.number.violations.value
 
     def reset(self) -> None:
         """Forget the integral of the error, the violations and the stop."""
-        self._sum, self.violations, self.stop = np.zeros_like(self._sum), 0, ""
+        self._sum, self.violations, self.stop = np.zeros(len(self.limit)), np.zeros(len(self.limit), int), ""
+
+    @property
+    def counted(self) -> int:
+        """Number of violations that the policy "hard" counts: of all motors, or the largest of one motor."""
+        return int(self.violations.sum() if self.settings.released.shared_counter else self.violations.max())
 
     def counts_of(self, error: Array, change: Array, efforts: Array) -> Array:
         """Return the counts of the DAC (n,), whole numbers; all 0 if the arm must stop.
@@ -69,22 +74,22 @@ class Servo:
         self._sum += error * TICK
         torque = self._kp * error + self._ki * self._sum + self._kd * change
         asked = np.trunc((torque + self.mechanism.motor_efforts(efforts)) * self.counts)
-        over = np.abs(asked) > self.limit
-        names = self.mechanism.motor_names
-        if not np.isfinite(asked).all() or np.abs(asked).max() > self._stop_dac:
-            i = int(np.argmax(np.where(np.isfinite(asked), np.abs(asked), np.inf)))
+        size, names = np.abs(asked), self.mechanism.motor_names
+        over = size > self.limit
+        if not size.max() <= self._stop_dac:  # a value that is not a number is above every limit
+            i = int(np.argmax(np.where(np.isnan(size), np.inf, size)))
             self.stop = f"{names[i]} asks for {asked[i]:.0f} counts of the DAC (limit {self._stop_dac:.0f})"
         elif over.any():
-            self.violations += int(over.sum())
-            if self.policy == "hard" and self.violations > self._most:
+            self.violations += over
+            if self.policy == "hard" and self.counted > self._most:
                 i = int(np.argmax(over))
                 self.stop = (
-                    f"{self.violations} commands above the limit of mode {self.mode} (at most {self._most:.0f}); "
+                    f"{self.counted} commands above the limit of mode {self.mode} (at most {self._most:.0f}); "
                     f"the last is {names[i]} with {asked[i]:.0f} counts (limit {self.limit[i]:.0f})"
                 )
         if self.stop:
             return np.zeros_like(asked)
-        return asked if self.policy == "none" else np.clip(asked, -self.limit, self.limit)
+        return np.clip(asked, -self.limit, self.limit) if self.policy != "none" and over.any() else asked
 
     def torques(self, counts: Array) -> Array:
         """Return the motor torques (n,) in N m for counts of the DAC (n,)."""
@@ -94,9 +99,13 @@ class Servo:
 def compensation(settings: Settings, mechanism: Mechanism) -> Callable[[Array], Array]:
     """Return the function from q (n,) to joint efforts (n,) that hold the point masses of the settings.
 
+    Without point masses, those of the mechanism are held.
+
     Raises:
         MechanismError: a point mass names a frame that is not on the body of its joint.
     """
+    if not settings.compensation:
+        return holding(mechanism)
     frames = {f.name: f for f in mechanism.frames}
     moved = {j.name: j.child for j in mechanism.tree}
     masses = {}

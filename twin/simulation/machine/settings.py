@@ -60,6 +60,23 @@ class Limits(Table):
     beginner: _Positive
 
 
+class Released(Table):
+    """Findings of the released software (uw-biorobotics/raven2): true as released, false as it should be.
+
+    Attributes:
+        shared_counter: the counter of commands above the limit is one for all motors, so that ten motors once count as
+            one motor ten times.
+        rates_without_coupling: joint rates come from the motor's own rate only, although joint values contain the
+            coupling of the cables; without coupling there is no difference.
+        whole_counts: counts of the encoder per rad are a whole number (1303 for 1303.8 there), so that angles are
+            measured too large.
+    """
+
+    shared_counter: bool = True
+    rates_without_coupling: bool = False
+    whole_counts: bool = False
+
+
 class Motor(_Cited):
     """A motor: N m/A at the rotor, counts per A, gear ratio, and gains behind the gear."""
 
@@ -92,7 +109,10 @@ class PointMass(_Cited):
 
 
 class Settings(Table):
-    """The machine file; motors and joints in any order."""
+    """The machine file; motors and joints in any order.
+
+    Without `compensation`, the software holds the masses of inertia.toml.
+    """
 
     title: str
     source: str
@@ -101,6 +121,7 @@ class Settings(Table):
     mode: Mode
     overdrive: Policy
     number: Numbers
+    released: Released = Field(default_factory=Released)
     motor: list[Motor] = Field(min_length=1)
     joint: list[JointFriction] = Field(min_length=1)
     compensation: list[PointMass] = Field(default_factory=list)

@@ -22,6 +22,7 @@ from twin.simulation.devices.recorded import Recorded
 from twin.simulation.devices.ring_surgeon import Ring, RingSurgeon
 from twin.simulation.devices.surgeon import ScriptedSurgeon
 from twin.simulation.devices.surgeon_hands import Eye
+from twin.simulation.machine.machine import Parts
 from twin.simulation.session import file
 from twin.simulation.session.condition import Condition
 from twin.simulation.session.file import Session, SessionWriter
@@ -32,6 +33,7 @@ SAMPLE = 5e-3
 """Time in s between two kept rows of signals."""
 
 _KEPT = (".q", ".follows", ".jaw", ".grip", ".pose", ".at", ".holder", ".touches", ".meets", ".force")
+_KEPT += (".deviation", ".apart", ".phase", ".run", ".cue")
 _KEPT_OF = ("console.", f"{PEDALS}.", "surgeon.", "haptics.")
 """Beginnings of names of signals to be kept; signals whose names end with an item of `_KEPT` are kept as well."""
 
@@ -104,7 +106,8 @@ class Keep:
         return Recording(self._every * self._dt, self._sizes, np.concatenate(self._rows))
 
 
-def _kept(world: World) -> list[str]:
+def kept(world: World) -> list[str]:
+    """Return the names of the signals that measures and exports use."""
     return [n for n in world.signals.sizes if n.endswith(_KEPT) or n.startswith(_KEPT_OF)]
 
 
@@ -141,13 +144,7 @@ def surgeon(
         dt: duration of a tick in s.
         props: mechanism of the props; only needed for a task with transfers.
     """
-    table, places = console_scene.console_of(scene), {p.name: p for p in scene.places}
-    arms = {}
-    for hand in HANDS:
-        name = getattr(table, hand)[0]
-        mechanism = members[name].mechanism
-        T_tool_tip = mechanism.frame_in_tool(table.tip or mechanism.tool)
-        arms[hand] = Eye(name, members[name].kin, places[name].T_world_base, T_tool_tip)
+    table, arms = console_scene.console_of(scene), eyes(scene, members)
     camera = scene.cameras[table.camera]
     view, scale = camera.view_deg * DEG, table.scale if scale is None else scale
     if task.transfers:
@@ -161,6 +158,17 @@ def surgeon(
         return CameraSurgeon(PEDALS, arms, camera.robot, view, task.name, a.upper, a.line, scale, dt, seed)
     targets = [(t.name, t.p_world) for t in task.targets]
     return ScriptedSurgeon(PEDALS, arms, camera.robot, view, targets, task.tolerance, task.hold, scale, dt, seed)
+
+
+def eyes(scene: Scene, members: Mapping[str, Member]) -> dict[str, Eye]:
+    """Return what a simulated surgeon sees of the first arm of each hand, by hand."""
+    table, places, arms = console_scene.console_of(scene), {p.name: p for p in scene.places}, {}
+    for hand in HANDS:
+        name = getattr(table, hand)[0]
+        mechanism = members[name].mechanism
+        T_tool_tip = mechanism.frame_in_tool(table.tip or mechanism.tool)
+        arms[hand] = Eye(name, members[name].kin, places[name].T_world_base, T_tool_tip)
+    return arms
 
 
 def perform(
@@ -197,7 +205,7 @@ def perform(
         scene, members, device, records=False, watch=[tape], task=task, props=props, haptics=_switch(condition)
     )
     writer = SessionWriter(path, head_of(scene, members, world, device, task, seed, props, condition))
-    keep = Keep(world, _kept(world))
+    keep = Keep(world, kept(world))
     names = [*(t.name for t in task.targets), *(t.ring for t in task.transfers)] or [task.name]
     try:
         while not world.ended and not writer.full:
@@ -259,6 +267,7 @@ def replay(
     members: Mapping[str, Member],
     progress: Progress,
     props: Mechanism | None = None,
+    parts: Mapping[str, Parts] | None = None,
 ) -> Ran:
     """Replay a session in a new World, and compare all signals of every tick.
 
@@ -268,6 +277,7 @@ def replay(
         members: robots by the names of their places.
         progress: called with "replay" and the fraction done.
         props: mechanism of the props; only needed for a task with transfers, and for forces on the hands.
+        parts: what the machines of the scene are made of; their states are in the session.
 
     Raises:
         WorldError: the signals of the World are not those of the session.
@@ -287,12 +297,13 @@ def replay(
         task=task,
         props=props,
         haptics=_switch(start.condition),
+        parts=parts,
     )
     if world.signals.sizes != file.sizes(start.world):
         raise WorldError(
             f"the session was written by twin {start.twin}, whose World has other signals: replay it with that version"
         )
-    keep, difference, t = Keep(world, _kept(world)), None, 0.0
+    keep, difference, t = Keep(world, kept(world)), None, 0.0
     for chunk in session.chunks:
         world.step(len(chunk.device))
         rows = tape.take()

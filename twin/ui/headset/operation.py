@@ -15,18 +15,21 @@ from typing import Any
 import numpy as np
 
 from twin.api import Robot
-from twin.core import spatial
+from twin.api.machine import Machines
 from twin.core.errors import TwinError
 from twin.core.spatial import Array
+from twin.core.units import MM
 from twin.model.mechanism import Mechanism
 from twin.model.scene import Scene
 from twin.model.task import Task
 from twin.model.tissue import Tissue
 from twin.model.tool import DOES
+from twin.model.trainer import MODEL
 from twin.simulation import console_scene
 from twin.simulation.console_scene import HANDS, PEDALS
 from twin.simulation.controllers.following import SCALE
 from twin.simulation.controllers.pivot import Fulcrum
+from twin.simulation.controllers.trainer import Mode
 from twin.simulation.devices.given import HandState
 from twin.simulation.devices.packets import Packets
 from twin.simulation.session.condition import Condition
@@ -35,6 +38,7 @@ from twin.ui.door.mqtt import ScaleTopic
 from twin.ui.headset import protocol as wire
 from twin.ui.headset.bends import Bends
 from twin.ui.headset.packet_hands import UDP, PacketHands
+from twin.ui.headset.posed import Posed
 from twin.ui.headset.protocol import RefusedError
 from twin.ui.headset.scene_frame import pack_scene
 from twin.ui.session.console import HeldError, LiveConsole, MakeReport
@@ -46,6 +50,9 @@ REPORT = "/report-{}.html"
 
 _PAPER = "default-src 'none'; style-src 'unsafe-inline'; img-src data:; base-uri 'none'; form-action 'none'"
 """Content-Security-Policy of a report, which has no scripts and contains its styles and pictures."""
+
+DEVIATIONS = RATE / 20
+"""Number of ticks between two documents `deviations`."""
 
 HEARTBEAT = 6
 """Number of ticks after which a frame is sent even if nothing has moved."""
@@ -79,6 +86,7 @@ class Operation(LiveConsole):
         fulcrum: Fulcrum = "compensated",
         feed: Feed | None = None,
         organs: Sequence[Tissue] = (),
+        machines: Machines | None = None,
     ) -> None:
         """Create the World with the robots at the places of the scene; for other arguments see `LiveConsole`.
 
@@ -93,6 +101,7 @@ class Operation(LiveConsole):
             fulcrum: which end of the instruments the hands lead at the start.
             feed: deformables that are not in the World; None: none.
             organs: the organs of the scene; only needed for a procedure, whose World has them.
+            machines: connections to the machines of the scene.
 
         Raises:
             TwinError: the scene has no console, the console does not match its robots, or the task its props.
@@ -104,18 +113,22 @@ class Operation(LiveConsole):
         self.files: dict[str, File] = {}
         scale = 1.0 if scene.console is None else scene.console.scale
         device = Packets(PEDALS, HANDS, scale, settings=console_scene.settings(scene, fulcrum, task))
-        super().__init__(scene, robots, device, session, task, props, report, condition, organs=organs)
+        super().__init__(
+            scene, robots, device, session, task, props, report, condition, organs=organs, machines=machines
+        )
         self.send: Callable[[dict[str, Any]], object] = lambda document: None
         self._bends = Bends(self.feed or feed)
         self._bends.send = lambda document: self.send(document)
-        self._bodies = {n: [b.name for b in m.mechanism.bodies] for n, m in self.members.items()}
-        self._T_base_world = {n: spatial.inverse(self._places[n].T_world_base) for n in self.members}
+        bodies = {n: [b.name for b in m.mechanism.bodies] for n, m in self.shown.items()}
+        bases = {n: self._places[n].T_world_base for n in self.shown}
+        objects = {wire.OBJECTS: [item.name for item in self.objects]} if self.objects else {}
+        self._posed = Posed(bodies | objects, bases | {wire.OBJECTS: np.eye(4)})
         self._tick, self._sent, self._seq = -1.0, float(-HEARTBEAT), 0
         self._shown: Array | None = None
         self._links: dict[str, dict[str, Array]] = {}
         self._told: tuple[bytes, ...] = ()
         self._forces = {hand: [0.0, 0.0, 0.0] for hand in HANDS}
-        self._sevens: dict[str, Array] = {}
+        self._curve = -DEVIATIONS
 
     @property
     def about(self) -> dict[str, Any]:
@@ -131,6 +144,19 @@ class Operation(LiveConsole):
             "tools": [{"name": n, "title": t.title, "kind": t.kind, "does": DOES[t.kind]} for n, t in tools.items()],
         }
 
+    @property
+    def about_machines(self) -> dict[str, Any] | None:
+        """The data of the machines for the file /scene.json; None without machines."""
+        if self.machines is None or (t := self.scene.trainer) is None:
+            return None
+        joints = {n: [[j.name, j.is_angle] for j in self.members[n].mechanism.active] for n in t.robots}
+        return {
+            "models": {n: n + MODEL for n in t.robots},
+            "joints": joints,
+            "limit": t.cue.tol_mm * MM,
+            "trains": True,
+        }
+
     def _has_jaw(self, hand: str) -> bool:
         """Return whether the gripper of a hand moves something: a joint of an arm, or the jaws of a tool."""
         if self.task is not None and self.task.procedure is not None:
@@ -140,13 +166,12 @@ class Operation(LiveConsole):
     @property
     def links(self) -> tuple[str, ...]:
         """Names of all links, "<robot>/<link>"."""
-        own = [f"{robot}/{name}" for robot, names in self._bodies.items() for name in names]
-        return (*own, *(f"{wire.OBJECTS}/{item.name}" for item in self.objects))
+        return self._posed.links
 
     @property
     def joints(self) -> tuple[str, ...]:
         """Names of all active joints, "<robot>/<joint>"."""
-        return tuple(f"{n}/{j.name}" for n, m in self.members.items() for j in m.mechanism.active)
+        return tuple(f"{n}/{j.name}" for n, m in self.shown.items() for j in m.mechanism.active)
 
     def listen(self, host: str, port: int) -> None:
         """Accept hands by UDP at an address and a port (0: any free port).
@@ -191,8 +216,9 @@ class Operation(LiveConsole):
             self.tablet.show(self.reading["scale"])
         self._publish()
         self._send_forces()
+        self._send_deviations(tick)
         poses = [self.world.signals[f"{item.name}.pose"] for item in self.objects]
-        row = np.concatenate([*(self.world.signals[f"{n}.q"] for n in self.members), *poses])
+        row = np.concatenate([*(self.world.signals[f"{n}.q"] for n in self.shown), *poses])
         moved = self._shown is None or not np.array_equal(row, self._shown)
         if moved:
             self._shown = row
@@ -203,7 +229,7 @@ class Operation(LiveConsole):
             return None
         self._sent, self._told = tick, self._bends.packed
         self._seq += 1
-        robots = [self._pack(name, server_time) for name in (*self.members, *([wire.OBJECTS] if self.objects else []))]
+        robots = [self._pack(name, server_time) for name in self._posed.bodies]
         return pack_scene(self._seq - 1, server_time, self.world.t, 0, robots, self._bends.packed)
 
     def _send_forces(self) -> None:
@@ -213,11 +239,23 @@ class Operation(LiveConsole):
             self._forces = forces
             self.send({"type": "forces", **forces})
 
+    def _send_deviations(self, tick: float) -> None:
+        """Send the deviations of the machines from their models to all clients, 20 times a second."""
+        if self.machines is None or tick < self._curve + DEVIATIONS:
+            return
+        self._curve = tick
+        robots = {
+            name: {"tip": round(d["tip"], 7), "joints": np.round(d["joints"], 6).tolist(), "cue": round(d["cue"], 4)}
+            for name, d in self.deviations().items()
+        }
+        self.send({"type": "deviations", "time": round(self.world.t, 3), "robots": robots})
+
     @property
     def _chunk(self) -> int:
         return 1 if self.owner == UDP else super()._chunk  # a force acts for one step
 
     def _before_steps(self, parts: int) -> None:
+        super()._before_steps(parts)
         if self.packets is not None:
             self._exchange(self.packets, parts)
 
@@ -239,12 +277,7 @@ class Operation(LiveConsole):
 
     def _look(self) -> None:
         self._links = links = self.world.link_poses()
-        drawn = [self._T_base_world[n] @ np.stack([links[n][b] for b in bodies]) for n, bodies in self._bodies.items()]
-        drawn += [np.stack([links[item.name][item.name] for item in self.objects])] if self.objects else []
-        names = [*self._bodies, *([wire.OBJECTS] if self.objects else [])]
-        counts = np.cumsum([len(Ts) for Ts in drawn])[:-1]
-        for name, poses in zip(names, np.split(wire.sevens(np.concatenate(drawn)), counts), strict=True):
-            self._sevens[name] = wire.near_signs(poses, self._sevens.get(name))
+        self._posed.look({**links, wire.OBJECTS: {item.name: links[item.name][item.name] for item in self.objects}})
 
     def _publish(self) -> None:
         """Offer the newest report as a file."""
@@ -252,8 +285,8 @@ class Operation(LiveConsole):
             self.files[REPORT.format(made[0])] = File(made[1], "text/html; charset=utf-8", policy=_PAPER)
 
     def _pack(self, name: str, server_time: float) -> bytes:
-        poses, q = self._sevens[name], self.world.signals[f"{name}.q"] if name in self.members else np.zeros(0)
-        return wire.pack(self._seq - 1, server_time, 0.0, 0, wire.pack_body(poses, q, None), len(poses), len(q))
+        q = self.world.signals[f"{name}.q"] if name in self.shown else np.zeros(0)
+        return self._posed.pack(name, self._seq - 1, server_time, q)
 
     # -- requests of clients --------------------------------------------------------------------------
 
@@ -280,6 +313,10 @@ class Operation(LiveConsole):
                 return self.feel(client, message.on)
             if isinstance(message, wire.Fulcrum):
                 return self.lead_by(client, message.mode)
+            if isinstance(message, wire.Training):
+                return self.train(client, Mode[message.mode.upper()])
+            if isinstance(message, wire.Button):
+                return self.press(client, message.button)
             if isinstance(message, wire.Tool):
                 return self.take_tool(client, message.hand, message.name)
         except HeldError as error:
@@ -310,8 +347,9 @@ class Operation(LiveConsole):
             "duration": 0.0,
             "speed": 1.0,
             "loop": False,
-            "robots": [{"name": n, "reason": None} for n in self.members],
+            "robots": [{"name": n, "reason": None} for n in self.shown],
             "console": self.reading,
+            **({} if (machines := self.reading["machines"]) is None else {"machines": machines}),
         }
 
     def _read(self) -> dict[str, Any]:

@@ -327,6 +327,20 @@ class Fulcrum(_Message):
     mode: Literal["compensated", "direct"]
 
 
+class Training(_Message):
+    """Ask the trainer of a machine for teleoperation, a rehearsal in the model, its judgement, or its replay."""
+
+    type: Literal["training"]
+    mode: Literal["teleoperate", "rehearse", "judge", "replay"]
+
+
+class Button(_Message):
+    """Press a button of the machines."""
+
+    type: Literal["button"]
+    button: Literal["start", "stop"]
+
+
 class Tool(_Message):
     """Choose the tool of the instrument that a hand controls."""
 
@@ -359,6 +373,8 @@ Message = (
     | Task
     | Haptics
     | Fulcrum
+    | Training
+    | Button
     | Tool
     | Record
     | Ping

@@ -6,7 +6,7 @@ import base64
 import hashlib
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,6 +22,7 @@ from twin.model.movable import together
 from twin.model.scene import Place, Scene
 from twin.model.task import Task
 from twin.model.tissue import Tissue
+from twin.model.trainer import MODEL
 from twin.ui.door.answers import File
 from twin.ui.headset import files
 from twin.ui.headset import protocol as wire
@@ -33,10 +34,13 @@ from twin.ui.session.feed import Feed, Surface
 from twin.ui.session.timeline import Clock
 
 if TYPE_CHECKING:
+    from twin.api.machine import Machines
     from twin.simulation.controllers.pivot import Fulcrum
     from twin.simulation.session.condition import Condition
+    from twin.ui.headset.mirrored import Mirrored
     from twin.ui.headset.operation import Operation
     from twin.ui.session.console import MakeReport
+    from twin.ui.session.mirror import Mirror
 
 _ROBOTS = "robots/{}/"
 """Path of the files of a robot in a scene."""
@@ -60,7 +64,7 @@ class Served:
         late: files that appear while the server runs, by path.
     """
 
-    live: Live | Operation
+    live: Live | Operation | Mirrored
     name: str
     model_hash: str
     files: dict[str, File]
@@ -126,6 +130,7 @@ def of_console(
     fulcrum: Fulcrum = "compensated",
     feed: Feed | None = None,
     organs: Sequence[Tissue] = (),
+    machines: Machines | None = None,
 ) -> Served:
     """Return the content for a scene whose robots are controlled by its console; call this function in an event loop.
 
@@ -143,6 +148,7 @@ def of_console(
         fulcrum: which end of the instruments the hands lead at the start.
         feed: deformables that are not in the World; None: none.
         organs: the organs of the scene; only needed for a procedure.
+        machines: connections to the machines of the scene; their models are shown beside them.
 
     Raises:
         TwinError: the scene has no console, the console does not match its robots, or the port of packets is in use.
@@ -151,7 +157,10 @@ def of_console(
     # It imports MuJoCo and the simulation, which a single robot does not need.
     from twin.ui.headset.operation import Operation
 
-    operation = Operation(scene, robots, session, task, props, report, condition, fulcrum, feed, organs)
+    operation = Operation(scene, robots, session, task, props, report, condition, fulcrum, feed, organs, machines)
+    if machines is not None:
+        robots = {**robots, **{p.name: robots[p.name.removesuffix(MODEL)] for p in scene.models}}
+        scene = replace(scene, places=(*scene.places, *scene.models))
     try:
         if packets is not None:
             operation.listen(*packets)
@@ -164,6 +173,29 @@ def of_console(
     nothing = {"protocols": [], "variants": [], "postures": [], "has_workspace": False}
     shown = alignment.beside(props, None if task is None else task.alignment)
     return _placed(scene, robots, operation, [a | nothing for a in about], shown, operation.feed or feed)
+
+
+def of_mirror(mirror: Mirror) -> Served:
+    """Return the content for a twin that mirrors a machine: the robot, and its desired joints as a ghost."""
+    from twin.exchange.write.glb import glb_bytes
+    from twin.ui.headset.mirrored import Mirrored
+
+    robot, own, placed = mirror.robot, {}, []
+    glb, live = glb_bytes(robot.mechanism), Mirrored(mirror)
+    nothing = {"protocols": [], "variants": [], "postures": [], "has_workspace": False}
+    for name in (mirror.name, mirror.ghost):
+        folder = _ROBOTS.format(name)
+        place = Place(name, robot.name, "", np.eye(4), {}, {}, {})
+        one = describe(robot, Desk(robot), {}, {}, place) | nothing
+        own |= files.robot_files(glb, one, folder)
+        placed.append({**one, "files": folder, "ports": []})
+    described = _describe(mirror.name, f"{placed[0]['title']}: its machine", placed, None)
+    described["machines"] = live.about_machines
+    text = json.dumps(described, sort_keys=True).encode()
+    described["model_hash"] = "sha256:" + hashlib.sha256(text).hexdigest()
+    own |= files.scene_file(described)
+    preload = tuple(f"{_ROBOTS.format(n)}robot.glb" for n in (mirror.name, mirror.ghost))
+    return Served(live, mirror.name, described["model_hash"], own, preload)
 
 
 def _placed(
@@ -188,6 +220,8 @@ def _placed(
     described["assumed"] = [f"{p.name}: {p.note}" for p in scene.parameters if p.provenance == "ASSUMED"]
     if not isinstance(live, Live):
         described["console"] = live.about
+        if (machines := live.about_machines) is not None:
+            described["machines"] = machines
         if live.objects:
             glb = glb_bytes(together(live.objects, wire.OBJECTS))
             own |= files.glb_file(_OBJECTS, glb)

@@ -16,12 +16,8 @@ POINTS = 2000
 def thin(t: Array, y: Array, points: int = POINTS) -> tuple[Array, Array]:
     """Return (t, y) with at most `points` samples of a curve: minimum and maximum of each of many intervals.
 
-    The first and last sample, the overall extremes and gaps (NaN) are kept, so that the plot looks the same.
-
-    Args:
-        t: (k,) times, increasing.
-        y: (k,) values; NaN without a value.
-        points: maximum number of samples, at least 16.
+    The first and last sample, the overall extremes and gaps (NaN) are kept, so that the plot looks the same. t (k,) are
+    increasing times; y (k,) is NaN without a value. `points` is at least 16.
     """
     k = len(y)
     if k <= points:
@@ -63,7 +59,7 @@ def named(report: Report, prefix: str, times: str = "t") -> Iterator[tuple[str, 
 
 
 def rows(report: Report, quantity: RowKind, unit: str = "", pairs: str = "") -> list[Residual]:
-    """Return the residuals (rows) of a quantity; only those with this `unit` and pair of models `pairs`, if not ""."""
+    """Return the residuals (rows) of a quantity; `unit` and `pairs` (pair of models) select rows if they are not ""."""
     return [r for r in report.residuals if r.quantity == quantity and unit in ("", r.unit) and pairs in ("", r.pair)]
 
 

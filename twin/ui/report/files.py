@@ -18,10 +18,7 @@ FORMATS = ("html", "json", "png")
 def write_report(report: Report, folder: Path, formats: Iterable[str] = FORMATS) -> dict[str, Path]:
     """Write report.html, report.json and plots/*.png.
 
-    Args:
-        report: the report.
-        folder: an existing or new folder; for an atomic write use `twin.core.assets.atomic_folder`.
-        formats: any of `FORMATS`.
+    For an atomic write, use `twin.core.assets.atomic_folder`.
 
     Returns:
         Paths of the written files by "html", "json" and "plots/<name>".
@@ -56,18 +53,16 @@ def write_report(report: Report, folder: Path, formats: Iterable[str] = FORMATS)
     return out
 
 
-_PICTURES = ("console", "operate", "procedure", "scene", "session", "stroke", "study", "sweep", "tolerance", "track")
-_PICTURES += ("workspace",)
+_PICTURES = ("console", "hazards", "operate", "procedure", "scene", "session", "stroke", "study", "sweep", "tolerance")
+_PICTURES += ("track", "trends", "workspace")
 """Kinds of results with a picture; the module with the same name draws it with `figure(result)`."""
 
 
 def write_result(result: Result, folder: Path, name: str = "") -> list[str]:
     """Write the files of a result: <name>.json, <name>.html, a picture <name>.png for some kinds, and data files.
 
-    Args:
-        result: the result.
-        folder: an existing folder; for an atomic write use `twin.core.assets.atomic_folder`.
-        name: file name without suffix; "": the kind of the result.
+    `name` is the file name without suffix; "": the kind of the result. For an atomic write, use
+    `twin.core.assets.atomic_folder`.
 
     Returns:
         Names of the main files: the page, and the picture.

@@ -5,13 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 from functools import cache
-from importlib.resources import files
 from typing import TYPE_CHECKING, Any
 
 from twin.core import format as fmt
 from twin.core.findings import Finding, by_severity
 from twin.core.provenance import Parameter
-from twin.core.units import MM
 from twin.ui.report import curves
 from twin.ui.report.matrix import PAIRS, label, pair_names
 from twin.validation.cause import SIDES
@@ -31,7 +29,7 @@ CAPTIONS = {
     "first red cell is the first comparison that disagrees.",
     "active_joints": "Displacement, speed and acceleration of the active joints over the phases.",
     "tool_motion": "Displacement, speed and acceleration of the tool frame in the base. Coloured curves are "
-    "planned; dashed curves are those of the independent mechanism, if it was computed.",
+    "planned; dashed curves belong to the independent mechanism, if computed.",
     "residuals": "Difference between formula and mechanism on a logarithmic scale, with the tolerances.",
     "rcm": "Distance from the registered remote centre of motion (the trocar) to the shaft axis. "
     "The axis is logarithmic; there is no curve while no RCM is registered.",
@@ -47,11 +45,9 @@ _ORIGINS = ("ASSUMED", "DERIVED", "CITED", "PUBLISHED")
 
 
 def render_html(report: Report, figures: Mapping[str, Figure] | None = None) -> str:
-    """Return the report as a self-contained HTML page, reproducible byte by byte.
+    """Return the report as a self-contained HTML page; the same report always gives the same bytes.
 
-    Args:
-        report: the report.
-        figures: figures from `twin.ui.report.plots.figures`; None: draw them.
+    `figures` come from `twin.ui.report.plots.figures`; None: the figures are drawn.
     """
     from markupsafe import Markup
 
@@ -108,7 +104,7 @@ def reason(report: Report) -> str:
     over = f", each at {span}" if most > 1 else ""
     if failing:  # a failing residual without a finding
         return f"There are no other findings, but {fmt.count(len(failing), 'residual')} exceed the tolerance."
-    return f"All {len(judged)} residuals that have a tolerance are within it{over}."
+    return f"All {len(judged)} residuals with a tolerance are within their tolerance{over}."
 
 
 def key_figures(report: Report) -> list[dict[str, str]]:
@@ -284,29 +280,21 @@ def _bar(f: Finding, beside: Iterable[Finding] = ()) -> dict[str, float] | None:
 
 @cache
 def _template() -> Template:
-    from jinja2 import DictLoader, Environment, StrictUndefined
+    from twin.ui.report import style
 
-    folder = files("twin.ui.report")
-    sources = {name: folder.joinpath(name).read_text("utf-8") for name in ("report.html.j2", "report.css")}
-    environment = Environment(
-        loader=DictLoader(sources),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
+    made = style.template(
+        "report.html.j2",
+        quantity=fmt.quantity,
+        shown=fmt.shown,
+        seconds=fmt.seconds,
+        point=fmt.point,
+        count=fmt.count,
+        label=label,
+        value=_parameter_value,
+        when=_when,
+        bar=_bar,
+        times=lambda r: fmt.ratio(r.worst, r.tolerance),
+        words=lambda name: name.replace("_", " "),
     )
-    environment.filters |= {
-        "quantity": fmt.quantity,
-        "shown": fmt.shown,
-        "seconds": fmt.seconds,
-        "point": fmt.point,
-        "count": fmt.count,
-        "label": label,
-        "value": _parameter_value,
-        "when": _when,
-        "bar": _bar,
-        "times": lambda r: fmt.ratio(r.worst, r.tolerance),
-        "words": lambda name: name.replace("_", " "),
-    }
-    environment.globals |= {"MM": MM, "NONE": fmt.NONE}
-    return environment.get_template("report.html.j2")
+    made.globals["NONE"] = fmt.NONE
+    return made

@@ -60,7 +60,7 @@ def decades(row: Residual) -> float | None:
 
 
 def residual_matrix(report: Report) -> Figure | None:
-    """Draw the residual matrix: cells are green within tolerance, red beyond it, and darker further from it."""
+    """Draw the residual matrix: green cells are within tolerance, red cells beyond; darker cells are further away."""
     if len(report.residuals) < 2:
         return None
     from matplotlib.colors import to_rgb

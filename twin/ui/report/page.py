@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from importlib.resources import files
 from typing import TYPE_CHECKING
 
 from twin.core.findings import Finding, by_severity
@@ -18,22 +17,13 @@ if TYPE_CHECKING:
 def render(result: Result, name: str, figure: Figure | None = None) -> str:
     """Return the HTML page of a result; the same result always gives the same text.
 
-    Args:
-        result: the result.
-        name: name without suffix of the file with its data.
-        figure: its picture; None: no picture.
+    `name` is the name, without suffix, of the file with the data.
     """
-    from jinja2 import DictLoader, Environment, StrictUndefined
     from markupsafe import Markup
 
-    folder = files("twin.ui.report")
-    sources = {n: folder.joinpath(n).read_text("utf-8") for n in ("page.html.j2", "report.css")}
-    environment = Environment(
-        loader=DictLoader(sources), autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
-    )
     title, *parts = merged(result.text())
     title, _, rest = title.partition("\n") if isinstance(title, str) else (result.kind, "", "")
-    return environment.get_template("page.html.j2").render(
+    return style.template("page.html.j2").render(
         result=result,
         title=title,
         judged=result.judges,

@@ -11,10 +11,11 @@ from twin.core.units import DEG, MM
 from twin.model.alignment import Alignment
 from twin.simulation import console_scene
 from twin.simulation.console_scene import HANDS, PEDALS
+from twin.simulation.controllers.trainer import Phase
 from twin.simulation.session import movement
 from twin.simulation.session.camera_task import AlignMeasures
 from twin.ui.report.curves import thin
-from twin.ui.report.style import GRID, INK, NEAR, PALETTE, WIDTH, styled
+from twin.ui.report.style import GRID, INK, NEAR, PALETTE, WIDTH, sheet, styled
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -27,47 +28,46 @@ _POINTS = 2000
 """Maximum number of points of a path and of a curve, because the page contains all points."""
 
 
+@styled()
 def figure(found: ConsoleSession) -> Figure:
     """Return a figure: tip paths in two views with the targets, speeds of the tips, bands of pedals and grippers."""
     table = console_scene.console_of(found.scene)
     arms = [(hand, name) for hand in HANDS for name in getattr(table, hand)]
-    with styled():
-        from matplotlib.figure import Figure
 
-        rows = 3 + 2 * len(HANDS) + (len(arms) if found.board is not None else 0)
-        height = 5.9 + 0.24 * rows
-        out = Figure(figsize=(WIDTH, height))
-        left, wide = 1.2 / WIDTH, (WIDTH - 1.2 - 0.25) / WIDTH
-        foot, bands, speeds = 0.5, 0.24 * rows, 1.6
-        low = out.add_axes((left, foot / height, wide, bands / height))
-        middle = out.add_axes((left, (foot + bands + 0.2) / height, wide, speeds / height), sharex=low)
-        base = foot + bands + speeds + 0.75
-        tall = height - base - 0.8
-        for i, (title, x, y) in enumerate(_VIEWS):
-            place = (left + i * (wide / 2 + 0.02), base / height, wide / 2 - 0.06, tall / height)
-            ax = out.add_axes(place)
-            if found.aligned is None or found.task is None or found.task.alignment is None:
-                _paths(ax, found, arms, title, x, y)
-            else:
-                (_picture if i == 0 else _angle)(ax, found, found.aligned, found.task.alignment)
-        who = "a person" if found.seed is None else f"simulated surgeon, seed {found.seed}"
-        title = f"{found.scene.name}: session of {found.ran.duration:.1f} s, {who}"
-        out.text(0.012, 1 - 0.24 / height, title, fontsize=11, fontweight="bold", va="center")
-        for i, (hand, name) in enumerate(arms):
-            out.text(0.012 + 0.14 * i, 1 - 0.5 / height, f"{hand}: {name}", color=PALETTE[i], fontsize=9, va="center")
-        for color, (_, name) in zip(PALETTE, arms, strict=False):
-            v = movement.speed(found.arms[name].tip, found.ran.kept.dt) / MM
-            middle.plot(*thin(found.t, v, _POINTS), color=color, lw=0.8)
-        middle.axhline(movement.RESTS / MM, color=INK, lw=0.6, ls=(0, (5, 2)))
-        middle.annotate(
-            "at rest", (1, movement.RESTS / MM), (0, 2), xycoords=("axes fraction", "data"),
-            textcoords="offset points", ha="right", va="bottom", fontsize=7,
-        )  # fmt: skip
-        middle.set_ylabel("speed [mm/s]")
-        middle.set_ylim(0, None)
-        middle.tick_params(labelbottom=False, length=2.5)
-        _bands(low, found, arms)
-        return out
+    rows = 3 + 2 * len(HANDS) + (len(arms) if found.board is not None else 0)
+    height = 5.9 + 0.24 * rows
+    who = "a person" if found.seed is None else f"simulated surgeon, seed {found.seed}"
+    out = sheet(f"{found.scene.name}: session of {found.ran.duration:.1f} s, {who}", height)
+    left, wide = 1.2 / WIDTH, (WIDTH - 1.2 - 0.25) / WIDTH
+    foot, bands, speeds = 0.5, 0.24 * rows, 1.6
+    low = out.add_axes((left, foot / height, wide, bands / height))
+    middle = out.add_axes((left, (foot + bands + 0.2) / height, wide, speeds / height), sharex=low)
+    base = foot + bands + speeds + 0.75
+    tall = height - base - 0.8
+    for i, (title, x, y) in enumerate(_VIEWS):
+        place = (left + i * (wide / 2 + 0.02), base / height, wide / 2 - 0.06, tall / height)
+        ax = out.add_axes(place)
+        if found.training and i == 1:
+            _deviation(ax, found)
+        elif found.aligned is None or found.task is None or found.task.alignment is None:
+            _paths(ax, found, arms, title, x, y)
+        else:
+            (_picture if i == 0 else _angle)(ax, found, found.aligned, found.task.alignment)
+    for i, (hand, name) in enumerate(arms):
+        out.text(0.012 + 0.14 * i, 1 - 0.5 / height, f"{hand}: {name}", color=PALETTE[i], fontsize=9, va="center")
+    for color, (_, name) in zip(PALETTE, arms, strict=False):
+        v = movement.speed(found.arms[name].tip, found.ran.kept.dt) / MM
+        middle.plot(*thin(found.t, v, _POINTS), color=color, lw=0.8)
+    middle.axhline(movement.RESTS / MM, color=INK, lw=0.6, ls=(0, (5, 2)))
+    middle.annotate(
+        "at rest", (1, movement.RESTS / MM), (0, 2), xycoords=("axes fraction", "data"),
+        textcoords="offset points", ha="right", va="bottom", fontsize=7,
+    )  # fmt: skip
+    middle.set_ylabel("speed [mm/s]")
+    middle.set_ylim(0, None)
+    middle.tick_params(labelbottom=False, length=2.5)
+    _bands(low, found, arms)
+    return out
 
 
 def _picture(ax: Axes, found: ConsoleSession, aligned: AlignMeasures, goal: Alignment) -> None:
@@ -90,6 +90,23 @@ def _angle(ax: Axes, found: ConsoleSession, aligned: AlignMeasures, goal: Alignm
     ax.plot(*thin(found.t, np.arctan2(way[:, 1], way[:, 0]) / DEG, _POINTS), color=PALETTE[2], lw=1.0)
     ax.axhspan(-goal.tolerance / DEG, goal.tolerance / DEG, color=NEAR, alpha=0.4, lw=0)
     ax.set_title("AlignErr [deg] over time [s]; band = tolerance", loc="left", fontsize=9)
+    ax.yaxis.tick_right()
+    ax.grid(True, color=GRID)
+    ax.tick_params(length=2.5)
+
+
+def _deviation(ax: Axes, found: ConsoleSession) -> None:
+    """Draw the deviation of the machines from their models over time, with the limit of the cue and the replays."""
+    for k, machine in enumerate(found.training):
+        times, shown = thin(machine.t, machine.deviation / MM, _POINTS)
+        ax.plot(times, shown, color=PALETTE[(2 + k) % len(PALETTE)], lw=0.9)
+        for step in machine.steps:
+            if step.phase in (Phase.REHEARSE, Phase.REPLAY):
+                ax.axvspan(step.begin, step.end, color=GRID if step.phase == Phase.REHEARSE else NEAR, alpha=0.4, lw=0)
+    ax.axhline(found.training[0].limit / MM, color=INK, lw=0.6, ls=(0, (5, 2)))
+    ax.set_ylim(0, None)
+    ax.set_xlabel("time [s]")
+    ax.set_title("from the model [mm]; grey: rehearsed, yellow: replayed", loc="left", fontsize=9)
     ax.yaxis.tick_right()
     ax.grid(True, color=GRID)
     ax.tick_params(length=2.5)

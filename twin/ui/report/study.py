@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from twin.core.spatial import Array
-from twin.ui.report.style import GRID, INK, PALETTE, WIDTH, styled
+from twin.ui.report.style import GRID, INK, PALETTE, sheet, styled
 from twin.validation.ranks import Ranks
 
 if TYPE_CHECKING:
@@ -18,6 +18,7 @@ _ROW = 2.1
 """Height of a row in inches."""
 
 
+@styled()
 def figure(found: Ranks) -> Figure:
     """Return a figure with a row per measure: boxes and values by group; values and medians over sessions.
 
@@ -27,22 +28,19 @@ def figure(found: Ranks) -> Figure:
     same = {name: x for name, x in ((n, np.unique(x)) for n, x in users.measures.items()) if len(x) == 1}
     names = [name for name in users.measures if name not in same] or list(users.measures)
     curve = users.sessions is not None and len(set(users.sessions)) > 1
-    with styled():
-        from matplotlib.figure import Figure
 
-        height = 0.75 + _ROW * len(names)
-        out = Figure(figsize=(WIDTH, height))
-        axes = out.subplots(len(names), 2 if curve else 1, squeeze=False)
-        out.subplots_adjust(left=0.1, right=0.98, top=1 - 0.8 / height, bottom=0.45 / height, hspace=0.55, wspace=0.25)
-        out.text(0.012, 1 - 0.24 / height, f"{found.file}: groups", fontsize=11, fontweight="bold", va="center")
-        if same:
-            equal = ", ".join(f"{name} {x[0]:g}" for name, x in same.items())
-            out.text(0.012, 1 - 0.46 / height, f"Equal for all users: {equal}", fontsize=8, va="center")
-        for row, name in zip(axes, names, strict=True):
-            _boxes(row[0], users.samples(name), name)
-            if curve:
-                _course(row[1], found, name)
-        return out
+    height = 0.75 + _ROW * len(names)
+    out = sheet(f"{found.file}: groups", height)
+    axes = out.subplots(len(names), 2 if curve else 1, squeeze=False)
+    out.subplots_adjust(left=0.1, right=0.98, top=1 - 0.8 / height, bottom=0.45 / height, hspace=0.55, wspace=0.25)
+    if same:
+        equal = ", ".join(f"{name} {x[0]:g}" for name, x in same.items())
+        out.text(0.012, 1 - 0.46 / height, f"Equal for all users: {equal}", fontsize=8, va="center")
+    for row, name in zip(axes, names, strict=True):
+        _boxes(row[0], users.samples(name), name)
+        if curve:
+            _course(row[1], found, name)
+    return out
 
 
 def _boxes(ax: Axes, samples: dict[str, Array], name: str) -> None:

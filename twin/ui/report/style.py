@@ -5,7 +5,8 @@ from __future__ import annotations
 import contextlib
 import io
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
+from importlib.resources import files
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,6 +16,7 @@ from twin.core.units import DEG
 from twin.validation.result import PhaseSummary, Report
 
 if TYPE_CHECKING:
+    from jinja2 import Template
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
@@ -80,6 +82,38 @@ def styled(salt: str = "twin") -> Iterator[None]:
         yield
 
 
+def sheet(title: str, height: float) -> Figure:
+    """Return an empty figure of the usual width with a title at the top left; the height is in inches."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(WIDTH, height))
+    figure.text(0.012, 1 - 0.24 / height, title, fontsize=11, fontweight="bold", va="center")
+    return figure
+
+
+def log_ticks(ax: Axes, values: Sequence[float], text: Callable[[float], str]) -> None:
+    """Make the y axis logarithmic with ticks at the given values; `text` returns the label of a value."""
+    from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
+
+    ax.set_yscale("log")
+    ax.yaxis.set_major_locator(FixedLocator(list(values)))
+    ax.yaxis.set_major_formatter(FuncFormatter(lambda v, _: text(float(v))))
+    ax.yaxis.set_minor_locator(NullLocator())
+
+
+def template(name: str, **filters: Callable[..., Any]) -> Template:
+    """Return a page template of this folder, with filters in addition to those of jinja2."""
+    from jinja2 import DictLoader, Environment, StrictUndefined
+
+    folder = files("twin.ui.report")
+    loader = DictLoader({n: folder.joinpath(n).read_text("utf-8") for n in (name, "report.css")})
+    environment = Environment(
+        loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    environment.filters |= filters
+    return environment.get_template(name)
+
+
 def panels(
     title: str,
     heights: list[float],
@@ -98,10 +132,8 @@ def panels(
         head: space above the first row in inches, for title, legend and phase names.
         gap: space between the rows in inches.
     """
-    from matplotlib.figure import Figure
-
     height = head + sum(heights) + gap * (len(heights) - 1) + _BOTTOM
-    figure = Figure(figsize=(WIDTH, height))
+    figure = sheet(title, height)
     axes = figure.subplots(
         len(heights),
         columns,
@@ -117,7 +149,6 @@ def panels(
             "height_ratios": heights,
         },
     )
-    figure.text(0.12 / WIDTH, 1 - 0.24 / height, title, fontsize=11, fontweight="bold", va="center")
     grid = [list(row) for row in axes]
     for row, tall in zip(grid, heights, strict=True):
         for ax in row:
@@ -164,9 +195,9 @@ def phase_bands(axes: list[list[Axes]], phases: tuple[PhaseSummary, ...]) -> Non
                     )  # fmt: skip
 
 
-def legend_above(ax: Axes, columns: int = 8) -> None:
+def legend_above(ax: Axes) -> None:
     """Put the legend between the title and the phase names."""
-    ax.legend(loc="lower left", bbox_to_anchor=(0, 1), borderaxespad=1.9, ncols=columns, columnspacing=1.4)
+    ax.legend(loc="lower left", bbox_to_anchor=(0, 1), borderaxespad=1.9, ncols=8, columnspacing=1.4)
 
 
 def legend_beside(ax: Axes) -> None:
@@ -181,8 +212,6 @@ _LEAST = 1e-16
 
 def log_axis(ax: Axes, unit: str, values: list[np.ndarray], limits: list[float]) -> None:
     """Make the y axis logarithmic, with a range that contains values and limits, and ticks such as "10 µm"."""
-    from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
-
     positive = np.concatenate([v[np.isfinite(v) & (v > 0)] for v in values] + [np.array(limits)])
     step = np.pi / 180 if unit.startswith("rad") else 1.0
     scaled = positive / step if positive.size else np.array([1e-12, 1e-9])
@@ -190,12 +219,9 @@ def log_axis(ax: Axes, unit: str, values: list[np.ndarray], limits: list[float])
     top = np.log10(scaled.max())
     top += 0.3 + 0.17 * (top - low)  # room for a label above the largest value
     high = int(np.floor(top))
-    ax.set_yscale("log")
-    ax.set_ylim(10.0**low * step, 10.0**top * step)
     every = max(1, int(np.ceil((high - low) / 6)))
-    ax.yaxis.set_major_locator(FixedLocator([10.0**e * step for e in range(low, high + 1, every)]))
-    ax.yaxis.set_minor_locator(NullLocator())
-    ax.yaxis.set_major_formatter(FuncFormatter(lambda v, _: _tick(float(v), unit)))
+    log_ticks(ax, [10.0**e * step for e in range(low, high + 1, every)], lambda v: _tick(v, unit))
+    ax.set_ylim(10.0**low * step, 10.0**top * step)
 
 
 def _tick(value: float, unit: str) -> str:
@@ -259,10 +285,7 @@ def png(figure: Figure) -> bytes:
 def svg(figure: Figure, name: str, label: str) -> str:
     """Return a figure as SVG for a page: without size and timestamps, with unique ids and the colours of the page.
 
-    Args:
-        figure: the figure.
-        name: prefix of its ids, which must be unique in the page.
-        label: alternative text.
+    `name` is the prefix of the ids, which must be unique in the page; `label` is the alternative text.
     """
     from markupsafe import escape
 

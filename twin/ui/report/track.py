@@ -14,7 +14,7 @@ from twin.core.units import UM
 from twin.simulation.dynamics.result import Tracking
 from twin.simulation.dynamics.track import TIP_LIMIT, Run
 from twin.ui.report.curves import thin
-from twin.ui.report.style import INK, PALETTE, WIDTH, legend_beside, limit_line, phase_bands, styled
+from twin.ui.report.style import INK, PALETTE, WIDTH, legend_beside, limit_line, phase_bands, sheet, styled
 from twin.validation.result import PhaseSummary
 
 if TYPE_CHECKING:
@@ -25,39 +25,37 @@ _TICKS = 25
 """Length in ticks of the window for the running mean of the effort."""
 
 
+@styled()
 def figure(result: Tracking) -> Figure:
     """Return a figure: tip errors of all runs, efforts of the worst run, maximum tip error over inertia error."""
     runs, worst, curves = result.runs, result.runs[result.worst], result.curves
     w = worst.conditions.w
     title = f"{result.robot}, {result.protocol}: computed torque control, Kp = w², Kv = 2 w, w = {w:g} rad/s"
     phases = tuple(PhaseSummary(*phase) for phase in result.phases)
-    with styled():
-        from matplotlib.figure import Figure
 
-        heights = [2.3, 1.9, 1.9] if curves else [2.3, 1.9]
-        head, gaps, foot = 0.74, (0.18, 0.78), 0.5
-        tops = [head + sum(heights[:i]) + sum(gaps[:i]) for i in range(len(heights))]
-        total = tops[-1] + heights[-1] + foot
-        out = Figure(figsize=(WIDTH, total))
-        out.text(0.12 / WIDTH, 1 - 0.24 / total, title, fontsize=11, fontweight="bold", va="center")
-        left, wide = 0.86 / WIDTH, (WIDTH - 0.86 - 1.75) / WIDTH
-        axes = [
-            out.add_axes((left, 1 - (top + tall) / total, wide, tall / total))
-            for top, tall in zip(tops, heights, strict=True)
-        ]
-        _errors(axes[0], runs)
-        _efforts(axes[1], result, worst)
-        for ax in axes[:2]:
-            ax.set_xlim(worst.t[0], worst.t[-1])
-        phase_bands([[ax] for ax in axes[:2]], phases)
-        axes[0].tick_params(labelbottom=False)
-        axes[1].set_xlabel("time [s]")
-        if curves:
-            _curves(axes[2], curves)
-        for ax in axes:
-            ax.tick_params(length=2.5)
-            ax.yaxis.set_label_coords(-0.66 / (wide * WIDTH), 0.5)
-        return out
+    heights = [2.3, 1.9, 1.9] if curves else [2.3, 1.9]
+    head, gaps, foot = 0.74, (0.18, 0.78), 0.5
+    tops = [head + sum(heights[:i]) + sum(gaps[:i]) for i in range(len(heights))]
+    total = tops[-1] + heights[-1] + foot
+    out = sheet(title, total)
+    left, wide = 0.86 / WIDTH, (WIDTH - 0.86 - 1.75) / WIDTH
+    axes = [
+        out.add_axes((left, 1 - (top + tall) / total, wide, tall / total))
+        for top, tall in zip(tops, heights, strict=True)
+    ]
+    _errors(axes[0], runs)
+    _efforts(axes[1], result, worst)
+    for ax in axes[:2]:
+        ax.set_xlim(worst.t[0], worst.t[-1])
+    phase_bands([[ax] for ax in axes[:2]], phases)
+    axes[0].tick_params(labelbottom=False)
+    axes[1].set_xlabel("time [s]")
+    if curves:
+        _curves(axes[2], curves)
+    for ax in axes:
+        ax.tick_params(length=2.5)
+        ax.yaxis.set_label_coords(-0.66 / (wide * WIDTH), 0.5)
+    return out
 
 
 def _errors(ax: Axes, runs: Mapping[str, Run]) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 
 from twin.analysis.workspace import Workspace
 from twin.core.units import MM
-from twin.ui.report.style import INK, PALETTE, WIDTH, styled
+from twin.ui.report.style import INK, PALETTE, sheet, styled
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -19,6 +19,7 @@ _SECTIONS = ((0, 1, 2), (0, 2, 1), (1, 2, 0))
 """Axes (0, 1, 2 for x, y, z) of each section: horizontal axis, vertical axis, axis normal to the section."""
 
 
+@styled()
 def figure(found: Workspace) -> Figure:
     """Return a figure with three sections and the distribution of the conditioning."""
     robot, low, step, summary = found.robot, found.grid.low, found.grid.step, found.content()
@@ -29,34 +30,31 @@ def figure(found: Workspace) -> Figure:
     shown = np.where(reached, cube[..., 1 if conditioned else 2], np.nan)
     cut = _cut(reached, shown)
     most = float(np.nanquantile(shown, 0.995)) if reached.any() else 1.0
-    with styled():
-        from matplotlib.figure import Figure
 
-        out = Figure(figsize=(WIDTH, 7.4))
-        axes = out.subplots(2, 2)
-        out.subplots_adjust(left=0.08, right=0.9, top=0.9, bottom=0.08, wspace=0.28, hspace=0.3)
-        out.text(0.012, 0.965, f"{robot}: workspace of the tool{_around(summary)}", fontsize=11, fontweight="bold")
-        images = []
-        for ax, (a, b, c) in zip(axes.flat, _SECTIONS, strict=False):
-            plane = np.take(shown, cut[c], axis=c)
-            edges = [
-                (low[a] - step / 2) / MM,
-                (low[a] + (shape[a] - 0.5) * step) / MM,
-                (low[b] - step / 2) / MM,
-                (low[b] + (shape[b] - 0.5) * step) / MM,
-            ]
-            images.append(ax.imshow(plane.T, origin="lower", extent=edges, cmap="viridis", vmin=0, vmax=most))
-            ax.set_title(f"{'xyz'[c]} = {(low[c] + step * cut[c]) / MM:.0f} mm", fontsize=9, color=INK, loc="left")
-            ax.set_xlabel(f"{'xyz'[a]} [mm]")
-            ax.set_ylabel(f"{'xyz'[b]} [mm]")
-            ax.grid(visible=False)
-            ax.locator_params(nbins=5)
-        bar = out.add_axes((0.915, 0.55, 0.014, 0.33))
-        out.colorbar(images[0], cax=bar)
-        label = "inverse condition number" if conditioned else "margin to the joint limits"
-        bar.set_title(label.replace(" ", "\n"), fontsize=7.5, loc="left")
-        _volumes(axes[1][1], shown[reached], cube[reached], step, label)
-        return out
+    out = sheet(f"{robot}: workspace of the tool{_around(summary)}", 7.4)
+    axes = out.subplots(2, 2)
+    out.subplots_adjust(left=0.08, right=0.9, top=0.9, bottom=0.08, wspace=0.28, hspace=0.3)
+    images = []
+    for ax, (a, b, c) in zip(axes.flat, _SECTIONS, strict=False):
+        plane = np.take(shown, cut[c], axis=c)
+        edges = [
+            (low[a] - step / 2) / MM,
+            (low[a] + (shape[a] - 0.5) * step) / MM,
+            (low[b] - step / 2) / MM,
+            (low[b] + (shape[b] - 0.5) * step) / MM,
+        ]
+        images.append(ax.imshow(plane.T, origin="lower", extent=edges, cmap="viridis", vmin=0, vmax=most))
+        ax.set_title(f"{'xyz'[c]} = {(low[c] + step * cut[c]) / MM:.0f} mm", fontsize=9, color=INK, loc="left")
+        ax.set_xlabel(f"{'xyz'[a]} [mm]")
+        ax.set_ylabel(f"{'xyz'[b]} [mm]")
+        ax.grid(visible=False)
+        ax.locator_params(nbins=5)
+    bar = out.add_axes((0.915, 0.55, 0.014, 0.33))
+    out.colorbar(images[0], cax=bar)
+    label = "inverse condition number" if conditioned else "margin to the joint limits"
+    bar.set_title(label.replace(" ", "\n"), fontsize=7.5, loc="left")
+    _volumes(axes[1][1], shown[reached], cube[reached], step, label)
+    return out
 
 
 def _around(summary: Mapping[str, Any]) -> str:

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from twin.api import Robot
+from twin.api.machine import Machines
 from twin.core import spatial
 from twin.core.atomic import Scratch
 from twin.core.errors import TwinError, unknown
@@ -29,11 +30,18 @@ from twin.model.procedure import ProcedureTable
 from twin.model.scene import Scene
 from twin.model.task import Task
 from twin.model.tissue import Tissue
-from twin.simulation import console_scene, contact_scene, operating_scene
+from twin.model.trainer import MODEL
+from twin.simulation import console_scene, contact_scene, machine_scene, operating_scene
 from twin.simulation.console_scene import HANDS, Member
 from twin.simulation.controllers.pedals import CAMERA, FREE, TOOLS
 from twin.simulation.controllers.pivot import FULCRUMS, Fulcrum
+from twin.simulation.controllers.trainer import MODE, VIEW, Mode, Phase, Why, asked, mode_of, told
 from twin.simulation.devices.given import GivenHands, HandState
+from twin.simulation.devices.machine_states import ANSWERS, LEVEL, MachineStates
+from twin.simulation.devices.together import Together
+from twin.simulation.machine.exchange import Exchange
+from twin.simulation.machine.levels import Level
+from twin.simulation.machine.outbox import Outbox
 from twin.simulation.plants.tissue import clips_of
 from twin.simulation.session import rings
 from twin.simulation.session.camera_referee import CameraReferee
@@ -58,9 +66,8 @@ _STUCK = 30.0
 _WALL = (0.5 * MM, 1 * DEG)
 """Minimum distance in m and angle in rad between goal and tool at which a joint limit is reported."""
 
-
 _NICE = 10
-"""Increase of the nice value of the process that makes a report: the World shall keep its pace."""
+"""Increase of the nice value of the process that makes a report: a lower priority keeps the World in real time."""
 
 MakeReport = Callable[[str, str], bytes]
 """Function at the top level of a module: (session file, scene file) -> page of the report, HTML."""
@@ -83,6 +90,8 @@ class LiveConsole:
         objects: the movable objects of the World.
         referee: judge of a task with rings, of the camera task or of a procedure; None for other tasks.
         feed: deformables of the World; None: it has none.
+        machines: connections to machines; None: there are none.
+        shown: mechanism and equations of all robots that are shown: those of `members`, and the models of machines.
         attempt: number of times that the World has been started, from 1.
         condition: condition of the session, for its file.
         reading: the last state: controlled arms, arms at a limit, and the reason if nothing moves.
@@ -100,6 +109,7 @@ class LiveConsole:
         condition: Condition | None = None,
         fulcrum: Fulcrum = "compensated",
         organs: Sequence[Tissue] = (),
+        machines: Machines | None = None,
     ) -> None:
         """Create the World with the robots at the places of the scene.
 
@@ -113,9 +123,10 @@ class LiveConsole:
                 vessels and clips.
             props: mechanism of the props; only needed for such a task, and for the forces of contacts.
             report: makes the report of an attempt, in another process; None: no reports.
-            condition: condition of the session, with the switch of the forces; None: that of the scene.
+            condition: condition of the session, with the switch of the forces; None: the default of the scene.
             fulcrum: which end of the instruments the hands lead at the start; only for `device` None.
             organs: the organs of the scene; only needed for a procedure.
+            machines: connections to the machines of the scene, which `close` ends; None: its robots are no machines.
 
         Raises:
             TwinError: the scene has no console, the console does not match its robots, or the task its props.
@@ -124,7 +135,7 @@ class LiveConsole:
         """
         if scene.console is None:
             raise TwinError(f"scene '{scene.name}' has no console: add the table [console] to {scene.file.name}")
-        self.scene, self.table = scene, scene.console
+        self.scene, self.table, self.machines = scene, scene.console, machines
         settings = console_scene.settings(scene, fulcrum, task)
         self.device = device or GivenHands(console_scene.PEDALS, HANDS, self.table.scale, settings=settings)
         self.members = {n: Member(r.mechanism, r.kinematics(), LinkPoses(r.loops)) for n, r in robots.items()}
@@ -143,9 +154,10 @@ class LiveConsole:
         if session is None and judged and report is not None:
             self._scratch = Scratch()
             session = Path(self._scratch.name) / "hands.session"
-        self._session = session
+        self._session, self._asked = session, 0
         self.owner: str | None = None
-        self._places = {p.name: p for p in scene.places}
+        self._places = {p.name: p for p in (*scene.places, *(scene.models if machines else ()))}
+        self.shown = {n: self.members[n.removesuffix(MODEL)] for n in self._places}
         self._camera = scene.cameras[self.table.camera].robot
         self._report: tuple[int, Call] | None = None
         self.attempt = 0
@@ -171,22 +183,28 @@ class LiveConsole:
             referee = CameraReferee(self._camera, SAMPLE)
         elif self.task is not None and self.task.procedure is not None:
             referee = self._guide(self.task.procedure)
-        peaks = ForcePeaks(HANDS)
+        peaks, device, outbox, parts = ForcePeaks(HANDS), self.device, [], None
+        if self.machines is not None:
+            parts = self.machines.parts
+            states = {n: MachineStates(n, parts[n].home) for n in parts}
+            device, outbox = Together([self.device, *states.values()]), [Outbox(parts)]
+            self._exchange_of = Exchange(self.machines.links, states, outbox[0])
         world = console_scene.world(
             self.scene,
             self.members,
-            self.device,
+            device,
             records=False,
-            watch=[block for block in (peaks, referee, tape) if block is not None],
+            watch=[block for block in (peaks, *outbox, referee, tape) if block is not None],
             task=self.task,
             props=self._props,
             haptics=self.condition.haptics,
             organs=self._organs,
+            parts=parts,
         )
         recorder = None
         if path is not None and tape is not None:
             told = {"props": self._props, "condition": self.condition, "organs": self._organs}
-            head = head_of(self.scene, self.members, world, self.device, self.task, **told)
+            head = head_of(self.scene, self.members, world, device, self.task, **told)
             recorder = Recorder(path, head, tape)
         self.world: World = world
         self._peaks = peaks
@@ -274,6 +292,8 @@ class LiveConsole:
             self._report[1].close()
         if self._scratch is not None:
             self._scratch.cleanup()
+        if self.machines is not None:
+            self.machines.close()
 
     # -- time -----------------------------------------------------------------------------------------
 
@@ -325,9 +345,14 @@ class LiveConsole:
 
     def _before_steps(self, parts: int) -> None:
         """Prepare a group of steps of the World; `parts` is the number of groups still to come."""
+        if self.machines is not None:
+            self._exchange_of.send()
+            self._exchange_of.receive()
 
     def _after_steps(self, behind: bool) -> None:
         """Finish a call of `advance`; `behind`: whether the machine was too slow for all steps."""
+        if self.machines is not None:
+            self._exchange_of.send()
         if self.recorder is not None:
             self.recorder.write(self.world.tick)
 
@@ -406,6 +431,35 @@ class LiveConsole:
             raise TwinError(f"{robot} cannot carry '{tool}', a tool of {', '.join(tools[tool].robots)}")
         self.device.set(f"{robot}.tool", list(tools).index(tool))
 
+    def train(self, client: str, mode: Mode) -> None:
+        """Ask the trainer of the machines for teleoperation, a rehearsal, its judgement, or its replay.
+
+        Raises:
+            HeldError: another client controls the hands.
+            TwinError: the scene has no machines.
+        """
+        self.require_free(client)
+        self._require_machines()
+        self._asked += 1
+        self.device.set(MODE, asked(mode, self._asked))
+
+    def press(self, client: str, button: str) -> None:
+        """Press the button "start" or "stop" of all machines; anybody may stop them.
+
+        Raises:
+            HeldError: another client controls the hands.
+            TwinError: the scene has no machines.
+        """
+        if button != "stop":
+            self.require_free(client)
+        for link in self._require_machines().links.values():
+            link.reader.press(button)
+
+    def _require_machines(self) -> Machines:
+        if self.machines is None:
+            raise TwinError(f"scene '{self.scene.name}' has no machines: add the table [trainer]")
+        return self.machines
+
     def release(self, client: str) -> None:
         """End the control by this client's hands, if this client has control."""
         if self.owner == client:
@@ -482,6 +536,36 @@ class LiveConsole:
             "rate": round(self._rate, 1),
             "stopped": self._stopped or None,
             "task": self._task(),
+            "machines": self._machines(),
+        }
+
+    def _machines(self) -> dict[str, Any] | None:
+        """Return run level, phase and deviation of each machine, and the view; None without machines."""
+        if self.machines is None or self.scene.trainer is None:
+            return None
+        signals, bounds, out = self.world.signals, machine_scene.bounds(self.scene.trainer), {}
+        for name, link in self.machines.links.items():
+            phase, why, value = signals[f"{name}.phase"]
+            run = signals[f"{name}.run"]
+            out[name] = {
+                "level": Level(int(run[LEVEL])).name if run[ANSWERS] > 0.5 else None,
+                "phase": Phase(int(phase)).name.lower(),
+                "why": told(Why(int(why)), float(value), bounds, name) or None,
+                "problem": link.problem or None,
+            }
+        view = "virtual" if signals[VIEW][0] > 0.5 else "real"
+        return {"view": view, "mode": mode_of(signals[MODE][0]).name.lower(), "robots": out}
+
+    def deviations(self) -> dict[str, dict[str, Any]]:
+        """Return, by machine, the distance of both tips in m, the differences of the joints, and the cue in N."""
+        signals = self.world.signals
+        return {
+            name: {
+                "tip": float(signals[f"{name}.deviation"][0]),
+                "joints": signals[f"{name}.apart"],
+                "cue": float(np.linalg.norm(signals[f"{name}.cue"])),
+            }
+            for name in ({} if self.machines is None else self.machines.links)
         }
 
     def _task(self) -> dict[str, Any] | None:

@@ -84,7 +84,7 @@ class Desk:
     def shaft(self) -> tuple[Array, Array]:
         """Return (tip (3,) in m, unit vector (3,) along the shaft towards the tip) in the base frame.
 
-        Tip and shaft are those of the last used protocol; without a protocol, the tool's origin and z axis.
+        The last used protocol defines tip and shaft; without a protocol, they are the tool's origin and z axis.
         """
         frame = self.mechanism.frame(self._frame)
         T = self.assembly.link_poses[frame.body] @ frame.T_body_frame
@@ -187,7 +187,7 @@ class Desk:
 
     @property
     def edited(self) -> bool:
-        """Whether equations or mechanism differ from those of `robot`."""
+        """Whether equations or mechanism differ from the equations and mechanism of `robot`."""
         return bool(self.variants or self.parameters) or self.mechanism is not self.robot.mechanism
 
     @property
@@ -298,7 +298,7 @@ class Desk:
             return out
 
     def _why(self, dragged: Dragged) -> str:
-        """Return a text on the reason why the motion stopped."""
+        """Return the reason, as text, why the motion stopped."""
         reasons = [self._bound(b) for b in dragged.stops]
         if dragged.singular:
             reasons.append(_ended(dragged.singular))
@@ -321,7 +321,7 @@ class Desk:
         return "rad" if self.mechanism.actuator(bound.name).is_angle else "m"
 
     def _stopped(self, number: int, value: float, dragged: Dragged) -> str:
-        """Return a text on the reason why a joint did not reach a value in m or rad."""
+        """Return the reason, as text, why a joint did not reach a value in m or rad."""
         joint, (low, high) = self.joints[number], self.mechanism.limits[number]
         q = self.assembly.q.copy()
         q[number] = value

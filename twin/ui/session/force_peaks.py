@@ -1,4 +1,4 @@
-"""Largest forces on the hands between two pictures of a display: a pulse of 3 ms is shorter than a picture."""
+"""Largest forces on the hands between two pictures of a display, because a pulse can be shorter than a picture."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from twin.simulation.world import Block, Signals
 
 
 class ForcePeaks(Block):
-    """Reads `<hand>.force` (3,) in N in every tick, and keeps the largest one until `take`; it writes no signal."""
+    """Stores the largest `<hand>.force` (3,) in N of all ticks since the last call of `take`; it writes no signal."""
 
     def __init__(self, hands: Sequence[str]) -> None:
         """Watch some hands."""
@@ -20,7 +20,7 @@ class ForcePeaks(Block):
         self._peaks = {hand: np.zeros(3) for hand in hands}
 
     def step(self, signals: Signals, t: float, dt: float) -> dict[str, Array]:
-        """Compare the forces of this tick with the largest ones."""
+        """Update the largest forces with the forces of this tick."""
         for hand, name in self._names.items():
             force, peak = signals.now[name], self._peaks[hand]
             if force @ force > peak @ peak:

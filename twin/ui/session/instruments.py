@@ -28,7 +28,6 @@ class Residual(NamedTuple):
 AGREE = 1e-6
 """Difference in m or rad between equations and mechanism above which the readout is red; reports are stricter."""
 
-
 OTHER = "other assembly: equations not comparable"
 BEYOND = "beyond the reach of the equations: not comparable"
 

@@ -1,4 +1,4 @@
-"""The soft organs of a scene in the pages: they give way to the robots as these are displayed."""
+"""The soft organs of a scene in the pages, deformed by the displayed robots."""
 
 from __future__ import annotations
 
@@ -45,9 +45,8 @@ class OrganFeed:
     def follow(self, links: Mapping[str, Mapping[str, Array]], passed: float) -> bool:
         """Move the organs; return whether one has moved.
 
-        Args:
-            links: T_world_link (4, 4) by robot and link; at least those that touch organs.
-            passed: time in s since the last call.
+        `links` contains T_world_link (4, 4) by robot and link, at least for all links that touch organs; `passed` is
+        the time in s since the last call.
         """
         poses = [links[tool.robot][tool.body.name] for tool in self.organs.tools]
         self._left = min(self._left + passed * RATE, float(_BEHIND))
@@ -61,5 +60,5 @@ class OrganFeed:
         return moved
 
     def at(self, t: float) -> Frame:
-        """Return the present vertices, at a time in s."""
+        """Return the present vertices as a frame of time `t` in s."""
         return Frame(t, {}, self._fields)

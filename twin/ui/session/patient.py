@@ -92,7 +92,7 @@ class Patient:
 
 
 def patient_of(robot: Robot, protocol: Protocol, floor: float) -> Patient | None:
-    """Return the patient of a protocol, None if it has none; `floor` is the height in m of the floor in base.
+    """Return the patient of a protocol; None without a patient; `floor` is the height in m of the floor in base.
 
     Raises:
         TwinError: the patient, port or link does not exist, or the protocol has no RCM.

@@ -172,10 +172,7 @@ class Pens:
     def aim(self, client: str, coordinate: int, value: float) -> None:
         """Move one coordinate of the camera to a value within its limits, by both hands; the others are unchanged.
 
-        Args:
-            client: identifier of the client.
-            coordinate: 0 pan, 1 tilt, 2 depth, 3 roll.
-            value: in rad or m.
+        `coordinate` is 0 pan, 1 tilt, 2 depth or 3 roll; `value` is in rad or m.
 
         Raises:
             HeldError: another client controls the hands.

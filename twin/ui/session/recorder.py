@@ -32,7 +32,7 @@ class Recorder:
         return self._writer is not None
 
     def write(self, ticks: int) -> None:
-        """Write what the tape holds, up to `ticks` completed ticks; an error ends the recording, not the World."""
+        """Write the content of the tape, up to `ticks` completed ticks; an error ends only the recording."""
         writer, rows = self._writer, self._tape.take()
         if writer is None:
             return

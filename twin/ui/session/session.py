@@ -41,7 +41,6 @@ class Session:
     """A recorded session of one robot.
 
     Attributes:
-        robot: name of the robot.
         joints: names of the active joints, in the order of q.
         units: unit of each joint, "m" or "rad".
         moments: recorded states in the order of time; `add` appends a state.
@@ -87,7 +86,7 @@ class Session:
             TwinError: the session has no states.
         """
         if not self.moments:
-            raise TwinError(f"session of {self.robot}: nothing is recorded; add a moment first")
+            raise TwinError(f"session of {self.robot}: the session is empty; add a moment first")
         times = [m.time for m in self.moments]
         return np.array([np.interp(t, times, column) for column in np.transpose([m.q for m in self.moments])])
 

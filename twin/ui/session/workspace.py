@@ -102,7 +102,7 @@ def evaluate(job: Job) -> Iterator[Chunk]:
         reached += int(good.sum())
         if last == job.count and not reached:
             solved = np.isfinite(kin.inverse_many(Ts)[:, 0]).any()
-            why = "none is within the joint limits" if solved else "none is reachable"
+            why = "no pose is within the joint limits" if solved else "no pose is reachable"
             raise KinematicsError(f"{kin.formula.name}: of {job.count} positions with this orientation {why}.")
         with np.errstate(divide="ignore"):
             condition = 1 / inverse[0, good]
@@ -133,7 +133,7 @@ class Cloud:
         self.start, self.cancel, self.close = self._stream.start, self._stream.cancel, self._stream.close
 
     def poll(self) -> Chunk | None:
-        """Return the new results of the present job; None if there are none."""
+        """Return the new results of the present job; None without new results."""
         new, end = self._stream.poll()
         if not new and not end:
             return None

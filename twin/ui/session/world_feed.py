@@ -1,4 +1,4 @@
-"""The deformables of a World in the pages: organs and vessels of a procedure, as the World has moved them."""
+"""The deformables of a World in the pages: organs and vessels of a procedure, at the vertices computed by the World."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ _BED = (0.9, 0.75, 0.35)
 
 
 class WorldFeed:
-    """A feed whose vertices are those of a World; a new World, after a restart, has the same deformables.
+    """A feed of the vertices of a World; after a restart, the new World has the same deformables.
 
-    `<organ>_bed` marks the cells that hold the organ of a procedure; a cell that has let go has no mark.
+    `<organ>_bed` marks the attached cells of an organ of a procedure; detached cells have no mark.
 
     Attributes:
         surfaces: triangles and colours by name.

@@ -15,6 +15,7 @@ import numpy as np
 import viser
 
 from twin.api import Robot
+from twin.api.machine import Machines
 from twin.core import spatial
 from twin.core.errors import TwinError
 from twin.core.spatial import Array
@@ -37,7 +38,7 @@ from twin.ui.session.feed import Feed
 from twin.ui.session.pens import Pens
 from twin.ui.viewer.fields import FieldNodes
 from twin.ui.viewer.loop import Loop
-from twin.ui.viewer.nodes import RobotNodes
+from twin.ui.viewer.nodes import BLUE, RobotNodes
 from twin.ui.viewer.room import FIRST, OUTSIDE, corners, furnish
 from twin.ui.viewer.score import ScorePanel
 
@@ -97,6 +98,7 @@ class ConsoleFront(Loop):
         fulcrum: Fulcrum = "compensated",
         feed: Feed | None = None,
         organs: Sequence[Tissue] = (),
+        machines: Machines | None = None,
     ) -> None:
         """Create World and page.
 
@@ -112,19 +114,23 @@ class ConsoleFront(Loop):
             fulcrum: which end of the instruments the hands lead at the start.
             feed: deformables that are not in the World; None: none.
             organs: the organs of the scene; only needed for a procedure, whose World has them.
+            machines: connections to the machines of the scene; their models are shown as ghosts.
 
         Raises:
             TwinError: the scene has no console, the console does not match its robots, or the task its props.
         """
         super().__init__(server, title, stopping)
-        more = {"report": report, "fulcrum": fulcrum, "organs": organs}
+        more = {"report": report, "fulcrum": fulcrum, "organs": organs, "machines": machines}
         self.console = LiveConsole(scene, robots, task=task, props=props, **more)
         shown = self.console.feed or feed
         self._fields = None if shown is None else FieldNodes(server, shown)
         self.pens = Pens(self.console)
         self._view_angle = scene.cameras[self.console.table.camera].view_deg * DEG
         self._poses = poses = self.console.world.frame().link_poses
-        self.nodes = {n: RobotNodes(server, f"/{n}", m.mechanism, poses[n]) for n, m in self.console.members.items()}
+        self.nodes = {
+            n: RobotNodes(server, f"/{n}", m.mechanism, poses[n], None if n in self.console.members else BLUE)
+            for n, m in self.console.shown.items()
+        }
         for item in self.console.objects:
             alone = Mechanism(item.name, item.name, (Body(item.name, (item.mesh(),)),), ())
             self.nodes[item.name] = RobotNodes(server, f"/{item.name}", alone, poses[item.name])
@@ -194,7 +200,7 @@ class ConsoleFront(Loop):
     def _row(self) -> Array:
         signals, items = self.console.world.signals, self.console.objects
         poses = [signals[f"{item.name}.pose"] for item in items]
-        return np.concatenate([*(signals[f"{n}.q"] for n in self.console.members), *poses])
+        return np.concatenate([*(signals[f"{n}.q"] for n in self.console.shown), *poses])
 
     # -- arrows ---------------------------------------------------------------------------------------
 

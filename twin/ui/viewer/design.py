@@ -51,12 +51,6 @@ def with_distance(mechanism: Mechanism, joint: str, other: str, distance: float)
     heights), the shift has a component along the axes, which opens a planar loop (`Assembly.worst_gap`). A shift along
     the axis of a slide changes only its zero position.
 
-    Args:
-        mechanism: the mechanism.
-        joint: the joint whose frame is moved.
-        other: the joint whose frame is not moved.
-        distance: new distance in m between the two origins on the body.
-
     Raises:
         MechanismError: a joint is unknown, the joints share no body or two bodies, their origins coincide, or the
             distance is not positive.
@@ -68,7 +62,7 @@ def with_distance(mechanism: Mechanism, joint: str, other: str, distance: float)
         partners = sorted({d.other if d.joint == joint else d.joint for d in _of(mechanism, joint)})
         raise MechanismError(
             f"{mechanism.name}: joints '{joint}' and '{other}' {what}, so they have no distance; "
-            f"'{joint}' has one to: {', '.join(partners) or 'none'}"
+            f"'{joint}' has a distance to: {', '.join(partners) or 'none'}"
         )
     where = f"{mechanism.name}: distance of '{joint}' from '{other}' on '{shared[0]}'"
     if not (np.isfinite(distance) and distance > _SAME):

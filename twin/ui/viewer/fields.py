@@ -22,11 +22,10 @@ class FieldNodes:
         self.broken = ""
 
     def follow(self, links: Callable[[str], Mapping[str, Array]], passed: float) -> bool:
-        """Let deformables that follow the links give way to them; return whether they moved.
+        """Deform the organs that follow the links, with the present poses of the links; return whether they moved.
 
-        Args:
-            links: function from the name of a robot to its T_world_link (4, 4) by link.
-            passed: time in s since the last call.
+        `links` returns T_world_link (4, 4) by link for the name of a robot; `passed` is the time in s since the last
+        call.
         """
         if not isinstance(self._feed, Follower) or self.broken:
             return False

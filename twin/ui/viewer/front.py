@@ -26,7 +26,6 @@ from twin.ui.viewer.nodes import BLUE, RobotNodes
 _READ = 0.1
 """Time in s between two readings; each reading redraws the panels."""
 
-
 _DRAWN, _NOBODY = 1.5, 4.0
 """Time in s in which a browser draws its first picture, and maximum waiting time in s without a browser."""
 
@@ -93,7 +92,7 @@ class Panels(Protocol):
 
 
 class Front(Loop):
-    """The page with one or more robots, of which one is active; created by `page.open_page`.
+    """The page with one active robot and possibly further robots; created by `page.open_page`.
 
     Attributes:
         actors: the robots in the given order; `hand` is the active robot, to which gizmo, sliders and readings refer.
@@ -187,7 +186,7 @@ class Front(Loop):
             self._gizmo_to_tool()
 
     def bend(self, passed: float) -> None:
-        """Let deformables give way to the robots as they stand; `passed`: time in s."""
+        """Deform the organs with the present poses of the robots; `passed`: time in s since the last call."""
         if self._fields is not None:
             self._stale |= self._fields.follow(self._links_of, passed)
 

@@ -15,11 +15,10 @@ from pydantic import TypeAdapter, ValidationError
 
 from twin.cad import description as descriptions
 from twin.cad import references
-from twin.cad.parameters import SCALES
 from twin.core import spatial
 from twin.core.errors import TwinError, unknown
 from twin.core.spatial import Array
-from twin.core.units import DEG, MM
+from twin.core.units import DEG, MM, SI
 from twin.planning import phase_path as paths
 from twin.planning.protocol import Home, Insertion, Pivot, Positioning, Protocol, Retraction, load_protocol, trocar_of
 from twin.planning.protocol.course import angles_of
@@ -149,7 +148,7 @@ def _in_file_units(path: Path, d: descriptions.Description, name: str, values: M
         unit = key.rpartition("_")[2]
         if joint not in values:
             raise error_at(path, ("posture", name), f"active joint '{joint}' is missing; needed: {', '.join(keys)}")
-        value = float(values[joint]) / SCALES[unit]
+        value = float(values[joint]) / SI[unit]
         if not np.isfinite(value):
             raise error_at(path, ("posture", name, key), f"{value} is not finite; give a number for '{joint}'")
         lower, upper = getattr(limits.get(joint), f"limits_{unit}", None) or (-np.inf, np.inf)

@@ -28,8 +28,6 @@ class Loop(ABC):
     """A page with its loop.
 
     Attributes:
-        server: the server of viser.
-        title: title of the page.
         stopping: set when the loop shall end.
         now: time in s of the present frame on the clock of `time.perf_counter`.
     """
@@ -46,9 +44,7 @@ class Loop(ABC):
     def frame(self, passed: float, wished: bool) -> None:
         """Draw one frame.
 
-        Args:
-            passed: time in s since the last frame.
-            wished: whether a request was handled since then.
+        `passed` is the time in s since the last frame; `wished`: whether a request was handled since then.
         """
 
     def ask(self, kind: str, wish: Callable[[], object]) -> None:

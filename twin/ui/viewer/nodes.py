@@ -144,11 +144,8 @@ class RobotNodes:
     ) -> None:
         """Draw the named points (3,) of the equations; points of the same body are connected by lines.
 
-        Args:
-            points: points of the equations, in m in the base frame; without points, nothing is drawn.
-            actual: the same points of the mechanism.
-            agrees: whether equations and mechanism agree, which determines the colour.
-            exaggerated: magnification of the distance between both sets of points.
+        `points` and `actual` are the points of equations and mechanism, in m in the base frame; without points, nothing
+        is drawn. `agrees` determines the colour; `exaggerated` magnifies the distance between both sets of points.
         """
         owner = {p.name: p.body for p in self._mechanism.points}
         known = [n for n in points if n in owner and n in actual and np.isfinite(points[n]).all()]
@@ -170,7 +167,7 @@ class RobotNodes:
         self._equations.visible = True
 
     def section(self, poses: Mapping[str, Array], point: Array | None, normal: Array) -> None:
-        """Hide the part of the robot in front of a plane (point and normal in base); without a point, hide nothing."""
+        """Hide the part of the robot in front of a plane (point and normal in base); without a point, all is shown."""
         for (body, (vertices, triangles, *_)), (_, handle) in zip(self._looks, self.meshes, strict=True):
             shown, faces = vertices, triangles
             if point is not None:

@@ -17,12 +17,8 @@ def open_page(
 ) -> Front:
     """Return the front end of a page, ready to run.
 
-    Args:
-        title: title of the page.
-        actors: the robots; the first robot is active.
-        props: mechanism of the props; None: table and patient of the protocol can be shown instead.
-        server: the server of viser.
-        more: further arguments of `Front`.
+    The first actor is active. Without props, table and patient of the protocol can be shown. `more` are further
+    arguments of `Front`.
     """
     front = Front(title, actors, server, **more)
     front.furnish(lambda f: Scenery(f, props), Panels)

@@ -21,7 +21,7 @@ from twin.ui.viewer.record_panel import RecordPanel
 
 PALETTE = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#999999")
 MOST_POSTURES = 64
-"""Maximum number of postures in the list; when it is reached, `keep here` adds no more."""
+"""Maximum number of postures in the list; at the maximum, `keep here` adds no posture."""
 
 CURVES = ("displacement", "speed", "acceleration", "tip", "RCM error")
 _POINTS = 400

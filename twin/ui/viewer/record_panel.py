@@ -101,7 +101,7 @@ class RecordPanel:
 
     def _save(self) -> None:
         if self.session is None or not self.session.moments:
-            raise TwinError("nothing is recorded yet: press Record, move the robot, press Stop")
+            raise TwinError("the recording is empty: press Record, move the robot, press Stop")
         path = Path("twin-out") / self.actor.name / "session.json"
         path.parent.mkdir(parents=True, exist_ok=True)
         self.session.save(path)
@@ -133,7 +133,7 @@ class RecordPanel:
                 front.say(f"{what} written into {path.name}; reload the robot to use it")
 
             front.ask(
-                "write", do if yes else lambda: front.say(f"{what}: declined in the terminal; nothing was written")
+                "write", do if yes else lambda: front.say(f"{what}: declined in the terminal; the file is unchanged")
             )
 
         front.terminal.ask(f"The page wants to write {what} into {path}. Write it?", then)

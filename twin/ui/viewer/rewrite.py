@@ -23,10 +23,7 @@ Entry = tuple[str, str | None, dict[str, Any]]
 def rewrite(path: Path, entries: list[Entry], check: Callable[[Path], None]) -> None:
     """Write entries into a TOML file, if the new text passes a check.
 
-    Args:
-        path: a valid file; it is replaced atomically.
-        entries: entries to add or replace.
-        check: function called with a file of the same name with the new text; raises `TwinError` if it is invalid.
+    `check` is called with a file of the same name with the new text, and raises `TwinError` if the text is invalid.
 
     Raises:
         TwinError: `check` raised it.

@@ -27,11 +27,7 @@ def corners(box: Array) -> Array:
 def furnish(server: viser.ViserServer, middle: Array, size: float, floor: float) -> viser.GridHandle:
     """Add light and floor, and set the first view; return the floor.
 
-    Args:
-        server: the server of viser.
-        middle: (3,) middle of the scene in m.
-        size: diagonal of the scene in m.
-        floor: height of the floor in m.
+    `middle` (3,), `size` (diagonal) and `floor` (height) of the scene are in m.
     """
     scene = server.scene
     scene.set_up_direction("+z")

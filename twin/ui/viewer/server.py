@@ -140,11 +140,8 @@ class Door:
 def serve(title: str, host: str, port: int, gate: Gate | None = None) -> viser.ViserServer:
     """Start a server and return it.
 
-    Args:
-        title: title of the page.
-        host: address to listen on.
-        port: free port to listen on; 0: any free port.
-        gate: access rules; None: accept requests with the name of `host` from the server's own page.
+    Port 0 is any free port. Without `gate` (access rules), requests are accepted with the name of `host` from the
+    server's own page.
 
     Raises:
         TwinError: this version of viser opens its socket differently.

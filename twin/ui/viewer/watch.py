@@ -24,12 +24,12 @@ from twin.ui.viewer.room import OUTSIDE, corners, furnish
 
 
 class Stream(Protocol):
-    """What a running server shows.
+    """Data that a page shows of a running server.
 
     Attributes:
         surfaces: triangles and colours of the deformables, by name.
         reading: last state of the console; None before the first state, and for a scene without a console.
-        problem: why nothing arrives; "" while frames arrive.
+        problem: reason for missing frames; "" while frames arrive.
     """
 
     surfaces: Mapping[str, Surface]
@@ -47,7 +47,7 @@ class WatchFront(Loop):
     """The page of a spectator.
 
     Attributes:
-        stream: what is shown.
+        stream: source of the shown frames.
         nodes: scene nodes of each robot.
     """
 

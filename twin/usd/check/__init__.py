@@ -42,7 +42,6 @@ def check_stage(path: str | Path) -> list[Finding]:
 
     Raises:
         StageError: the file is missing or not USD, or one of its layers cannot be found.
-
     """
     scene = Scene(path)
     findings = [*check_units(scene), *check_ops(scene), *check_names(scene), *check_samples(scene)]

@@ -24,7 +24,7 @@ COM_MARGIN = 1 * MM
 """Maximum distance in m of a centre of mass outside the bounding box of thin shells and coarse meshes."""
 
 GYRATION = (0.02, 1.0)
-"""Plausible range of the largest radius of gyration, divided by the diagonal of the meshes' bounding box."""
+"""Plausible range of the maximum radius of gyration, divided by the diagonal of the meshes' bounding box."""
 
 LARGEST = 20.0
 """Diagonal in m of a link's bounding box above which the unit of length is probably wrong."""
@@ -97,12 +97,8 @@ def _bounds(scene: Scene, body: Usd.Prim) -> tuple[Array, Array] | None:
 def _check_size(path: str, box: tuple[Array, Array] | None) -> Iterator[Finding]:
     diagonal = 0.0 if box is None else float(np.linalg.norm(box[1] - box[0]))
     if diagonal > LARGEST:
-        yield _SIZE(
-            path,
-            f"body {path} is too large: its numbers look like millimetres, but the stage is in metres",
-            Quantity(diagonal, "m"),
-            LARGEST,
-        )
+        text = f"body {path} is too large: its numbers look like millimetres, but the stage is in metres"
+        yield _SIZE(path, text, Quantity(diagonal, "m"), LARGEST)
 
 
 def _is_told_base(prim: Usd.Prim) -> bool:
@@ -148,12 +144,8 @@ def _check_mass(
         outside = np.maximum(np.maximum(box[0] - center, center - box[1]), 0)
         gap = float(np.linalg.norm(outside))
         if gap > COM_MARGIN:
-            yield _COM(
-                path,
-                f"the centre of mass of {path} is outside the bounding box of its meshes",
-                mm(gap),
-                mm(COM_MARGIN),
-            )
+            text = f"the centre of mass of {path} is outside the bounding box of its meshes"
+            yield _COM(path, text, mm(gap), mm(COM_MARGIN))
     moments = gf.vector(api.GetDiagonalInertiaAttr().Get()) * scene.kilograms * scene.meters**2
     if np.any(moments):
         yield from _check_inertia(path, mass, moments, box)
@@ -171,13 +163,11 @@ def _check_inertia(path: str, mass: float, moments: Array, box: tuple[Array, Arr
         gyration = float(np.sqrt(np.max(moments) / mass))
         limit = GYRATION[gyration > diagonal * GYRATION[0]] * diagonal
         if diagonal > 0 and not GYRATION[0] < gyration / diagonal < GYRATION[1]:
-            yield _INERTIA_SIZE(
-                path,
+            message = (
                 f"the radius of gyration of body {path} is not plausible for its meshes, whose diagonal is "
-                f"{mm(diagonal)}",
-                mm(gyration),
-                mm(limit),
+                f"{mm(diagonal)}"
             )
+            yield _INERTIA_SIZE(path, message, mm(gyration), mm(limit))
 
 
 def _check_quaternions(prim: Usd.Prim) -> Iterator[Finding]:
@@ -213,12 +203,8 @@ def check_meshes(scene: Scene) -> Iterator[Finding]:
         real = np.array([points.min(axis=0), points.max(axis=0)])
         slack = 1e-4 * float(np.linalg.norm(real[1] - real[0]))
         if len(extent) == 2 and (off := float(np.max(np.abs(extent - real)))) > slack:
-            yield _EXTENT(
-                path,
-                f"the extent of mesh {path}, which viewers use for culling, is wrong",
-                mm(off * scene.meters),
-                mm(slack * scene.meters),
-            )
+            text = f"the extent of mesh {path}, which viewers use for culling, is wrong"
+            yield _EXTENT(path, text, mm(off * scene.meters), mm(slack * scene.meters))
         if _is_closed(triangles):
             a, b, c = (points[triangles[:, i]] for i in range(3))
             volume = float(np.sum(a * np.cross(b, c)) / 6) * scene.meters**3

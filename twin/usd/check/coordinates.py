@@ -64,12 +64,8 @@ def coordinate(joint: RawJoint, A: Array) -> Array:
 def check_coordinate(joint: RawJoint, line: Timeline, q: Array, ordered: bool) -> Iterator[Finding]:
     """Yield findings on a revolute or prismatic joint.
 
-    Args:
-        joint: the joint.
-        line: poses of the bodies along the timeline.
-        q: its coordinate (k + 1,) at rest and at the k samples of the timeline, in degrees or metres.
-        ordered: whether the lower limit is at most the upper limit; otherwise limits are not checked.
-
+    `q` (k + 1,) is its coordinate at rest and at the k samples of the timeline, in degrees or metres. Limits are
+    checked only if they are `ordered`: the lower limit is at most the upper limit.
     """
     if joint.limits and ordered:
         yield from _check_limits(joint, line, q)
@@ -110,13 +106,8 @@ def _check_limits(joint: RawJoint, line: Timeline, q: Array) -> Iterator[Finding
     breach = _breach(q, low, high, joint.is_angle) * shown
     worst = int(np.argmax(breach))
     if breach[worst] > LIMIT_TOL:
-        yield _BEYOND_LIMITS(
-            joint.path,
-            f"joint {joint.path} exceeds its limits {low * shown:.5g} .. {high * shown:.5g} {unit}",
-            Quantity(breach[worst], unit),
-            LIMIT_TOL,
-            when=line.labels[worst],
-        )
+        text = f"joint {joint.path} exceeds its limits {low * shown:.5g} .. {high * shown:.5g} {unit}"
+        yield _BEYOND_LIMITS(joint.path, text, Quantity(breach[worst], unit), LIMIT_TOL, when=line.labels[worst])
 
 
 def _difference(joint: RawJoint, a: Array, b: Array) -> Array:
@@ -156,27 +147,22 @@ def _check_state(joint: RawJoint, line: Timeline, q: Array) -> Iterator[Finding]
         text = f"joint state {states[worst]:.5g} equals its coordinate in radians ({actual[worst]:.5g} deg)"
         yield _radians(joint, text, float(states[worst]))
         return
-    yield _STATE(
-        joint.path,
+    text = (
         f"joint {joint.path}: its state {Quantity(states[worst] * shown, unit)} differs from its coordinate "
-        f"{Quantity(actual[worst] * shown, unit)}, computed from the poses of its bodies",
-        Quantity(off[worst], unit),
-        STATE_TOL,
-        when=line.labels[worst],
+        f"{Quantity(actual[worst] * shown, unit)}, computed from the poses of its bodies"
     )
+    yield _STATE(joint.path, text, Quantity(off[worst], unit), STATE_TOL, when=line.labels[worst])
 
 
 def _check_drive(joint: RawJoint, q: float) -> Iterator[Finding]:
     kinds = [k for k in joint.prim.GetAppliedSchemas() if k.startswith("PhysicsDriveAPI:")]
     wrong = [k.partition(":")[2] for k in kinds if k.partition(":")[2] != joint.instance]
     if wrong:
-        yield disagreement(
-            "stage.drive_axis",
-            joint.path,
+        text = (
             f"joint {joint.path} ({joint.type}) has a drive '{wrong[0]}', which has no effect; expected "
-            f"'{joint.instance}'",
-            suggestion=f"apply PhysicsDriveAPI:{joint.instance}",
+            f"'{joint.instance}'"
         )
+        yield disagreement("stage.drive_axis", joint.path, text, suggestion=f"apply PhysicsDriveAPI:{joint.instance}")
     drive = UsdPhysics.DriveAPI(joint.prim, joint.instance) if len(kinds) > len(wrong) else None
     gains = 0.0 if drive is None else drive.GetStiffnessAttr().Get() + drive.GetDampingAttr().Get()
     active = joint.prim.GetAttribute("twin:active")

@@ -81,11 +81,11 @@ def check_joints(scene: Scene, line: Timeline) -> Iterator[Finding]:
                 joint.path, f"joint {joint.path}: its lower limit is above its upper limit", Quantity(low, unit), high
             )
         if UsdPhysics.Joint(joint.prim).GetCollisionEnabledAttr().Get():
-            yield _JOINT_COLLISION(
-                joint.path,
+            message = (
                 f"joint {joint.path} lets its two bodies collide: the hulls overlap at the joint and push the bodies "
-                "apart",
+                "apart"
             )
+            yield _JOINT_COLLISION(joint.path, message)
         if joint.type in ("revolute", "prismatic"):
             yield from check_coordinate(joint, line, coordinate(joint, A), ordered)
 
@@ -94,19 +94,9 @@ def _check_meeting(joint: RawJoint, line: Timeline, A: Array) -> Iterator[Findin
     offset, angle = deviation(joint.type, A)
     worst = int(np.argmax(offset))
     if offset[worst] > ANCHOR_TOL:
-        yield _ANCHOR(
-            joint.path,
-            f"joint {joint.path} ({joint.type}): its two anchor points are apart",
-            mm(offset[worst]),
-            mm(ANCHOR_TOL),
-            when=line.labels[worst],
-        )
+        text = f"joint {joint.path} ({joint.type}): its two anchor points are apart"
+        yield _ANCHOR(joint.path, text, mm(offset[worst]), mm(ANCHOR_TOL), when=line.labels[worst])
     worst = int(np.argmax(angle))
     if angle[worst] > AXIS_TOL:
-        yield _AXIS(
-            joint.path,
-            f"joint {joint.path} ({joint.type}): its two frames differ in rotation about its locked directions",
-            deg(angle[worst]),
-            deg(AXIS_TOL),
-            when=line.labels[worst],
-        )
+        text = f"joint {joint.path} ({joint.type}): its two frames differ in rotation about its locked directions"
+        yield _AXIS(joint.path, text, deg(angle[worst]), deg(AXIS_TOL), when=line.labels[worst])

@@ -91,7 +91,7 @@ def check_units(scene: Scene) -> Iterator[Finding]:
                 "warning" if authored else "disagreement",
                 code,
                 "/",
-                f"{name} {said}; references never convert it, so that parts in another unit get a wrong size",
+                f"{name} {said}; USD references do not convert units: parts in another unit get a wrong size",
                 Quantity(value),
                 1.0,
                 f"author {name} = 1 and convert the numbers",
@@ -99,12 +99,8 @@ def check_units(scene: Scene) -> Iterator[Finding]:
             )
     codes, frames = stage.GetTimeCodesPerSecond(), stage.GetFramesPerSecond()
     if codes != frames:
-        yield _FRAME_RATE(
-            "/",
-            f"some viewers take {codes / frames:.3g} times as long to play the motion: timeCodesPerSecond",
-            Quantity(codes, "1/s"),
-            Quantity(frames, "1/s"),
-        )
+        text = f"some viewers take {codes / frames:.3g} times as long to play the motion: timeCodesPerSecond"
+        yield _FRAME_RATE("/", text, Quantity(codes, "1/s"), Quantity(frames, "1/s"))
     yield from _check_layers(scene)
 
 
@@ -145,12 +141,8 @@ def check_transforms(scene: Scene) -> Iterator[Finding]:
         axes = scene.raw_transform(prim)[:3, :3]
         size = np.linalg.norm(axes, axis=0)
         if np.linalg.det(axes) < 0 and (is_body or prim.IsA(UsdGeom.Gprim)):
-            yield _MIRRORED(
-                path,
-                f"{path} is mirrored and its faces are inside out: negative determinant",
-                Quantity(np.linalg.det(axes)),
-                0.0,
-            )
+            text = f"{path} is mirrored and its faces are inside out: negative determinant"
+            yield _MIRRORED(path, text, Quantity(np.linalg.det(axes)), 0.0)
         elif is_body and np.max(np.abs(size - 1)) > SCALE_TOL:
             yield _SCALE(path, f"rigid body {path} is scaled", Quantity(size[np.argmax(np.abs(size - 1))]), 1.0)
 
@@ -187,21 +179,15 @@ def _check_prim_ops(prim: Usd.Prim, is_body: bool) -> Iterator[Finding]:
                 path, f"{path}: {name} has type {attribute.GetTypeName()}, not {known}; readers ignore the op or fail"
             )
         elif name not in names:
-            yield disagreement(
-                "stage.xform_order",
-                path,
-                f"{path}: {name} is not in xformOpOrder and has no effect",
-                suggestion="list the op in xformOpOrder",
-            )
+            text = f"{path}: {name} is not in xformOpOrder and has no effect"
+            yield disagreement("stage.xform_order", path, text, suggestion="list the op in xformOpOrder")
     rank = [_rank(n) for n in names if n.count(":") == 1]
     if is_body and rank != sorted(rank):
-        yield warning(
-            "stage.xform_order",
-            path,
+        text = (
             f"{path}: the ops are ordered {', '.join(names)}; a rotation before the translation also rotates the "
-            "translation",
-            suggestion="write the op translate before the op orient",
+            "translation"
         )
+        yield warning("stage.xform_order", path, text, suggestion="write the op translate before the op orient")
 
 
 def _rank(name: str) -> int:
@@ -218,8 +204,8 @@ def check_names(scene: Scene) -> Iterator[Finding]:
             continue
         first = seen.setdefault(prim.GetName(), prim.GetPath())
         if first != prim.GetPath():
-            yield _DUPLICATE_NAME(
-                str(prim.GetPath()),
+            text = (
                 f"{prim.GetPath()} and {first} have the same leaf name: Blender renames one of them, and Unity clips "
-                "move the wrong one",
+                "move the wrong one"
             )
+            yield _DUPLICATE_NAME(str(prim.GetPath()), text)

@@ -40,13 +40,11 @@ def check_samples(scene: Scene) -> Iterator[Finding]:
             path = str(attribute.GetPath())
             if not ranged and not told:
                 told = True
-                yield disagreement(
-                    "stage.time_range",
-                    path,
+                text = (
                     f"{path} has time samples, but the stage has no startTimeCode and endTimeCode: players show one "
-                    "frame",
-                    suggestion="author startTimeCode and endTimeCode",
+                    "frame"
                 )
+                yield disagreement("stage.time_range", path, text, suggestion="author startTimeCode and endTimeCode")
             outside = [c for c in codes if not start <= c <= end]
             if ranged and outside:
                 far = max(outside, key=lambda c: max(start - c, c - end))
@@ -79,21 +77,13 @@ def _check_quaternions(attribute: Usd.Attribute, codes: list[float]) -> Iterator
     flips = np.flatnonzero(dots < 0)
     if len(flips):
         k = int(flips[0])
-        yield _QUATERNION_SIGN(
-            path,
+        text = (
             f"{path}: {name} changes sign; players that interpolate components (Unity) rotate by up to 180° "
-            "there. Sign changes",
-            Quantity(len(flips)),
-            0,
-            when=f"time code {codes[k]:g}",
+            "there. Sign changes"
         )
+        yield _QUATERNION_SIGN(path, text, Quantity(len(flips)), 0, when=f"time code {codes[k]:g}")
     turn = 2 * np.arccos(np.clip(np.abs(dots), 0, 1))
     k = int(np.argmax(turn))
     if turn[k] > MAX_STEP:
-        yield _SAMPLE_STEP(
-            path,
-            f"{path} rotates too far before time code {codes[k + 1]:g} (above 180° players rotate backwards)",
-            deg(turn[k]),
-            deg(MAX_STEP),
-            when=f"time code {codes[k]:g}",
-        )
+        text = f"{path} rotates too far before time code {codes[k + 1]:g} (above 180° players rotate backwards)"
+        yield _SAMPLE_STEP(path, text, deg(turn[k]), deg(MAX_STEP), when=f"time code {codes[k]:g}")

@@ -45,11 +45,11 @@ def _check_tree(scene: Scene, joints: list[RawJoint]) -> Iterator[Finding]:
             continue
         if way := _way(ways, a, b):
             others = ", ".join(w.rpartition("/")[2] for w in way)
-            yield _LOOP(
-                joint.path,
+            text = (
                 f"joint {joint.path} closes a loop with {others}, and none of them is excluded from the articulation: "
-                "engines ignore one joint or reject the robot",
+                "engines ignore one joint or reject the robot"
             )
+            yield _LOOP(joint.path, text)
             continue
         ways.setdefault(a, {})[b] = joint.path
         ways.setdefault(b, {})[a] = joint.path
@@ -117,8 +117,8 @@ def _check_articulation(scene: Scene, joints: list[RawJoint]) -> Iterator[Findin
     for root in roots:
         attribute = root.GetAttribute("physxArticulation:enabledSelfCollisions")
         if not (attribute and attribute.Get() is False):
-            yield _SELF_COLLISION(
-                str(root.GetPath()),
+            text = (
                 f"self collision of {root.GetPath()} is on (the default): hulls that overlap at the joints push "
-                "closed loops open",
+                "closed loops open"
             )
+            yield _SELF_COLLISION(str(root.GetPath()), text)

@@ -16,7 +16,7 @@ class Timeline:
     """Poses of all bodies at rest and at k time samples.
 
     Attributes:
-        poses: T_world_body (k + 1, 4, 4) by body; the first pose is that at rest.
+        poses: T_world_body (k + 1, 4, 4) by body; the first pose is the pose at rest.
         codes: time codes (k,) of the samples.
         labels: text for findings on each of the k + 1 poses.
         times_s: times (k,) of the samples in s.

@@ -17,7 +17,6 @@ def run_usd_validators(path: str | Path) -> list[Finding]:
 
     Raises:
         StageError: if the stage cannot be opened.
-
     """
     stage = Scene(path).stage
     validators = UsdValidation.ValidationRegistry().GetOrLoadAllValidators()
@@ -49,12 +48,11 @@ def run_usd_validators(path: str | Path) -> list[Finding]:
 def parse_with_usdphysics(path: str | Path) -> dict[str, list[str]]:
     """Return the prim paths that the physics parser of OpenUSD finds, by kind of object.
 
-    The kinds are those of `UsdPhysics.ObjectType` (RigidBody, Articulation, RevoluteJoint, D6Joint, ...). The result is
-    independent of `Scene`.
+    The kinds are the names of `UsdPhysics.ObjectType` (RigidBody, Articulation, RevoluteJoint, D6Joint, ...). The
+    result is independent of `Scene`.
 
     Raises:
         StageError: if the stage cannot be opened.
-
     """
     stage = Scene(path).stage
     found = UsdPhysics.UsdPhysicsLoadStageFromPrimRange(stage, ["/"])

@@ -61,17 +61,13 @@ def inspect_stage(path: str | Path, root: str | None = None) -> tuple[Mechanism,
     precision, rotations the precision of the orient op.
 
     The base is the first of these that exists: the body named by `twin:base`; the body fixed to the world; an added
-    body "world", if joints connect to the world; the articulation root; the only body that is never a child.
-
-    Args:
-        path: .usd, .usda, .usdc or .usdz.
-        root: prim path of the robot, if the stage has several robots.
+    body "world", if joints connect to the world; the articulation root; the only body that is never a child. `root` is
+    the prim path of the robot, if the stage has several robots.
 
     Raises:
         StageError: the file is missing or not USD; it has no bodies or joints, several robots or an ambiguous base; a
             body is scaled non-uniformly or mirrored; a joint is invalid or cannot be expressed; or a mesh uses vertices
             that do not exist.
-
     """
     scene = Scene(path)
     _refuse_unknown_types(scene)

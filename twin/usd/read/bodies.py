@@ -28,13 +28,8 @@ def bake_scale(scene: Scene, body: Usd.Prim, notes: list[Finding]) -> None:
     if np.linalg.det(axes) > 0 and np.abs(axes.T @ axes - size**2 * np.eye(3)).max() <= 2 * SCALE_TOL * size**2:
         if size != 1.0:
             where = str(body.GetPath())
-            notes.append(
-                info(
-                    "stage.read.scaled",
-                    where,
-                    f"{where} is scaled by {size:.6g} (including parents): its lengths are read at the scaled size",
-                )
-            )
+            text = f"{where} is scaled by {size:.6g} (including parents): its lengths are read at the scaled size"
+            notes.append(info("stage.read.scaled", where, text))
         return
     prim, scale = _culprit(body)
     shown = f"({', '.join(f'{s:.6g}' for s in scale)}){', mirrored' if np.linalg.det(axes) < 0 else ''}"
@@ -80,15 +75,10 @@ def original_name(prim: Usd.Prim) -> str:
 def read_meshes(scene: Scene, body: Usd.Prim, names: dict[str, str], notes: list[Finding]) -> tuple[Mesh, ...]:
     """Return the visible meshes of a body, triangulated, in metres in the body's frame.
 
-    Args:
-        scene: the opened stage.
-        body: the rigid body.
-        names: identifiers by prim path.
-        notes: receives findings on omitted shapes.
+    `names` has identifiers by prim path; `notes` receives findings on omitted shapes.
 
     Raises:
         StageError: a mesh uses vertices that do not exist.
-
     """
     out = []
     for prim in below(scene, body):
@@ -97,13 +87,8 @@ def read_meshes(scene: Scene, body: Usd.Prim, names: dict[str, str], notes: list
         if UsdGeom.Imageable(prim).ComputePurpose() == UsdGeom.Tokens.guide:
             continue  # collision shapes from other software
         if not prim.IsA(UsdGeom.Mesh):
-            notes.append(
-                info(
-                    "stage.read.shape",
-                    str(prim.GetPath()),
-                    f"{prim.GetTypeName()} {prim.GetPath()} is not shown: only meshes are read",
-                )
-            )
+            text = f"{prim.GetTypeName()} {prim.GetPath()} is not shown: only meshes are read"
+            notes.append(info("stage.read.shape", str(prim.GetPath()), text))
             continue
         mesh = _mesh(scene, body, UsdGeom.Mesh(prim), names[str(prim.GetPath())])
         if mesh is not None:
@@ -116,7 +101,6 @@ def mesh_triangles(mesh: UsdGeom.Mesh) -> np.ndarray:
 
     Raises:
         StageError: counts and indices do not match, or an index exceeds the number of vertices.
-
     """
     counts = gf.array(mesh.GetFaceVertexCountsAttr().Get() or []).astype(int).ravel()
     indices = gf.array(mesh.GetFaceVertexIndicesAttr().Get() or []).astype(int).ravel()
@@ -179,19 +163,13 @@ def read_inertia(scene: Scene, body: Usd.Prim, notes: list[Finding]) -> Inertia 
 
     Raises:
         StageError: the principal axes are not a rotation.
-
     """
     mass = UsdPhysics.MassAPI(body)
     kilograms = mass.GetMassAttr().Get() if body.HasAPI(UsdPhysics.MassAPI) else 0.0
     diagonal = gf.vector(mass.GetDiagonalInertiaAttr().Get() or (0, 0, 0)) if kilograms else np.zeros(3)
     if not kilograms or not np.any(diagonal):
-        notes.append(
-            info(
-                "stage.read.inertia",
-                str(body.GetPath()),
-                f"{body.GetPath()} has no mass with inertia; simulators estimate one from its colliders",
-            )
-        )
+        text = f"{body.GetPath()} has no mass with inertia; simulators estimate one from its colliders"
+        notes.append(info("stage.read.inertia", str(body.GetPath()), text))
         return None
     center = gf.vector(mass.GetCenterOfMassAttr().Get())
     if not np.all(np.isfinite(center)):  # in the schema, -inf means "not given"

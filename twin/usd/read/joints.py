@@ -29,7 +29,6 @@ class Selection:
         base: prim path of the base; "": the world itself.
         bodies: prim paths of the bodies, in order of the stage.
         joints: joints, loop-closing joints last, without the joint that only fixes the base.
-
     """
 
     base: str
@@ -40,15 +39,12 @@ class Selection:
 def select(scene: Scene, root: str | None, notes: list[Finding]) -> Selection:
     """Select the robot of a stage and find its base.
 
-    Args:
-        scene: the opened stage.
-        root: prim path; all prims below this path form one robot, other prims are ignored. None: the whole stage.
-        notes: receives findings on unconnected bodies and disabled joints, which are omitted.
+    All prims below the prim path `root` form one robot, and other prims are ignored; None: the whole stage. `notes`
+    receives findings on unconnected bodies and disabled joints, which are omitted.
 
     Raises:
         StageError: there are no bodies or joints, a joint is invalid, there are several robots, or the base is
             ambiguous.
-
     """
     within = (lambda path: path == root or path.startswith(f"{root}/")) if root else (lambda path: True)
     bodies = [p for p in scene.bodies if within(p)]
@@ -104,15 +100,8 @@ def convert(
 ) -> Joint:
     """Return a joint in SI units, from body0 to body1.
 
-    Args:
-        scene: the opened stage.
-        joint: the joint prim.
-        name: identifier of the joint.
-        names: identifiers of bodies by prim path.
-        base: prim path of the base; joint sides on the world are attached to the base instead.
-        T_world_base: pose (4, 4) of the base.
-        notes: receives a finding on a drive that cannot be read.
-
+    `names` has identifiers of bodies by prim path. Joint sides on the world are attached to `base`, whose pose is
+    `T_world_base` (4, 4).
     """
 
     def side(end: End) -> tuple[str, Array]:
@@ -251,13 +240,8 @@ def _drive(scene: Scene, joint: RawJoint, notes: list[Finding]) -> tuple[Drive |
     if not (stiffness > 0 or damping > 0):
         return None, False
     if drive.GetTypeAttr().Get() == UsdPhysics.Tokens.acceleration:
-        notes.append(
-            info(
-                "stage.read.drive",
-                joint.path,
-                f"the gains of joint {joint.path} are left out: its drive is of type acceleration",
-            )
-        )
+        text = f"the gains of joint {joint.path} are left out: its drive is of type acceleration"
+        notes.append(info("stage.read.drive", joint.path, text))
         return None, True
     force = scene.kilograms * scene.meters  # newtons per unit of force of the stage
     effort = force * scene.meters if joint.is_angle else force

@@ -15,11 +15,8 @@ def read_motion(path: str | Path, root: str | None = None) -> tuple[Array, dict[
     """Return the sample times and the poses of all rigid bodies of a stage.
 
     If bodies have samples at different time codes, all bodies are evaluated at every time code of any body; USD then
-    interpolates poses.
-
-    Args:
-        path: a stage with time samples on bodies or on their ancestors.
-        root: prim path; only bodies below this path are read. None: all bodies.
+    interpolates poses. Bodies or their ancestors have time samples. Only bodies below the prim path `root` are read;
+    None: all bodies.
 
     Returns:
         (times, poses): times (k,) in s from time code 0; T_world_body (k, 4, 4) in metres, world z up, by the body
@@ -27,7 +24,6 @@ def read_motion(path: str | Path, root: str | None = None) -> tuple[Array, dict[
 
     Raises:
         StageError: the file cannot be read or no body moves.
-
     """
     scene = Scene(path)
     codes = scene.sample_codes

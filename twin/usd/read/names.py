@@ -20,9 +20,7 @@ def identifier(name: str) -> str:
 def unique(wanted: Iterable[tuple[str, str]]) -> dict[str, str]:
     """Return a unique identifier for each key; equal identifiers are numbered in order (arm, arm_2, ...).
 
-    Args:
-        wanted: (key, name) of each object; keys are unique, such as prim paths.
-
+    `wanted` has (key, name) of each object; keys are unique, such as prim paths.
     """
     out: dict[str, str] = {}
     taken: set[str] = set()

@@ -59,7 +59,6 @@ def write_stage(
 
     Raises:
         StageError: a pose is missing or not rigid, a name is reserved, or UsdPhysics cannot hold the data of a joint.
-
     """
     folder = Path(folder)
     bodies = {b.name for b in mechanism.bodies}

@@ -35,11 +35,7 @@ def mesh_paths(mechanism: Mechanism) -> dict[str, str]:
 def write_geometry(mechanism: Mechanism, path: Path, link_poses: Mapping[str, Array]) -> Path:
     """Write the geometry layer: an Xform for each body, directly below the robot's prim, with the body's meshes.
 
-    Args:
-        mechanism: the robot.
-        path: the .usdc file.
-        link_poses: T_world_body (4, 4) of every body; written in double precision.
-
+    `link_poses` has T_world_body (4, 4) of every body, which is written in double precision.
     """
     layer = new_layer(path)
     describe(layer, mechanism.name)
@@ -104,11 +100,8 @@ def _write_mesh(stage: Usd.Stage, path: str, mesh: Mesh) -> UsdGeom.Mesh:
 def corner_normals(vertices: Array, triangles: np.ndarray, crease: float = CREASE) -> Array:
     """Return unit normals (3 m, 3), one for each triangle corner, averaged over faces at angles below `crease`.
 
-    Args:
-        vertices: (n, 3); normals are averaged only over faces that share a vertex.
-        triangles: (m, 3) indices of vertices.
-        crease: maximum angle in rad between the normals that are averaged.
-
+    Triangles (m, 3) are indices of vertices (n, 3); normals are averaged only over faces that share a vertex. Angles
+    are in rad.
     """
     triangles = np.asarray(triangles)
     corners = triangles.ravel()

@@ -42,7 +42,6 @@ def save(layer: Sdf.Layer, path: Path) -> Path:
     Raises:
         OSError: the disk is full.
         StageError: USD cannot write the file.
-
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     try:

@@ -33,7 +33,6 @@ class Motion:
         joint_values: coordinate (k,) in m or rad of joints with one coordinate; joints not listed get no samples.
         trocars: positions (3,) of trocars during the motion in m, in the base frame, by name; trocars not listed are as
             in the CAD.
-
     """
 
     name: str
@@ -62,7 +61,6 @@ def write_motion(mechanism: Mechanism, folder: Path, motion: Motion) -> MotionFi
     Raises:
         StageError: times do not increase, an array has the wrong length, a body or joint is unknown, or a body rotates
             by more than 90 degrees between samples.
-
     """
     codes = _time_codes(motion)
     layer_path = folder / "motion" / f"{motion.name}.usdc"

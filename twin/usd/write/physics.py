@@ -79,17 +79,13 @@ def write_physics(
 ) -> Path:
     """Write the physics layer.
 
-    Args:
-        mechanism: the robot.
-        path: the .usda file.
-        link_poses: T_world_body (4, 4) by body; the base is fixed to the robot's root prim at this pose.
-        q_full: coordinate in m or rad, at these poses, of each joint with a single coordinate.
-        efforts: static effort in N or N m of driven joints at these poses; 0 for joints not listed.
+    `link_poses` has T_world_body (4, 4) by body; the base is fixed to the root prim of the robot at its pose. At these
+    poses, `q_full` has the coordinate in m or rad of each joint with a single coordinate, and `efforts` the static
+    effort in N or N m of driven joints; 0 for other joints.
 
     Raises:
         StageError: UsdPhysics cannot hold the data of a joint, or a joint of the tree has no coordinate in `q_full`
             (simulators start at the joint states, not at the authored poses).
-
     """
     layer = new_layer(path)
     describe(layer, mechanism.name)

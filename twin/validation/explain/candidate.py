@@ -10,8 +10,8 @@ import numpy as np
 
 from twin.core.errors import KinematicsError
 from twin.core.spatial import Array
-from twin.validation.explain.judge import Judge, evaluate, worst
-from twin.validation.explain.rows import Place, Step
+from twin.validation.explain.judge import Judge, evaluate
+from twin.validation.explain.rows import Key, Step
 from twin.validation.explain.source import Edit
 
 TOKENS = ("trig", "index", "parameter", "name", "sign", "left side", "function", "number", "operator", "exponent")
@@ -21,16 +21,12 @@ REST = ("transpose", "order", "parenthesis", "surplus", "missing")
 
 _ORDER = (*TOKENS, *REST)
 
-Key = tuple[str, int, int]
-"""Key of a row (assignment), independent of the assigned symbol: (equation, statement, position)."""
-
 
 @dataclass
 class Candidate:
     """One or two edits of one equation, with the residuals that result.
 
     Attributes:
-        step: the equation.
         edits: one or two edits.
         extra: values of names that the edits define.
         scores: worst residual of each row that the edits change, in units of the tolerance.
@@ -96,22 +92,9 @@ class Found:
     complete: bool = True
     seconds: float = 0.0
 
-    @property
-    def credible(self) -> bool:
-        """Whether a single edit fixes the rows without dropping a symbol, so that the search can stop.
-
-        A pair of edits does not stop the search, because one changed number could explain the same rows more simply.
-        """
-        return bool(self.cures) and len(self.cures[0][0].edits) == 1 and not self.cures[0][0].dropped
-
-
-def key(place: Place) -> Key:
-    """Return the key of the row at a place."""
-    return place.equation, place.statement, place.position
-
 
 def aliases(judge: Judge, step: Step, change: Sequence[Edit]) -> dict[str, Any] | None:
-    """Return {name: value} of the new names that the edits define; None if one of them cannot be evaluated."""
+    """Return {name: value} of the new names that the edits define; None if a value cannot be computed."""
     out: dict[str, Any] = {}
     for e in change:
         if e.define and e.define[1]:
@@ -129,23 +112,15 @@ def residuals(
 ) -> dict[Key, Array] | None:
     """Return the residuals of the rows that edits of an equation change; None if the edits cannot be evaluated.
 
-    Args:
-        judge: any judge of the formula.
-        equation: name of the edited equation.
-        change: the edits; if empty, the residuals of all unedited rows are returned.
-        extra: values of names that the edits define; None: they are computed.
+    Without edits, the residuals of all unedited rows are returned. `extra` gives the values of names that the edits
+    define; None: they are computed.
     """
     if not change:
-        return {key(p): r for p, r in judge.residuals.items()}
+        return {p.key: r for p, r in judge.residuals.items()}
     try:
         step = judge.step(equation)
         extra = aliases(judge, step, change) if extra is None else extra
         found = None if extra is None else evaluate(judge, step, list(change), extra)
     except (StopIteration, KinematicsError, IndexError):
         return None
-    return {key(p): r for p, r in found.items()} if found else None
-
-
-def scores(changed: dict[Key, Array]) -> dict[Key, float]:
-    """Return the worst residual of each row, in units of the tolerance."""
-    return {k: worst(r) for k, r in changed.items()}
+    return {p.key: r for p, r in found.items()} if found else None

@@ -1,6 +1,6 @@
 """Find conventions under which formula and mechanism agree: Euler angles, units, signs, axes, and others.
 
-Each convention is tried as a whole, because no edit of a single row is equivalent to it.
+Each convention is tried as a whole, because no edit of a single row has the same effect.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ _NAMED = (
 
 
 def conventions(judge: Judge) -> list[Convention]:
-    """Return the conventions that fix rows; those that fix most rows come first."""
+    """Return the conventions that fix rows, sorted by the number of fixed rows, largest first."""
     if not judge.failing():
         return []
     with np.errstate(all="ignore"):
@@ -44,25 +44,21 @@ def conventions(judge: Judge) -> list[Convention]:
     return sorted(found, key=lambda c: (-len(c.rows), c.after))
 
 
-def _name(p: Place) -> str:
-    return f"{p.equation}.{p.symbol}"
-
-
 def _cured(judge: Judge, other: Judge) -> tuple[list[Place], float] | None:
     """Return the wrong rows that agree in `other`, and their worst residual.
 
     Return None if there is no such row, or if a row that agrees in `judge` is wrong in `other`.
     """
     bad = judge.failing()
-    now = {(p.equation, p.statement, p.position): worst(r) for p, r in other.residuals.items()}
+    now = {p.key: worst(r) for p, r in other.residuals.items()}
     for p in judge.residuals:
         agreed = p not in bad and judge.step(p.equation).stage != "helper"
-        if agreed and not now.get((p.equation, p.statement, p.position), np.inf) <= 1:
+        if agreed and not now.get(p.key, np.inf) <= 1:
             return None
-    cured = [p for p in bad if now.get((p.equation, p.statement, p.position), np.inf) <= 1]
+    cured = [p for p in bad if now.get(p.key, np.inf) <= 1]
     if not cured:
         return None
-    return cured, max(now[(p.equation, p.statement, p.position)] for p in cured)
+    return cured, max(now[p.key] for p in cured)
 
 
 def _turns(axis: str, a: Array) -> Array:
@@ -89,7 +85,7 @@ def _euler(judge: Judge) -> Iterator[Convention]:
     if not bad:
         return
     involved = {e for p in bad for e in suspects(judge, p)}
-    keys = {(p.equation, p.statement, p.position) for p in bad}
+    keys = {p.key for p in bad}
     R = truth.Ts[:, :3, :3]
     now = np.column_stack([truth.symbols[a] for a in angles])
     for order in ORDERS:
@@ -105,9 +101,7 @@ def _euler(judge: Judge) -> Iterator[Convention]:
                     symbols = {**truth.symbols, **dict(zip(angles, v.T, strict=True))}
                     other = replace(truth, symbols=symbols)
                     quick = judge.on(other, involved).residuals
-                    if not any(
-                        worst(r) <= 1 for p, r in quick.items() if (p.equation, p.statement, p.position) in keys
-                    ):
+                    if not any(worst(r) <= 1 for p, r in quick.items() if p.key in keys):
                         continue
                     found = _cured(judge, judge.on(other))
                     if found is None:
@@ -116,7 +110,7 @@ def _euler(judge: Judge) -> Iterator[Convention]:
                     for k, (p, s) in enumerate(zip(place, signs, strict=True)):
                         terms[p] = f"R{order[p]}({'-' if s < 0 else ''}{angles[k]})"
                     text = " ".join(terms if not transposed else terms[::-1])
-                    rows = tuple(_name(p) for p in found[0])
+                    rows = tuple(p.name for p in found[0])
                     yield Convention(
                         "euler", f"the rows agree with the angles of R = {text}, not with the angles "
                         "that the formula's own convention gives", rows, found[1]
@@ -144,15 +138,15 @@ def _angles_in(judge: Judge) -> Iterator[Convention]:
         other = judge.on(replace(truth, symbols=symbols))
         cured = []
         for p, r in judge.residuals.items():
-            q = next((x for x in other.residuals if (x.equation, x.statement, x.position) == (p.equation, p.statement, p.position)), None)  # noqa: E501  # fmt: skip
+            q = next((x for x in other.residuals if x.key == p.key), None)  # fmt: skip
             if q is None or worst(r) <= 1 or truth.kinds[p.symbol] == "pose":
                 continue
             # An output may be in either unit: it must agree in one of them.
             value = other.residuals[q] / (factor if truth.kinds[p.symbol] == kind else 1.0)
             if worst(value) <= 1 or worst(other.residuals[q]) <= 1:
                 cured.append((p, min(worst(value), worst(other.residuals[q]))))
-        if cured and len(cured) == len({_name(p) for p in judge.failing()}):
-            yield Convention("unit", text, tuple(_name(p) for p, _ in cured), max(w for _, w in cured))
+        if cured and len(cured) == len({p.name for p in judge.failing()}):
+            yield Convention("unit", text, tuple(p.name for p, _ in cured), max(w for _, w in cured))
 
 
 def _scalars(judge: Judge) -> Iterator[Convention]:
@@ -191,7 +185,7 @@ def _scalars(judge: Judge) -> Iterator[Convention]:
         names = ", ".join(p.symbol for p, _ in places)
         yield Convention(
             "offset" if message.startswith("its zero") else "sign" if "sign" in message else "unit",
-            f"{names}: {message}", tuple(_name(p) for p, _ in places), max(w for _, w in places)
+            f"{names}: {message}", tuple(p.name for p, _ in places), max(w for _, w in places)
         )  # fmt: skip
 
 
@@ -224,7 +218,7 @@ def _axes(judge: Judge) -> Iterator[Convention]:
                     f"{a} = {'-' if s < 0 else ''}{'xyz'[o]}" for a, o, s in zip("xyz", order, signs, strict=True)
                 )
                 hand = "" if np.linalg.det(matrix) > 0 else ": a left-handed frame"
-                rows = tuple(_name(p) for _, places, _, _ in pairs for p in places)
+                rows = tuple(p.name for _, places, _, _ in pairs for p in places)
                 yield Convention(
                     "axes" if not hand else "handedness",
                     f"points {', '.join(p[0] for p in pairs)} use other axes{hand}: {text}{unit}", rows, float(left)
@@ -270,7 +264,7 @@ def _frames(judge: Judge) -> Iterator[Convention]:
         if best is not None:
             yield Convention(
                 "axes", f"{place.symbol} of {place.equation} agrees with the mechanism's pose: {best[1]}",
-                (_name(place),), best[0],
+                (place.name,), best[0],
             )  # fmt: skip
 
 
@@ -302,17 +296,14 @@ def _dh(judge: Judge) -> Iterator[Convention]:
             if found is not None:
                 yield Convention(
                     "dh", f"{helper.source.name}() multiplies rows in {kind} Denavit-Hartenberg form; the table has "
-                    f"the {other} form", tuple(_name(p) for p in found[0]), found[1],
+                    f"the {other} form", tuple(p.name for p in found[0]), found[1],
                 )  # fmt: skip
 
 
 def _dh_row(kind: str, order: tuple[int, ...], *values: Any) -> Matrix:
     """Return the matrix of one row of a Denavit-Hartenberg table.
 
-    Args:
-        kind: "standard" or "modified".
-        order: positions of alpha, a, theta and d in `values`.
-        values: the arguments of the helper.
+    `kind` is "standard" or "modified"; `order` gives the positions of alpha, a, theta and d in `values`.
     """
     alpha, a, theta, d = (np.atleast_1d(np.asarray(values[i], float)) for i in order)
     k = max(len(x) for x in (alpha, a, theta, d))

@@ -1,7 +1,7 @@
 """Count the judged rows of a formula.
 
-A row counts as judged in three cases: its value is compared, a judged row uses it, or it is a margin (reach,
-singularity measure, aspect) that was tested where it is zero.
+A row counts as judged in three cases: its value is compared, a judged row uses its value, or the row is a margin
+(reach, singularity measure, aspect) and was tested at states where the margin is zero.
 """
 
 from __future__ import annotations
@@ -63,6 +63,6 @@ def coverage(judge: Judge, judged: list[Judged]) -> Coverage:
             elif step.missing:
                 why = f"{step.missing} is unknown"
             else:
-                why = "the mechanism has no such quantity, and no quantity that depends on it"
+                why = "the mechanism has no quantity to compare with this symbol"
             left.append(f"{equation.name}.{symbol}: {why}")
     return Coverage(total, tuple(left))

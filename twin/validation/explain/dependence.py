@@ -14,14 +14,14 @@ from typing import Any
 import numpy as np
 
 from twin.core.spatial import Array
-from twin.validation.explain.candidate import Candidate, Key, key, residuals
+from twin.validation.explain.candidate import Candidate, residuals
 from twin.validation.explain.judge import Judge
 from twin.validation.explain.numeric import Matrix
-from twin.validation.explain.rows import Step
+from twin.validation.explain.rows import Key, Step
 from twin.validation.explain.source import Edit, Source
 
 _STIR = 1e-3
-"""Relative perturbation of a symbol, to test whether a row depends on it."""
+"""Relative perturbation of a symbol, to test whether a row depends on the symbol."""
 
 _STILL = 1e-9
 """Largest change of a residual that counts as rounding, relative to the larger of the residual and the tolerance."""
@@ -42,7 +42,7 @@ class Dependence:
         self.bases = (judge, shaken)
         self._stirred: dict[tuple[int, str, frozenset[str], str], Judge] = {}
         self._stepped: dict[tuple[str, str, int], Judge] = {}
-        self._symbol = {key(p): p.symbol for p in judge.residuals}
+        self._symbol = {p.key: p.symbol for p in judge.residuals}
         self._read: dict[tuple[str, Key], set[str]] = {}
 
     def judged(self, c: Candidate, rows: Collection[Key]) -> None:
@@ -128,12 +128,12 @@ class Dependence:
         unknown += [n for n in step.equation.outputs if n in step.known and n in new and n not in unknown]
         if not unknown:
             return True
-        places = [key(p) for p in self.judge.residuals if p.equation == row[0]]
+        places = [p.key for p in self.judge.residuals if p.equation == row[0]]
         if row not in places or any(
-            self.judge.residuals[p].shape[1] != 1 for p in self.judge.residuals if key(p) == row
+            self.judge.residuals[p].shape[1] != 1 for p in self.judge.residuals if p.key == row
         ):
             return True
-        kinds = {key(p): self.judge.truth.kinds[p.symbol] for p in self.judge.residuals}
+        kinds = {p.key: self.judge.truth.kinds[p.symbol] for p in self.judge.residuals}
         t = self.judge.tolerance
         gradient: dict[Key, list[Array]] = {k: [] for k in places}
         for name in unknown:

@@ -40,7 +40,8 @@ class Corrected:
     Attributes:
         findings: findings of the CAD reader on joints whose parts do not meet.
         parts: the faulty parts, one per fault.
-        model, judge: model of the corrected mechanism, and judge of the rows with it; None if nothing was corrected.
+        model: model of the corrected mechanism; None if nothing was corrected.
+        judge: judge of the rows with the corrected mechanism; None if nothing was corrected.
         agrees: whether every row agrees with the corrected mechanism.
     """
 
@@ -87,11 +88,7 @@ def correct(
 ) -> Corrected | None:
     """Find the faults of the CAD and judge the rows with the corrected CAD; None if the parts of every joint meet.
 
-    Args:
-        formula: the equations; lengths declared in the description are evidence.
-        cad: the CAD model as read.
-        judged: function that returns the judge of the rows for a mechanism.
-        progress: called with the fraction done.
+    Lengths declared in the description are evidence. `judged` returns the judge of the rows for a mechanism.
     """
     findings = tuple(f for f in cad.findings if f.code in CODES)
     if not findings:
@@ -173,7 +170,7 @@ def _decide(
 
 def _name(s: Suspect) -> str:
     if s.given:
-        return f"'{s.body}' (the numbers that place {', '.join(joint for joint, _ in s.given)} on it)"
+        return f"'{s.body}' (the numbers for the position of {', '.join(joint for joint, _ in s.given)} on this body)"
     if not s.features:
         return f"the placement of '{s.body}' in the CAD"
     return f"'{s.body}' at its {' and '.join(s.features)}"

@@ -6,8 +6,9 @@ from dataclasses import replace
 
 from twin.core.errors import TwinError
 from twin.reference import ReferenceModel
-from twin.validation.explain.candidate import Candidate, Found, Key, key
+from twin.validation.explain.candidate import Candidate, Found
 from twin.validation.explain.judge import Judge, evaluate, worst
+from twin.validation.explain.rows import Key
 from twin.validation.explain.truth import gather, sample
 
 _STATES, _SEED = 12, 101
@@ -19,13 +20,12 @@ _ROUNDING = 10
 def held_out(judge: Judge, model: ReferenceModel, found: list[Found], lost: list[Key]) -> tuple[list[Found], list[Key]]:
     """Return (search results without the cures that fail at fresh states, rows without a cure).
 
-    A row that agrees at all states of the search but not at others agrees by coincidence, or because of a common
-    property of those states.
+    A row may agree at all states of the search but disagree at other states. The agreement is then a coincidence.
     """
     fresh = _fresh(judge, model)
     if fresh is None or not any(f.cures for f in found):
         return found, lost
-    here = {key(p) for p in fresh.failing()}
+    here = {p.key for p in fresh.failing()}
     out, gone = [], list(lost)
     for f in found:
         cures = [kept for way in f.cures if (kept := [c for c in way if _holds(fresh, c, f.rows, here)])]
@@ -43,8 +43,8 @@ def _fresh(judge: Judge, model: ReferenceModel) -> Judge | None:
         return None
     values = {p.name: float(judge.truth.symbols[p.name]) for p in judge.formula.parameters}
     fresh = judge.on(gather(judge.formula, run, model, values))
-    off = {key(p) for p in judge.failing()}
-    return fresh if {key(p) for p in fresh.failing()} <= off else None
+    off = {p.key for p in judge.failing()}
+    return fresh if {p.key for p in fresh.failing()} <= off else None
 
 
 def _holds(fresh: Judge, c: Candidate, rows: list[Key], off: set[Key]) -> bool:
@@ -55,5 +55,5 @@ def _holds(fresh: Judge, c: Candidate, rows: list[Key], off: set[Key]) -> bool:
     residuals = evaluate(fresh, step, c.edits)
     if residuals is None:
         return False
-    mine = {key(p): worst(r) for p, r in residuals.items()}
+    mine = {p.key: worst(r) for p, r in residuals.items()}
     return all(mine.get(k, 0.0) <= _ROUNDING for k in rows if k in off)

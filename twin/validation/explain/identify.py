@@ -110,8 +110,8 @@ def identify(
 ) -> Identified | None:
     """Return the parameters whose change explains the wrong rows; None if no parameter affects these rows.
 
-    Single parameters are tried first; if more than one of them suffices alone, they are alternatives. Then all are
-    fitted together.
+    Single parameters are tried first; if several single parameters explain the rows, they are alternatives. If none
+    does, all parameters are fitted together.
 
     Args:
         judge: the judged rows.

@@ -14,7 +14,7 @@ from twin.core.spatial import Array
 from twin.core.units import DEG, MM, decimals
 from twin.model.joint import Joint
 from twin.reference import ReferenceModel
-from twin.validation.explain.judge import Judge, Place, worst
+from twin.validation.explain.judge import Judge, worst
 from twin.validation.explain.numeric import Matrix, to_array
 from twin.validation.explain.plain import copied, parts
 from twin.validation.explain.source import OUT
@@ -244,7 +244,7 @@ def _dimensions(judge: Judge) -> Iterator[Finding]:
     scaled = _scaled(judge)
     again = judge.on(scaled)
     for place in failing:
-        other = next((r for p, r in again.residuals.items() if _key(p) == _key(place)), None)
+        other = next((r for p, r in again.residuals.items() if p.key == place.key), None)
         if other is None:
             continue
         r = judge.residuals[place]
@@ -257,15 +257,11 @@ def _dimensions(judge: Judge) -> Iterator[Finding]:
             unit = "a length" if kind == "length" else "an angle"
             yield disagreement(
                 "invariant.dimension",
-                f"{place.equation}.{place.symbol}, line {place.line}",
+                f"{place.name}, line {place.line}",
                 f"the row of {place.symbol} in {place.equation} ({place.variant}) is dimensionally inconsistent; "
                 f"{unit} is expected",
                 suggestion="look for a missing square, root or parenthesis",
             )
-
-
-def _key(p: Place) -> tuple[str, int, int]:
-    return p.equation, p.statement, p.position
 
 
 def _scaled(judge: Judge) -> Truth:

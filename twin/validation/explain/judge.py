@@ -18,7 +18,7 @@ import numpy as np
 
 from twin.core.errors import KinematicsError
 from twin.core.spatial import Array
-from twin.formula.contract import Equation, Formula, Rows, Stage, arguments
+from twin.formula.contract import Equation, Formula, Stage, arguments
 from twin.formula.flow import choose
 from twin.formula.rows import PlainRows
 from twin.validation.explain import numeric, plain
@@ -29,7 +29,6 @@ from twin.validation.explain.swivel import fitted
 from twin.validation.explain.truth import Truth
 
 STAGES: tuple[Stage, ...] = ("inverse", "forward", "helper")
-
 
 Residuals = dict[Place, Array]
 """Residuals (k, entries) by row: differences from the mechanism in units of the tolerance."""
@@ -44,25 +43,18 @@ class Judge:
         variants: Mapping[str, str] | str | None,
         truth: Truth,
         tolerance: Tolerance | None = None,
-        replaced: Mapping[str, Rows] | None = None,
     ) -> None:
         """Compare a formula with the mechanism's values.
 
-        Args:
-            formula: the equations.
-            variants: chosen variants, by equation; None for the defaults.
-            truth: the mechanism's values of the symbols.
-            tolerance: largest deviation that counts as agreement; None for the default.
-            replaced: functions that replace the chosen variant, by equation.
+        `variants` are the chosen variants by equation; None for the defaults.
         """
         self.formula, self.truth, self.tolerance = formula, truth, tolerance or Tolerance()
         self.variants = choose(formula, variants)
         self.rebuild = Rebuilder()
-        self.replaced = dict(replaced or {})
         self.notes: list[str] = []
         self._helpers: dict[str, list[Helper]] = {}
         self._zeros: dict[str, Array] = {}
-        self.steps = [s for e in formula.equations if (s := self._step(e, replaced or {})) is not None]
+        self.steps = [s for e in formula.equations if (s := self._step(e)) is not None]
         self.residuals: Residuals = {}
         self._run()
 
@@ -86,9 +78,9 @@ class Judge:
         other._run()
         return other
 
-    def _step(self, equation: Equation, replaced: Mapping[str, Rows]) -> Step | None:
+    def _step(self, equation: Equation) -> Step | None:
         variant = self.variants.get(equation.name, equation.default)
-        function = replaced.get(equation.name) or equation.variants[variant]
+        function = equation.variants[variant]
         try:
             source = Source(function)
             scope = self.rebuild.scope(inspect.unwrap(function))  # type: ignore[arg-type]
@@ -257,10 +249,8 @@ class Judge:
     def trial(self, step: Step, edits: list[Edit], extra: Mapping[str, Any] | None = None) -> Residuals:
         """Return the residuals of the rows that edits change; call this method with NumPy's warnings disabled.
 
-        Args:
-            step: the edited equation.
-            edits: edits of its statements, or of one helper function.
-            extra: values of names that the edits define.
+        The edits change statements of the step, or of one helper function. `extra` gives the values of names that the
+        edits define.
 
         Raises:
             Exception: any exception of the edited code, including SyntaxError.

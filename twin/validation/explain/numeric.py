@@ -8,7 +8,7 @@ rebuilt in the same way.
 from __future__ import annotations
 
 import types
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -20,14 +20,26 @@ from twin.core.spatial import Array
 _SYMBOLIC = "twin.formula.symbolic"
 
 
-class Matrix:
+class Matrix(np.lib.mixins.NDArrayOperatorsMixin):
     """k matrices at once with the operations of `casadi.SX`; `a` has the shape (k or 1, rows, columns)."""
 
-    __array_ufunc__ = None  # mixed operations with NumPy values use the operators of this class
     __slots__ = ("a",)
 
     def __init__(self, a: Array) -> None:
         self.a = a
+
+    def __array_ufunc__(self, ufunc: np.ufunc, method: str, *args: Any, **_: Any) -> Any:
+        """Apply an operator or an elementwise function of NumPy; a product (1, 1) is a scalar."""
+        if method != "__call__":
+            return NotImplemented
+        parts = [_as(x).a for x in args]
+        if ufunc is np.matmul:
+            out = np.matmul(*parts)
+            return out[:, 0, 0] if out.shape[1:] == (1, 1) else Matrix(out)
+        shapes = {p.shape[1:] for p in parts} - {(1, 1)}
+        if len(shapes) > 1:
+            raise ValueError(f"shapes {sorted(shapes)} do not match")
+        return Matrix(ufunc(*parts))
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -57,43 +69,6 @@ class Matrix:
             return Matrix(self.a[:, si, sj])
         return self.a[:, _at(i, rows), _at(j, columns)]
 
-    def __matmul__(self, other: Any) -> Any:
-        out = np.matmul(self.a, _as(other).a)
-        return out[:, 0, 0] if out.shape[1:] == (1, 1) else Matrix(out)
-
-    def __neg__(self) -> Matrix:
-        return Matrix(-self.a)
-
-    def __pos__(self) -> Matrix:
-        return self
-
-    def __add__(self, other: Any) -> Matrix:
-        return _apply(np.add, self, other)
-
-    def __sub__(self, other: Any) -> Matrix:
-        return _apply(np.subtract, self, other)
-
-    def __mul__(self, other: Any) -> Matrix:
-        return _apply(np.multiply, self, other)
-
-    def __truediv__(self, other: Any) -> Matrix:
-        return _apply(np.divide, self, other)
-
-    def __pow__(self, other: Any) -> Matrix:
-        return _apply(np.power, self, other)
-
-    def __radd__(self, other: Any) -> Matrix:
-        return _apply(np.add, other, self)
-
-    def __rsub__(self, other: Any) -> Matrix:
-        return _apply(np.subtract, other, self)
-
-    def __rmul__(self, other: Any) -> Matrix:
-        return _apply(np.multiply, other, self)
-
-    def __rtruediv__(self, other: Any) -> Matrix:
-        return _apply(np.divide, other, self)
-
 
 def _at(i: Any, n: int) -> int:
     if isinstance(i, float | np.ndarray):
@@ -113,34 +88,19 @@ def _as(x: Any) -> Matrix:
     return Matrix(a.reshape(-1, 1, 1))
 
 
-def _apply(op: Callable, *args: Any) -> Matrix:
-    parts = [_as(x).a for x in args]
-    shapes = {p.shape[1:] for p in parts} - {(1, 1)}
-    if len(shapes) > 1:
-        raise ValueError(f"shapes {sorted(shapes)} do not match")
-    return Matrix(op(*parts))
-
-
 def _stack(args: tuple, axis: int) -> Any:
     parts = [_as(x).a for x in args]
     k = max(map(len, parts))
     return Matrix(np.concatenate([p if len(p) == k else p.repeat(k, axis=0) for p in parts], axis=axis))
 
 
-def _one(op: Callable) -> Callable:
-    """Return an elementwise function of one argument, scalar or matrix (NumPy would use a second one as output)."""
+def _elementwise(op: np.ufunc, count: int = 1) -> Callable:
+    """Return an elementwise function of `count` scalars or matrices (NumPy would use a further one as output)."""
 
-    def apply(x: Any) -> Any:
-        return _apply(op, x) if isinstance(x, Matrix) else op(x)
-
-    return apply
-
-
-def _two(op: Callable) -> Callable:
-    """Return a function of two scalars or matrices, applied elementwise."""
-
-    def apply(x: Any, y: Any) -> Any:
-        return _apply(op, x, y) if isinstance(x, Matrix) or isinstance(y, Matrix) else op(x, y)
+    def apply(*args: Any) -> Any:
+        if len(args) != count:
+            raise TypeError(f"{op.__name__} takes {count} arguments, not {len(args)}")
+        return op(*args)
 
     return apply
 
@@ -208,10 +168,10 @@ _UNARY = ("sin", "cos", "tan", "sqrt", "exp", "log", "sinh", "cosh", "tanh", "fl
 _ARC = {"asin": np.arcsin, "acos": np.arccos, "atan": np.arctan}
 
 _FUNCTIONS: dict[str, Any] = {
-    **{n: _one(getattr(np, n)) for n in _UNARY},
-    **{name: _one(f) for short, f in _ARC.items() for name in (short, f"arc{short[1:]}")},
-    **{n: _two(getattr(np, n)) for n in ("fmin", "fmax", "hypot")},
-    **{n: _two(np.arctan2) for n in ("atan2", "arctan2")},
+    **{n: _elementwise(getattr(np, n)) for n in _UNARY},
+    **{name: _elementwise(f) for short, f in _ARC.items() for name in (short, f"arc{short[1:]}")},
+    **{n: _elementwise(getattr(np, n), 2) for n in ("fmin", "fmax", "hypot")},
+    **{n: _elementwise(np.arctan2, 2) for n in ("atan2", "arctan2")},
     "vertcat": lambda *a: _stack(a, 1),
     "horzcat": lambda *a: _stack(a, 2),
     "vcat": lambda a: _stack(tuple(a), 1),
@@ -223,9 +183,9 @@ _FUNCTIONS: dict[str, Any] = {
     "sumsqr": lambda x: np.sum(_column(x) ** 2, axis=1),
     "mtimes": lambda *a: a[0] @ a[1] if len(a) == 2 else a[0] @ _FUNCTIONS["mtimes"](*a[1:]),
     "if_else": _if_else,
-    "logic_and": _two(np.logical_and),
-    "logic_or": _two(np.logical_or),
-    "logic_not": _one(np.logical_not),
+    "logic_and": _elementwise(np.logical_and, 2),
+    "logic_or": _elementwise(np.logical_or, 2),
+    "logic_not": _elementwise(np.logical_not),
     "densify": lambda x: x,
     "vec": lambda x: Matrix(_column(x)[:, :, None]),
     "inv": _inv,
@@ -290,8 +250,7 @@ class Rebuilder:
         if not isinstance(f, types.FunctionType):
             raise KinematicsError(f"{f!r} is not a plain Python function: it cannot be evaluated on arrays")
         scope = self.scope(f)
-        closure = None
-        out = types.FunctionType(f.__code__, scope, f.__name__, f.__defaults__, closure or f.__closure__)
+        out = types.FunctionType(f.__code__, scope, f.__name__, f.__defaults__, f.__closure__)
         self._done[id(f)] = out
         self._keep.append(f)
         if f.__closure__:
@@ -374,8 +333,3 @@ def to_array(x: Any, k: int) -> Array:
     if len(a) == k:
         return a
     return np.broadcast_to(a, (k, a.shape[1]))
-
-
-def named(symbols: Mapping[str, Any], names: list[str]) -> dict[str, Any]:
-    """Return the symbols whose names are given; names without a symbol are skipped."""
-    return {n: symbols[n] for n in names if n in symbols}

@@ -37,11 +37,7 @@ def offsets(judge: Judge) -> Iterator[Convention]:
             continue
         found = _search(judge, place)
         if found is not None:
-            yield Convention("offset", f"{place.symbol} of {place.equation} {found[0]}", (_name(place),), found[1])
-
-
-def _name(p: Place) -> str:
-    return f"{p.equation}.{p.symbol}"
+            yield Convention("offset", f"{place.symbol} of {place.equation} {found[0]}", (place.name,), found[1])
 
 
 def _search(judge: Judge, place: Place) -> tuple[str, float] | None:
@@ -72,9 +68,8 @@ def _said(judge: Judge, place: Place, moved: dict[str, float]) -> Array | None:
     truth = judge.truth
     symbols = {**truth.symbols, **{n: truth.symbols[n] + v for n, v in moved.items()}}
     other = judge.on(replace(truth, symbols=symbols), {s.equation.name for s in judge.steps if s.stage == "forward"})
-    same = (place.equation, place.statement, place.position)
     for p, r in other.residuals.items():
-        if (p.equation, p.statement, p.position) == same:
+        if p.key == place.key:
             scale = np.full(16, judge.tolerance.angle)
             scale[[3, 7, 11]] = judge.tolerance.length
             T = truth.symbols[p.symbol].a + (r * scale).reshape(-1, 4, 4)

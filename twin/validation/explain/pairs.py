@@ -21,10 +21,10 @@ import numpy as np
 from twin.core.spatial import Array
 from twin.formula.scalar import Scalar
 from twin.validation.explain import plain
-from twin.validation.explain.candidate import Key, aliases, residuals
+from twin.validation.explain.candidate import aliases, residuals
 from twin.validation.explain.judge import Judge
 from twin.validation.explain.numeric import Matrix
-from twin.validation.explain.rows import Step
+from twin.validation.explain.rows import Key, Step
 from twin.validation.explain.source import Edit
 
 _PLACES = 2
@@ -59,18 +59,13 @@ class Pairs:
     def __init__(self, judge: Judge, shaken: Judge, step: Step, row: Key, edits: Sequence[Edit]) -> None:
         """Set up the search.
 
-        Args:
-            judge: the judged formula.
-            shaken: judge of the formula at perturbed values.
-            step: the equation.
-            row: the row to fix.
-            edits: single edits of one token that change the row.
+        `shaken` judges the formula at perturbed values; `edits` are single edits of one token that change the row.
         """
         self.judge, self.shaken, self.step, self.row = judge, shaken, step, row
         self.evaluated = 0
         self._tiled: dict[int, Judge] = {}
         self._pick = (_Choice(0), _Choice(1))
-        r = next(r for p, r in judge.residuals.items() if (p.equation, p.statement, p.position) == row)
+        r = next(r for p, r in judge.residuals.items() if p.key == row)
         good = np.flatnonzero(np.isfinite(r).all(axis=1))
         good = good if len(good) >= _PLACES else np.arange(judge.truth.k)
         self._places = good[np.linspace(0, len(good) - 1, _PLACES).astype(int)]

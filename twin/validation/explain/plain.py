@@ -81,10 +81,7 @@ def copied(scope: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def held(source: Source, outputs: tuple[str, ...]) -> set[str]:
-    """Return the outputs that are returned from a variable of the same name, assigned only once.
-
-    A variable with the name of one output but returned as another does not count.
-    """
+    """Return the outputs whose returned expression is a variable with the name of the output, assigned only once."""
     returned = getattr(source.statements[-1].node, "value", None)
     if isinstance(returned, ast.Dict):
         pairs = [

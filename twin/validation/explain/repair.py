@@ -15,13 +15,13 @@ from twin.core.atomic import Scratch
 from twin.core.errors import KinematicsError
 from twin.core.spatial import Array
 from twin.robots import load_formula
-from twin.validation.explain.candidate import REST, TOKENS, Candidate, Found, Key, aliases, key, residuals, scores
+from twin.validation.explain.candidate import REST, TOKENS, Candidate, Found, aliases, residuals
 from twin.validation.explain.canonical import canonical
 from twin.validation.explain.dependence import Dependence
 from twin.validation.explain.edits import edits, pool
 from twin.validation.explain.judge import Judge, evaluate, worst
 from twin.validation.explain.pairs import Pairs
-from twin.validation.explain.rows import Helper, Step
+from twin.validation.explain.rows import Helper, Key, Step
 from twin.validation.explain.source import Edit, Source, Statement, patched
 from twin.validation.explain.suspects import available, suspects
 
@@ -45,12 +45,12 @@ class Search:
     def __init__(self, judge: Judge, progress: Callable[[float], None] = lambda f: None) -> None:
         self.judge = judge
         self.progress = progress
-        self.base = {key(p): worst(r) for p, r in judge.residuals.items()}
-        self.raw = {key(p): r for p, r in judge.residuals.items()}
+        self.base = {p.key: worst(r) for p, r in judge.residuals.items()}
+        self.raw = {p.key: r for p, r in judge.residuals.items()}
         bad = judge.failing()
         # Wrong helpers often only repeat the error of a printed equation: they are searched if all other rows agree.
         self.targets = [p for p in bad if judge.step(p.equation).stage != "helper"] or bad
-        self.failing = [key(p) for p in self.targets]
+        self.failing = [p.key for p in self.targets]
         self.tried = 0
         self.senseless: list[tuple[Step, Edit]] = []  # edits without a value; a second edit may change that
         self.parameters = {p.name for p in judge.formula.parameters}
@@ -68,7 +68,7 @@ class Search:
         return list(out.values())
 
     def singles(self, kinds: Container[str], only: Container[tuple[str, int]] | None = None) -> list[Candidate]:
-        """Evaluate single edits of the given kinds in the statements of `own_sites`; `only` selects some of them."""
+        """Evaluate single edits of the given kinds in the statements of `own_sites`; `only`: keys of statements."""
         out: list[Candidate] = []
         sites = [x for x in self.own_sites() if only is None or (x[0].equation.name, x[1].index) in only]
         for n, (step, statement) in enumerate(sites):
@@ -143,8 +143,8 @@ class Search:
         found = None if extra is None else evaluate(self.judge, step, change, extra)
         if found is None:
             return None
-        changed = {key(p): r for p, r in found.items()}
-        worsts = scores(changed)
+        changed = {p.key: r for p, r in found.items()}
+        worsts = {k: worst(r) for k, r in changed.items()}
         broken = any(s > 1 and self.base.get(k, np.inf) <= 1 for k, s in worsts.items())
         c = Candidate(step, change, extra or {}, worsts, broken, {k: changed[k] for k in changed if k in self.raw})
         if not broken:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
+from math import inf, isnan
 from typing import Any
 
 from twin.core.findings import Finding, Verdict
@@ -18,14 +19,13 @@ class Row:
     Attributes:
         equation, variant, symbol: equation and variant of the row, and the symbol it computes.
         file, line: place of the row.
-        text: text of the row.
         term: summand of the row that the best repair changes; "" if there is none.
         means: meaning of the symbol: a named point, a joint or the tool pose.
         off: largest difference, in `unit` ("mm" or "deg").
         share: fraction of the judged poses at which the row is wrong.
         worst_at, least_at: poses with the largest and the smallest difference, as text.
-        why: explanation for a margin that was tested at the states where it is zero; "" for other rows. `off` of such a
-            margin may be NaN.
+        why: explanation of a wrong margin (reach, singularity measure, aspect), whose `off` may be NaN; "" for other
+            rows.
     """
 
     equation: str
@@ -80,7 +80,7 @@ class Repair:
     Attributes:
         rows: the fixed rows, as "eq1.X_S1".
         before, after: worst residual of these rows before and after the repair, in units of the tolerance.
-        margin: worst residual of the runner-up divided by that of the repair; 0 without a repair.
+        margin: worst residual of the runner-up divided by the worst residual of the repair; 0 without a repair.
         runner_up: the best edit that does not fix the rows, and its residual, as text.
         cures: possible repairs. Each is a tuple of readings, that is, different edits that give the same function. The
             judged poses do not distinguish the cures; no pose can distinguish the readings of one cure.
@@ -165,7 +165,7 @@ class Convention:
 
 @dataclass(frozen=True)
 class PartOff:
-    """A faulty part of the CAD, because of which the parts of some joints do not meet.
+    """A faulty part of the CAD: it causes gaps between the parts of some joints.
 
     Attributes:
         joints: names of the joints whose parts do not meet.
@@ -251,76 +251,71 @@ class Explanation(Result):
         variants = ", ".join(f"{k} {v}" for k, v in self.variants.items())
         yield f"{self.robot} · {variants} · {self.samples} poses of the mechanism"
         yield ""
-        if self.verdict == "agree":
-            count = f"{self.judged} of {self.rows_of_formula} rows judged"
-            yield Line(f"  AGREE: {count}, and each agrees at every pose; there is nothing to explain", "bold green")
-        elif self.lead == "drawing":
-            yield Line(
-                f"  {self.verdict.upper()}: {_drawn(self)}", "bold red" if self.verdict == "disagree" else "bold yellow"
-            )
-        elif not self.rows:
-            yield Line("  UNCHECKED: not every row could be checked", "bold yellow")
-        else:
-            what = "explained" if self.explained else "NOT explained: no known kind of edit makes the rows agree"
-            number = f"{len(self.rows)} row{'s' if len(self.rows) > 1 else ''} wrong"
-            yield Line(f"  {self.verdict.upper()}: {number}, {what}", "bold green" if self.explained else "bold red")
-        if self.drawing:
-            yield ""
-            yield Line("the CAD", "bold")
-            yield from self.drawing
-            yield from (Line(f"  {p.message}", "green" if p.part and not p.others else "yellow") for p in self.parts)
+        yield self._summary()
+        parts = [Line(f"  {p.message}", "green" if p.part and not p.others else "yellow") for p in self.parts]
+        yield from _section("the CAD", [*self.drawing, *parts] if self.drawing else [])
+        numbers = "numbers, as plausible as the edit" if self.lead == "edits or numbers" else "numbers"
+        fitted = list(_identified(self.identified)) if self.identified is not None else []
         if self.lead == "numbers":
-            yield from _numbers(self)
-        if self.rows:
-            yield ""
-            yield Line("wrong rows", "bold")
-            for r in self.rows:
-                if r.why:
-                    yield Line(f"  {r.equation} ({r.variant}), {r.symbol} = {r.means}: {r.why}", "")
-                    yield Line(f"      {r.file}:{r.line}   {r.text}", "dim")
-                    yield Line(f"      at {r.worst_at}", "dim")
-                    continue
-                much = (
-                    f"{r.off:.4g} {'°' if r.unit == 'deg' else r.unit}".replace(" °", "°")
-                    if r.off == r.off
-                    else "no value"
-                )
-                share = "at every pose" if r.share == 1 else f"at {100 * r.share:.0f} % of the poses"
-                yield Line(f"  {r.equation} ({r.variant}), {r.symbol} = {r.means}: {much}, {share}", "")
-                yield Line(f"      {r.file}:{r.line}   {r.text}", "dim")
-                if r.term:
-                    yield Line(f"      term: {r.term}", "dim")
-                yield Line(f"      worst at {r.worst_at}", "dim")
-                if r.share < 1:
-                    yield Line(f"      correct at {r.least_at}", "dim")
-        if self.invariants:
-            yield ""
-            yield Line("violated invariants", "bold")
-            yield from self.invariants
-        if self.repairs:
-            yield ""
-            yield Line("possible fixes", "bold")
-            for repair in self.repairs:
-                yield from _repair(repair)
+            yield from _section(numbers, fitted)
+        yield from _section("wrong rows", [line for row in self.rows for line in _row(row)])
+        yield from _section("violated invariants", self.invariants)
+        yield from _section("possible fixes", [line for repair in self.repairs for line in _repair(repair)])
         if self.lead != "numbers":
-            yield from _numbers(self)
-        if self.conventions:
-            yield ""
-            yield Line("conventions", "bold")
-            for c in self.conventions:
-                yield Line(f"  {c.message}", "green")
-                yield Line(f"      makes these rows agree: {', '.join(c.rows)}", "dim")
+            yield from _section(numbers, fitted)
+        yield from _section("conventions", [line for c in self.conventions for line in _convention(c)])
         if self.notes:
             yield ""
             yield from (Line(f"  · {n}", "dim") for n in self.notes)
 
+    def _summary(self) -> Line:
+        """Return the verdict in one line."""
+        if self.verdict == "agree":
+            count = f"{self.judged} of {self.rows_of_formula} rows judged"
+            return Line(f"  AGREE: {count}, and each agrees at every pose; there is nothing to explain", "bold green")
+        wrong = f"{len(self.rows)} row{'s' if len(self.rows) > 1 else ''} wrong"
+        if self.lead == "drawing":
+            what = "parts do not meet in the CAD; every row agrees"
+            if self.rows:
+                what = (
+                    f"{wrong} because of the CAD: with the CAD corrected, every row agrees; the equations need no edit"
+                )
+            return Line(
+                f"  {self.verdict.upper()}: {what}", f"bold {'red' if self.verdict == 'disagree' else 'yellow'}"
+            )
+        if not self.rows:
+            return Line("  UNCHECKED: not every row could be checked", "bold yellow")
+        what = "explained" if self.explained else "NOT explained: no known kind of edit makes the rows agree"
+        return Line(f"  {self.verdict.upper()}: {wrong}, {what}", f"bold {'green' if self.explained else 'red'}")
 
-def _drawn(x: Explanation) -> str:
-    """Return the summary for a disagreement that the CAD explains."""
-    if not x.rows:
-        return "parts do not meet in the CAD; every row agrees"
-    rows = f"{len(x.rows)} row{'s' if len(x.rows) > 1 else ''} wrong"
-    return f"{rows} because of the CAD: with the CAD corrected, every row agrees; the equations need no edit"
+
+def _section(title: str, parts: Sequence[Part]) -> Iterator[Part]:
+    """Yield a title and the parts of a section; nothing if it has no parts."""
+    if parts:
+        yield ""
+        yield Line(title, "bold")
+        yield from parts
+
+
+def _row(r: Row) -> Iterator[Line]:
+    unit = "°" if r.unit == "deg" else f" {r.unit}"
+    much = "no value" if isnan(r.off) else f"{r.off:.4g}{unit}"
+    share = "at every pose" if r.share == 1 else f"at {100 * r.share:.0f} % of the poses"
+    yield Line(f"  {r.equation} ({r.variant}), {r.symbol} = {r.means}: {r.why or f'{much}, {share}'}", "")
+    yield Line(f"      {r.file}:{r.line}   {r.text}", "dim")
+    if r.why:
+        yield Line(f"      at {r.worst_at}", "dim")
+        return
+    if r.term:
+        yield Line(f"      term: {r.term}", "dim")
+    yield Line(f"      worst at {r.worst_at}", "dim")
+    if r.share < 1:
+        yield Line(f"      correct at {r.least_at}", "dim")
+
+
+def _convention(c: Convention) -> Iterator[Line]:
+    yield Line(f"  {c.message}", "green")
+    yield Line(f"      makes these rows agree: {', '.join(c.rows)}", "dim")
 
 
 def _repair(r: Repair) -> Iterator[Part]:
@@ -329,32 +324,27 @@ def _repair(r: Repair) -> Iterator[Part]:
         yield Line(f"  {rows}: {r.note}", "red")
         yield Line(f"      {_tried(r)}", "dim")
         return
-    margin = (
-        "no other candidate is close" if r.margin == float("inf") else f"the next best is {r.margin:.1g} times worse"
-    )
+    margin = "no other candidate is close" if r.margin == inf else f"the next best is {r.margin:.1g} times worse"
     yield Line(f"  {rows}" + (" (TIE)" if r.tie else ""), "yellow" if r.tie else "green")
     for i, cure in enumerate(r.cures):
         for reading in cure:
-            mark = (
-                f"    {i + 1}. "
-                if len(r.cures) > 1
-                else "    or "
-                if len(cure) > 1 and reading is not cure[0]
-                else "    "
-            )
-            yield Line(
-                mark + " and ".join(f"{c.edit}   ({c.kind}, {c.file}:{c.line})" for c in reading.changes), "bold"
-            )
-            for line in reading.diff.splitlines():
-                if not line.startswith(("---", "+++")):
-                    yield Line(f"        {line}", "red" if line[0] == "-" else "green" if line[0] == "+" else "dim")
-            if reading.dropped:
-                yield Line(f"        the row then no longer depends on {', '.join(reading.dropped)}", "dim")
-            if reading.note:
-                yield Line(f"        {reading.note}", "dim")
+            number = f"{i + 1}. " if len(r.cures) > 1 else "or " if reading is not cure[0] else ""
+            yield from _reading(reading, f"    {number}")
     if r.tie:
         yield Line(f"      tie: {r.tie}", "yellow")
     yield Line(f"      {margin}: {r.runner_up}; {_tried(r)}", "dim")
+
+
+def _reading(r: Reading, mark: str) -> Iterator[Line]:
+    """Yield one fix; its first line begins with `mark`."""
+    yield Line(mark + " and ".join(f"{c.edit}   ({c.kind}, {c.file}:{c.line})" for c in r.changes), "bold")
+    for line in r.diff.splitlines():
+        if not line.startswith(("---", "+++")):
+            yield Line(f"        {line}", {"-": "red", "+": "green"}.get(line[0], "dim"))
+    if r.dropped:
+        yield Line(f"        the row then no longer depends on {', '.join(r.dropped)}", "dim")
+    if r.note:
+        yield Line(f"        {r.note}", "dim")
 
 
 def _tried(r: Repair) -> str:
@@ -362,13 +352,6 @@ def _tried(r: Repair) -> str:
         return f"{r.tried} edits were tried"
     most = "every pair of tokens" if r.complete else "not every pair (--seconds gives more time)"
     return f"{r.tried} edits and pairs were tried, pairs for {r.seconds:.1f} s: {most}"
-
-
-def _numbers(x: Explanation) -> Iterator[Part]:
-    if x.identified is not None:
-        yield ""
-        yield Line("numbers" + (", as plausible as the edit" if x.lead == "edits or numbers" else ""), "bold")
-        yield from _identified(x.identified)
 
 
 def _identified(x: Identified) -> Iterator[Part]:

@@ -19,6 +19,10 @@ class Tolerance:
     angle: float = 1e-8
 
 
+Key = tuple[str, int, int]
+"""Key of a row (assignment): (equation, statement, position)."""
+
+
 @dataclass(frozen=True)
 class Place:
     """One row: an output of an equation, and the statement that assigns or returns it."""
@@ -29,6 +33,16 @@ class Place:
     position: int
     symbol: str
     line: int
+
+    @property
+    def key(self) -> Key:
+        """Key of the row, independent of the assigned symbol."""
+        return self.equation, self.statement, self.position
+
+    @property
+    def name(self) -> str:
+        """Equation and symbol, "eq1.X_S1"."""
+        return f"{self.equation}.{self.symbol}"
 
 
 @dataclass

@@ -15,6 +15,7 @@ from typing import Any
 from twin.formula.equations import Row, definition, rows
 from twin.formula.loader import text_of
 from twin.validation.explain.tidy import tidy
+from twin.validation.explain.tokens import line_starts, span
 
 OUT = "_out_"
 """Name under which an executed function stores its return value."""
@@ -108,7 +109,7 @@ class Source:
         f = inspect.unwrap(function)
         self.path = Path(f.__code__.co_filename)  # type: ignore[attr-defined]
         self.data = text_of(self.path, f.__globals__)  # type: ignore[attr-defined]
-        self._starts = _starts(self.data)
+        self._starts = line_starts(self.data)
         self.node = definition(function)
         self.name = self.node.name
         code = f.__code__  # type: ignore[attr-defined]
@@ -120,7 +121,7 @@ class Source:
     def names_at(self, statement: Statement) -> tuple[set[str], set[str]]:
         """Return (names with a value before a statement, subset of these names that the statement can use).
 
-        They differ in a variant: it can only use its own arguments and the names assigned in it before the statement.
+        The sets differ in a variant: it can only use its arguments, and names that it assigns before the statement.
         """
         before = [s for s in self.statements[: statement.index] if not s.new or s.home is statement.home]
         own = {a.arg for a in ast.walk(statement.home.args) if isinstance(a, ast.arg)}
@@ -151,8 +152,7 @@ class Source:
 
     def span(self, node: ast.AST) -> tuple[int, int]:
         """Return (first byte, end byte) of a syntax node of this file."""
-        start = self._starts[node.lineno - 1] + node.col_offset  # type: ignore[attr-defined]
-        return start, self._starts[node.end_lineno - 1] + node.end_col_offset  # type: ignore[attr-defined]
+        return span(node, self._starts)
 
     def line_of(self, offset: int) -> int:
         """Return the line (from 1) of a byte offset."""
@@ -216,18 +216,11 @@ def patched(edits: Iterable[Edit]) -> str:
 
 def finished(data: bytes, edits: list[Edit]) -> list[Edit]:
     """Return equivalent edits that also tidy the edited statements."""
-    tree = _tree(data)
-    starts = _starts(data)
-
-    def span(node: ast.stmt) -> tuple[int, int]:
-        assert node.end_lineno is not None
-        assert node.end_col_offset is not None
-        return starts[node.lineno - 1] + node.col_offset, starts[node.end_lineno - 1] + node.end_col_offset
-
-    simple = [s for s in ast.walk(tree) if isinstance(s, ast.Assign | ast.AugAssign | ast.Return | ast.Expr)]
+    starts = line_starts(data)
+    simple = [s for s in ast.walk(_tree(data)) if isinstance(s, ast.Assign | ast.AugAssign | ast.Return | ast.Expr)]
     out, left = [], list(edits)
     for statement in simple:
-        start, end = span(statement)
+        start, end = span(statement, starts)
         mine = [e for e in left if start <= e.start and e.end <= end]
         if not mine:
             continue
@@ -248,19 +241,10 @@ def _tree(data: bytes) -> ast.Module:
     return ast.parse(data)
 
 
-def _starts(data: bytes) -> list[int]:
-    out = [0]
-    for line in data.splitlines(keepends=True):
-        out.append(out[-1] + len(line))
-    return out
-
-
 def diff(edits: Iterable[Edit], shown: str | None = None) -> str:
     """Return the unified diff of edits of one file, without context, including the definitions that they require.
 
-    Args:
-        edits: edits of one file.
-        shown: file name in the header of the diff; None: its path.
+    `shown` is the file name in the header of the diff; None: the path.
     """
     edits = list(edits)
     old, name = edits[0].path.read_text(encoding="utf-8"), shown or str(edits[0].path)
@@ -271,18 +255,13 @@ def definitions(data: bytes, edit: Edit) -> list[Edit]:
     """Return the edits that insert a required definition: an alias next to similar aliases, or a new argument."""
     assert edit.define is not None
     name, expression = edit.define
-    tree = _tree(data)
-    starts = _starts(data)
-
-    def end(node: ast.AST) -> int:
-        return starts[node.end_lineno - 1] + node.end_col_offset  # type: ignore[attr-defined]
-
-    around = [f for f in ast.walk(tree) if isinstance(f, ast.FunctionDef)]
+    starts = line_starts(data)
+    around = [f for f in ast.walk(_tree(data)) if isinstance(f, ast.FunctionDef)]
     around = [f for f in around if f.lineno <= edit.line <= f.end_lineno]  # type: ignore[operator]
     for f in [f for f in around if f.name == edit.function] or around:  # a shared row is in another function
         if not expression:
             last = f.args.args[-1]
-            return [_insertion(edit, end(last), f", {name}", last.lineno)]
+            return [_insertion(edit, span(last, starts)[1], f", {name}", last.lineno)]
         for s in f.body:
             if not (isinstance(s, ast.Assign) and s.lineno < edit.line):
                 continue
@@ -291,8 +270,8 @@ def definitions(data: bytes, edit: Edit) -> list[Edit]:
             like = expression.split("(")[0]
             if any(isinstance(v, ast.Call) and getattr(v.func, "id", "") == like for v in values):
                 return [
-                    _insertion(edit, end(target), f", {name}", s.lineno),
-                    _insertion(edit, end(value), f", {expression}", s.lineno),
+                    _insertion(edit, span(target, starts)[1], f", {name}", s.lineno),
+                    _insertion(edit, span(value, starts)[1], f", {expression}", s.lineno),
                 ]
     return []
 

@@ -5,6 +5,9 @@ from __future__ import annotations
 import ast
 from collections.abc import Iterator, Sequence
 
+from twin.validation.explain.tokens import line_starts
+from twin.validation.explain.tokens import span as span_of
+
 Span = tuple[int, int]
 """(first byte, end byte) of a part of a text."""
 
@@ -18,11 +21,7 @@ _ATOM = (ast.Name, ast.Constant, ast.Call, ast.Subscript, ast.Attribute)
 def tidy(text: bytes, edited: Sequence[Span]) -> bytes:
     """Tidy a one-line Python statement around its edits, without changing its meaning.
 
-    Text that is not valid Python is returned unchanged.
-
-    Args:
-        text: the statement after the edits.
-        edited: the edited parts of the text.
+    Text that is not valid Python is returned unchanged. `edited` are the edited parts of the text.
     """
     for _ in range(8):
         tree = _parsed(text)
@@ -55,14 +54,10 @@ def _is_near(span: Span, edited: Sequence[Span]) -> bool:
 
 def _changes(text: bytes, tree: ast.Module) -> Iterator[tuple[Span, bytes]]:
     """Yield (part, replacement) pairs that do not change the meaning."""
-    starts = [0]
-    for line in text.splitlines(keepends=True):
-        starts.append(starts[-1] + len(line))
+    starts = line_starts(text)
 
     def span(node: ast.expr) -> Span:
-        assert node.end_lineno is not None
-        assert node.end_col_offset is not None
-        return starts[node.lineno - 1] + node.col_offset, starts[node.end_lineno - 1] + node.end_col_offset
+        return span_of(node, starts)
 
     for node in ast.walk(tree):
         if isinstance(node, ast.BinOp):

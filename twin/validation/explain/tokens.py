@@ -1,4 +1,4 @@
-"""Split expressions into tokens, and replace parts of a text."""
+"""Find tokens and syntax nodes in a text, and replace parts of a text."""
 
 from __future__ import annotations
 
@@ -6,13 +6,26 @@ import ast
 import contextlib
 import io
 import tokenize
+from typing import AnyStr
+
+
+def line_starts(text: AnyStr) -> list[int]:
+    """Return the offset of each line of a text (in bytes or characters), and of its end."""
+    out = [0]
+    for line in text.splitlines(keepends=True):
+        out.append(out[-1] + len(line))
+    return out
+
+
+def span(node: ast.AST, starts: list[int]) -> tuple[int, int]:
+    """Return (first byte, end byte) of a syntax node; `starts` are the offsets of the lines of its text in bytes."""
+    start = starts[node.lineno - 1] + node.col_offset  # type: ignore[attr-defined]
+    return start, starts[node.end_lineno - 1] + node.end_col_offset  # type: ignore[attr-defined]
 
 
 def tokens_of(text: str) -> list[tuple[int, str, int, int]]:
     """Return (kind, text, start, end) of each token of an expression."""
-    lines = [0]
-    for line in text.splitlines(keepends=True):
-        lines.append(lines[-1] + len(line))
+    lines = line_starts(text)
     out: list[tuple[int, str, int, int]] = []
     kinds = (tokenize.NAME, tokenize.NUMBER, tokenize.OP)
     with contextlib.suppress(tokenize.TokenError, IndentationError):

@@ -9,8 +9,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Literal
 
-from twin.validation.explain.repair import Found, Key
+from twin.validation.explain.candidate import Found
 from twin.validation.explain.result import Identified
+from twin.validation.explain.rows import Key
 
 Lead = Literal["edits", "numbers", "edits or numbers", ""]
 

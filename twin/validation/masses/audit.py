@@ -89,7 +89,6 @@ class Row:
     """Physical limits that follow from one row of the tables.
 
     Attributes:
-        name: name of the row.
         definite: whether J is positive definite with at least one sign of the products.
         slack: sum of the two smaller principal moments minus the largest, in kg m2; negative values violate the
             triangle inequality.

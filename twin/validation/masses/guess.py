@@ -1,8 +1,8 @@
 """Find the probable mistake in a tensor that does not fit its shapes: sign, decimal mark, axes, point of reference.
 
 The stated tensor is compared with the tensor of the shapes filled with uniform density. Real bodies are not uniform, so
-a difference alone proves nothing. A mistake is reported only if one small change of the stated numbers makes the misfit
-small (`BAD`, `GOOD`, `GAIN`).
+a difference alone is no evidence of a mistake. A mistake is reported only if one small change of the stated numbers
+makes the misfit small (`BAD`, `GOOD`, `GAIN`).
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ _PLACES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 
 
 def misfit(tensor: Array, shape: Array) -> float:
-    """Return the norm of `tensor` - `shape` relative to that of `shape`; both are tensors per mass (3, 3)."""
+    """Return the norm of `tensor` - `shape` divided by the norm of `shape`; both are tensors per mass (3, 3)."""
     return float(np.linalg.norm(tensor - shape) / np.linalg.norm(shape))
 
 

@@ -2,8 +2,8 @@
 
 The pseudo-inertia [[Sigma, h], [h^T, m]], with the second moments Sigma, first moment h and mass m, must be positive
 definite; this includes the triangle inequality and the minimum mass. If the shapes are known, the mass centre must be
-inside their convex hull, and the density must be that of a real material. `guess` finds probable mistakes in a tensor
-that does not fit the shapes.
+inside their convex hull, and the density must be plausible for a real material. `guess` finds probable mistakes in a
+tensor that does not fit the shapes.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ DENSITY = (30.0, 25000.0)
 """Plausible density in kg/m3 (mass / volume of closed shapes), from foam and hollow castings to tungsten."""
 
 BESIDE = 2 * MM
-"""Accepted distance in m of an outside mass centre from the hull of the shapes, which may be coarse and incomplete."""
+"""Maximum accepted distance in m of a mass centre outside the hull of the shapes, which may be coarse or incomplete."""
 
 DEFINITE = 1e-9
 """Minimum ratio of the smallest to the largest eigenvalue of the pseudo-inertia of a body that is not flat."""

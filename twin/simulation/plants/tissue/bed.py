@@ -83,10 +83,21 @@ class Hold:
         held: nodes of the bed that still hold it.
     """
 
-    def __init__(self, m: mujoco.MjModel, d: mujoco.MjData, held: Index, dofs: Index, free: Index) -> None:
-        """Connect to the model; `dofs` (3 k,) and `free` (k,): velocities and indices of the free nodes."""
+    def __init__(
+        self, m: mujoco.MjModel, d: mujoco.MjData, held: Index, dofs: Index, free: Index, R_world_grid: Array
+    ) -> None:
+        """Connect to the model.
+
+        Args:
+            m: the model.
+            d: its state.
+            held: indices of the nodes of the bed.
+            dofs: (3 k,) velocities of the free nodes, along the axes of the grid.
+            free: (k,) their indices.
+            R_world_grid: (3, 3) attitude of the grid.
+        """
         self._m, self._d, self._dofs, self._free = m, d, dofs, free
-        self._bed = held
+        self._bed, self._R = held, R_world_grid
         self._mass = m.body_mass[m.dof_bodyid[dofs[::3]]]
         m.dof_damping[dofs] = _DRAG * np.repeat(self._mass, 3)
         self._equality = [[m.equality(f"grip_{k}_{axis}").id for axis in range(3)] for k in range(GRIPS)]
@@ -98,7 +109,6 @@ class Hold:
         self.grips: dict[int, Grip] = {}
         self.held = set(self._bed.tolist())
         self._pull = np.zeros((len(self._free), 3))
-        self._R = np.eye(3)
         self._d.eq_active[:] = self._m.eq_active0
 
     def let_go(self, node: int) -> None:
@@ -127,12 +137,14 @@ class Hold:
         """Add a force (3,) in N in the World on a material point, in the next step."""
         self._pull += np.outer(weights[self._free], force_world)
 
-    def begin(self, rest: Array, nodes: Array, T_world_grid: Array) -> bool:
-        """Set the constraints of the jaws and the pulls before a step; return whether something moves the organ."""
-        self._R = T_world_grid[:3, :3]
+    def begin(self, rest: Array) -> bool:
+        """Set the constraints of the jaws and the pulls before a step; return whether something moves the organ.
+
+        Args:
+            rest: (k, 3) nodes at rest in the World in m.
+        """
         for k, grip in self.grips.items():
-            wanted = (grip.p + grip.offset - T_world_grid[:3, 3]) @ self._R - grip.weights @ rest
-            self._m.eq_data[self._equality[k], 0] = wanted
+            self._m.eq_data[self._equality[k], 0] = (grip.p + grip.offset - grip.weights @ rest) @ self._R
         pulled = float(np.abs(self._pull).sum()) > _PULLS
         self._d.qfrc_applied[self._dofs] = (self._pull @ self._R).ravel()
         self._pull[:] = 0.0

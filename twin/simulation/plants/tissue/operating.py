@@ -24,7 +24,7 @@ from twin.model.tissue import Tissue
 from twin.model.tool import ToolTable
 from twin.model.vessel import Vessel
 from twin.simulation.plants.tissue.bed import Hold
-from twin.simulation.plants.tissue.organs import PERIOD, Organ
+from twin.simulation.plants.tissue.organs import PERIOD
 from twin.simulation.plants.tissue.plant import Links, Tissues
 from twin.simulation.plants.tissue.sight import Sight
 from twin.simulation.plants.tissue.tubes import Held, Tube
@@ -175,15 +175,11 @@ class Operating(Tissues):
         return self._signals()
 
     @property
-    def _operable(self) -> Organ:
-        assert self.organs.operable is not None
-        return self.organs.operable
-
-    @property
     def _hold(self) -> Hold:
-        hold = self._operable.hold
-        assert hold is not None
-        return hold
+        organ = self.organs.operable
+        assert organ is not None
+        assert organ.hold is not None
+        return organ.hold
 
     def _root(self, v: Vessel) -> Array | None:
         """Return the weights (k,) of the nodes at which a vessel is on the organ; None: it is not."""
@@ -253,7 +249,7 @@ class Operating(Tissues):
         if holds == 0:
             self._hold.grasp(k, weights, p, tool.slips_at)
             state.rest = weights @ self._organ.nodes
-            self._operable.mute(self._instruments[k].robot, True)
+            self.organs.mute(self._instruments[k].robot, True)
         elif holds > 0:
             tube = self._tubes[holds - 1]
             tube.held[k] = Held(at, tube.points[at].copy(), tool.slips_at, np.zeros(3))
@@ -263,7 +259,7 @@ class Operating(Tissues):
     def _open(self, k: int, i: Instrument, state: _State) -> None:
         if state.holds == 0:
             self._hold.release(k)
-            self._operable.mute(i.robot, False)
+            self.organs.mute(i.robot, False)
         elif state.holds > 0:
             del self._tubes[state.holds - 1].held[k]
         state.holds = -1

@@ -2,22 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from itertools import permutations
 
 import mujoco
 import numpy as np
-from scipy.spatial import KDTree
 
-from twin.core import spatial
 from twin.core.errors import WorldError
-from twin.core.spatial import Array, Index
+from twin.core.spatial import Array
 from twin.core.units import MM
 from twin.model.body import Body
 from twin.model.surface import inside
 from twin.model.tissue import Tissue
 from twin.simulation.plants.contact.shapes import add_part
-from twin.simulation.plants.tissue import bed
+from twin.simulation.plants.tissue.organ import NOTHING, RADIUS, SAMPLE, Organ, Touch, require_valid
 
 PERIOD = 8e-3
 """Time in s between two steps."""
@@ -25,27 +24,18 @@ PERIOD = 8e-3
 SLOWEST = 20e-3
 """Longest time in s between two steps for which the organs were tested."""
 
-CELLS = 4
-"""Largest number of cells along an axis of a grid; the time of a step grows with the square of their number."""
-
 _LINK_MASS, _LINK_INERTIA = 10.0, 0.1
 """Mass in kg and moment of inertia in kg m2 of a link, so that contact forces do not move it within a step."""
-
-_RADIUS = 0.5 * MM
-"""Radius in m by which a surface is thickened for contact."""
 
 _JUMP = 20 * MM
 """Largest distance in m that a link is moved within a step; one that goes further is put there."""
 
-_SAMPLE = 5 * MM
-"""Distance in m between the points of a link that are looked for near and inside organs."""
-
 _LOOK = 12
 """Number of steps after which a link inside an organ is looked for again."""
 
-_STILL = 1e-6
-"""An organ is at rest if no node is further than this from its place in m, and none is faster than this per step."""
-
+_STILL = 5e-6
+"""Organs are at rest if no node is further than this from its place in m, and none is faster than this per step. It is
+less than a step of the quantised vertices in the stream."""
 
 _PREFIX = "link:"
 """Prefix of the names of links in MuJoCo."""
@@ -64,28 +54,11 @@ class Tool:
         return f"{self.robot}/{self.body.name}"
 
 
-@dataclass(frozen=True)
-class Touch:
-    """Contact of an organ.
-
-    Attributes:
-        triangle: index of the triangle that is pressed deepest; -1: nothing touches the organ.
-        force: (3,) total force on the organ in N, in the World.
-    """
-
-    triangle: int
-    force: Array
-
-
-_NOTHING = Touch(-1, np.zeros(3))
-
-
 class Organs:
-    """The organs, stepped for given poses of the links.
+    """The organs, stepped for given poses of the links. They touch the links and each other.
 
-    Each organ is a model of its own, because organs do not touch each other; one that is at rest and that no link is
-    near is not stepped. A link that jumps into an organ, by more than 20 mm within a step, does not touch this organ
-    until it is outside again.
+    They are not stepped while all are at rest, as long as no link moves near one. A link that jumps into an organ, by
+    more than 20 mm within a step, does not touch this organ until it is outside again.
 
     Attributes:
         tissues: the organs.
@@ -102,7 +75,7 @@ class Organs:
         period: float = PERIOD,
         held: str = "",
     ) -> None:
-        """Build the MuJoCo models.
+        """Build the MuJoCo model.
 
         Args:
             tissues: the organs.
@@ -113,15 +86,68 @@ class Organs:
 
         Raises:
             TwinError: the pins of an organ do not hold it.
-            WorldError: a number is out of range, or a link is inside an organ.
+            WorldError: a number is out of range, two organs overlap, or a link is inside an organ.
         """
         self.tissues, self.tools, self.period = tuple(tissues), tuple(tools), period
-        samples = [_samples(tool) for tool in tools]
-        links = mujoco.MjSpec()
-        for tool in tools:
-            _add(links, tool, period)
-        self._organs = {t.name: Organ(t, tools, links, samples, poses, period, t.name == held) for t in tissues}
+        for t in tissues:
+            require_valid(t)
+        self._organs = {t.name: Organ(t, k, t.name == held) for k, t in enumerate(tissues)}
         self.operable = self._organs[held] if held else None
+        self._samples = [_samples(tool) for tool in tools]
+        self._corners = [_corners(points) for points in self._samples]
+        m = self._model = self._compiled()
+        d = self._data = mujoco.MjData(m)
+        for organ in self._organs.values():
+            organ.connect(m, d)
+        self._soft = _joined(organ.qpos for organ in self._organs.values())
+        self._soft_dofs = _joined(organ.dofs for organ in self._organs.values())
+        free = [m.joint(_PREFIX + tool.name) for tool in tools]
+        self._qpos = np.array([j.qposadr[0] + i for j in free for i in range(7)], int)
+        self._dofs = np.array([j.dofadr[0] + i for j in free for i in range(6)], int)
+        self._geoms = [np.flatnonzero(m.geom_bodyid == m.body(_PREFIX + tool.name).id) for tool in tools]
+        self._wanted, self._v, self._all = np.zeros(len(self._qpos)), np.zeros(m.nv), d.qpos.copy()
+        self._steps, self._poses = 0, [np.array(T, float) for T in poses]
+        self._place(poses)
+        self.reset()
+        for organ in self._organs.values():
+            for k, tool in enumerate(tools):
+                if organ.contains(self._samples[k], self._corners[k], self._poses[k]):
+                    raise WorldError(
+                        f"'{tool.name}' is inside '{organ.tissue.name}' at the start; start the robot outside, or move "
+                        "the organ"
+                    )
+        self._require_apart()
+
+    def _compiled(self) -> mujoco.MjModel:
+        elements = "".join(organ.xml(self.period) for organ in self._organs.values())
+        spec = mujoco.MjSpec.from_string(
+            f'<mujoco><option timestep="{self.period!r}" integrator="discrete" gravity="0 0 0"/>'
+            f"<worldbody>{elements}</worldbody></mujoco>"
+        )
+        links = mujoco.MjSpec()
+        for tool in self.tools:
+            _add(links, tool, self.period, sum(organ.bit for organ in self._organs.values()))
+        spec.attach(links, frame=spec.worldbody.add_frame(), prefix=_PREFIX)
+        for organ in self._organs.values():
+            organ.constrain(spec)
+        return spec.compile()
+
+    def _require_apart(self) -> None:
+        """Refuse organs that touch at rest, or of which one is inside another one."""
+        m, d = self._model, self._data
+        mujoco.mj_forward(m, d)
+        names = [t.name for t in self.tissues]
+        for c in d.contact[: d.ncon]:
+            if (c.flex >= 0).all():
+                a, b = (names[k] for k in c.flex)
+                raise WorldError(
+                    f"'{a}' and '{b}' overlap or are less than {2 * RADIUS / MM:g} mm apart at the start; draw them "
+                    "further apart"
+                )
+        for a, b in permutations(self.tissues, 2):
+            if inside(a.surface.vertices[:1], b.surface.vertices, b.surface.triangles)[0]:
+                raise WorldError(f"'{a.name}' is inside '{b.name}' at the start; draw them apart")
+        self.reset()
 
     @property
     def nodes(self) -> dict[str, Array]:
@@ -131,7 +157,7 @@ class Organs:
     @property
     def within(self) -> dict[str, tuple[str, ...]]:
         """Names of the links that do not touch an organ because they are inside, by organ."""
-        return {name: organ.within for name, organ in self._organs.items()}
+        return {name: tuple(self.tools[k].name for k in sorted(organ.within)) for name, organ in self._organs.items()}
 
     def vertices(self, name: str) -> Array:
         """Return the vertices (n, 3) of an organ in the World in m."""
@@ -142,254 +168,133 @@ class Organs:
         """Return the contact of each organ in the last step."""
         return {name: organ.touch for name, organ in self._organs.items()}
 
-    def step(self, poses: Sequence[Array]) -> bool:
-        """Move the links to T_world_link (4, 4), and the organs by contact and elasticity; return whether one moved."""
-        moved = [organ.step(poses) for organ in self._organs.values()]
-        return any(moved)
-
     def reset(self) -> None:
         """Put all organs to rest where they were drawn."""
-        for organ in self._organs.values():
-            organ.reset()
-
-
-class Organ:
-    """An organ and the links, in a model whose World is the frame of the organ's grid.
-
-    MuJoCo is fastest if the nodes move along the axes of its World.
-    """
-
-    def __init__(
-        self,
-        tissue: Tissue,
-        tools: Sequence[Tool],
-        links: mujoco.MjSpec,
-        samples: Sequence[Array],
-        poses: Sequence[Array],
-        period: float,
-        operable: bool,
-    ) -> None:
-        _require_valid(tissue)
-        self.tissue, self._tools, self._samples, self._period = tissue, tools, samples, period
-        self._corners = [_corners(points) for points in samples]
-        self._triangles, self._T_grid_world = tissue.surface.triangles, spatial.inverse(tissue.T_world_grid)
-        self._nodes_at_rest = (tissue.nodes - tissue.T_world_grid[:3, 3]) @ tissue.T_world_grid[:3, :3]
-        self._volume = _Volume(tissue.weights, self._triangles)
-        self._content, by_node = self._volume.at(self._nodes_at_rest)
-        self._area = self._content ** (2 / 3)
-        self._tree = KDTree(tissue.local)
-        corners = tissue.local[self._triangles]
-        edge = float(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max())
-        self._reach = 2 * _SAMPLE + edge / np.sqrt(3)  # no point of a triangle is further from all of its corners
-        fixed = tissue.held if not operable else np.zeros(0, int)
-        spec = mujoco.MjSpec.from_string(_xml(tissue, fixed, period))
-        spec.attach(links.copy(), frame=spec.worldbody.add_frame(), prefix=_PREFIX)
-        joints = _keep_volume(spec, tissue, fixed, by_node / self._area)
-        if operable:
-            bed.add(spec, tissue.held, joints)
-        m = self._model = spec.compile()
-        d = self._data = mujoco.MjData(m)
-        self._bodies = m.flex_nodebodyid.copy()
-        self._free = np.flatnonzero(self._bodies)
-        self._at = np.array([m.joint(name).qposadr[0] for name in joints], int)
-        free = [m.joint(_PREFIX + tool.name) for tool in tools]
-        self._qpos = np.array([j.qposadr[0] + i for j in free for i in range(7)], int)
-        self._dofs = np.array([j.dofadr[0] + i for j in free for i in range(6)], int)
-        self._soft = np.array([m.joint(name).dofadr[0] for name in joints], int)
-        self._geoms = [np.flatnonzero(m.geom_bodyid == m.body(_PREFIX + tool.name).id) for tool in tools]
-        self._wanted, self._v, self._all = np.zeros(len(self._qpos)), np.zeros(m.nv), d.qpos.copy()
-        self._within: set[int] = set()
-        self._muted: set[int] = set()
-        self.hold = bed.Hold(m, d, tissue.held, self._soft, self._free) if operable else None
-        self._steps, self._poses = 0, self._locate(poses)
-        self.reset()
-        for k, tool in enumerate(tools):
-            if self._is_inside(k):
-                raise WorldError(
-                    f"'{tool.name}' is inside '{tissue.name}' at the start; start the robot outside, or move the organ"
-                )
-
-    @property
-    def within(self) -> tuple[str, ...]:
-        """Names of the links that do not touch the organ because they are inside."""
-        return tuple(self._tools[k].name for k in sorted(self._within))
-
-    def reset(self) -> None:
-        """Put the organ to rest where it was drawn."""
         mujoco.mj_resetData(self._model, self._data)
         self._data.qpos[self._qpos] = self._wanted
-        if self.hold is not None:
-            self.hold.reset()
-        self._read()
-        self.touch, self._rests = _NOTHING, True
+        for organ in self._organs.values():
+            if organ.hold is not None:
+                organ.hold.reset()
+            organ.touch = NOTHING
+            organ.read()
+        self._rests = True
 
     def step(self, poses: Sequence[Array]) -> bool:
-        """Move the links to T_world_link (4, 4), and the organ; return whether it moved."""
-        m, d = self._model, self._data
-        before, self._poses = self._poses, self._locate(poses)
-        jumped = [k for k, T in enumerate(self._poses) if _moved(self._corners[k], before[k], T) > _JUMP]
+        """Move the links to T_world_link (4, 4), and the organs by contact and elasticity; return whether one moved."""
+        m, d, organs = self._model, self._data, self._organs.values()
+        before = self._poses
+        jumped, moved = self._place(poses), any(map(_differ, before, poses))
         for k in jumped:
             d.qpos[self._qpos[7 * k : 7 * k + 7]] = self._wanted[7 * k : 7 * k + 7]
         self._look(jumped)
         self._steps += 1
-        led = self.hold is not None and self.hold.begin(self._nodes_at_rest, self._nodes, self.tissue.T_world_grid)
-        if self._rests and not led and not self._approached():
+        led = any(organ.hold is not None and organ.hold.begin(organ.tissue.nodes) for organ in organs)
+        if self._rests and not led and not (moved and self._approached()):
             d.qpos[self._qpos] = self._wanted
             return False
-        last, self._rests = self.nodes, False
         self._all[:] = d.qpos
         self._all[self._qpos] = self._wanted
-        mujoco.mj_differentiatePos(m, self._v, self._period, d.qpos, self._all)
+        mujoco.mj_differentiatePos(m, self._v, self.period, d.qpos, self._all)
         d.qvel[self._dofs] = self._v[self._dofs]
-        self._set_volume()
+        last = [organ.nodes for organ in organs]
+        for organ in organs:
+            organ.begin()
         mujoco.mj_step(m, d)
-        if self.hold is not None:
-            self.hold.end()
-        self.touch = self._touch()
+        for organ in organs:
+            if organ.hold is not None:
+                organ.hold.end()
+        self._touch()
         d.qpos[self._qpos] = self._wanted
-        off, speed = np.abs(d.qpos[self._at]).max(), np.abs(d.qvel[self._soft]).max()
-        if d.ncon == 0 and not led and max(float(off), float(speed) * self._period) < _STILL:
+        self._rests = d.ncon == 0 and not led and self._still()
+        if self._rests:
             self.reset()
         else:
-            self._read()
-            self._correct_volume()
-        return not np.array_equal(self.nodes, last)
+            for organ in organs:
+                organ.end()
+        return not all(map(np.array_equal, (organ.nodes for organ in organs), last))
 
-    def _read(self) -> None:
-        """Compute the nodes in the grid and in the World; the joints of a node move it along the axes of the grid."""
-        self._nodes = self._nodes_at_rest.copy()
-        self._nodes[self._free] += self._data.qpos[self._at].reshape(-1, 3)
-        T = self.tissue.T_world_grid
-        self.nodes = self._nodes @ T[:3, :3].T + T[:3, 3]
+    def _still(self) -> bool:
+        if not len(self._soft):
+            return True
+        d = self._data
+        off, speed = np.abs(d.qpos[self._soft]).max(), np.abs(d.qvel[self._soft_dofs]).max()
+        return bool(max(off, speed * self.period) < _STILL)
 
-    def _touch(self) -> Touch:
-        """Return the contact of the last step."""
+    def _touch(self) -> None:
+        """Read the contacts of the last step."""
         m, d = self._model, self._data
-        if d.ncon == 0:
-            return _NOTHING
-        force, local = np.zeros(3), np.zeros(6)
-        deepest: mujoco.MjContact | None = None
+        force, local = np.zeros((len(self.tissues), 3)), np.zeros(6)
+        deepest: dict[int, tuple[float, int, int]] = {}
         for k, contact in enumerate(d.contact[: d.ncon]):
             mujoco.mj_contactForce(m, d, k, local)
-            F = local[:3] @ contact.frame.reshape(3, 3)
-            force += F if contact.flex[1] >= 0 else -F  # MuJoCo gives the force on the second one
-            if deepest is None or contact.dist < deepest.dist:
-                deepest = contact
-        assert deepest is not None
-        side = int(deepest.flex[1] >= 0)
-        element, vertex = int(deepest.elem[side]), int(deepest.vert[side])
-        triangle = element if element >= 0 else int(np.argmax((self._triangles == vertex).any(axis=1)))
-        return Touch(triangle, self.tissue.T_world_grid[:3, :3] @ force)
-
-    def _set_volume(self) -> None:
-        """Set the constraint to the volume and its derivatives with respect to the joints at the latest nodes."""
-        m, d = self._model, self._data
-        content, by_node = self._volume.at(self._nodes)
-        coefficients = by_node[self._free].ravel() / self._area
-        change = (content - self._content) / self._area
-        m.wrap_prm[: len(coefficients)] = coefficients
-        m.eq_data[0, 0] = coefficients @ d.qpos[self._at] - change
-
-    def _correct_volume(self) -> None:
-        """Remove what the constraint leaves, because it is linear within a step: one step of Newton's method."""
-        content, by_node = self._volume.at(self._nodes)
-        change = by_node[self._free].ravel()
-        self._data.qpos[self._at] -= change * ((content - self._content) / (change @ change))
-        self._read()
+            F, dist = local[:3] @ contact.frame.reshape(3, 3), float(contact.dist)
+            for side, flex in enumerate(contact.flex.tolist()):
+                if flex >= 0:
+                    force[flex] += F if side else -F  # MuJoCo gives the force on the second one
+                    if flex not in deepest or dist < deepest[flex][0]:
+                        deepest[flex] = dist, int(contact.elem[side]), int(contact.vert[side])
+        for k, organ in enumerate(self._organs.values()):
+            organ.touch = NOTHING
+            if k in deepest:
+                _, element, vertex = deepest[k]
+                triangles = organ.tissue.surface.triangles
+                if element < 0:
+                    element = int(np.argmax((triangles == vertex).any(axis=1)))
+                organ.touch = Touch(element, force[k])
 
     # -- links --------------------------------------------------------------------------------------------
 
-    def _locate(self, poses: Sequence[Array]) -> list[Array]:
-        """Return T_grid_link (4, 4) of each link, and store them as MuJoCo needs them."""
-        out = [self._T_grid_world @ T for T in poses]
-        for k, T in enumerate(out):
+    def _place(self, poses: Sequence[Array]) -> list[int]:
+        """Store T_world_link (4, 4) as MuJoCo needs them; return the links that jumped."""
+        jumped = []
+        for k, T in enumerate(poses):
             row = self._wanted[7 * k : 7 * k + 7]
             row[:3] = T[:3, 3]
             mujoco.mju_mat2Quat(row[3:], np.ascontiguousarray(T[:3, :3]).ravel())
-        return out
-
-    def _near(self, k: int) -> Array:
-        """Return the points of a link, in the grid, that are in the box around the organ or beside it."""
-        T = self._poses[k]
-        low, high = self._nodes.min(axis=0) - 2 * _SAMPLE, self._nodes.max(axis=0) + 2 * _SAMPLE
-        corners = self._corners[k] @ T[:3, :3].T + T[:3, 3]
-        if (corners.min(axis=0) > high).any() or (corners.max(axis=0) < low).any():
-            return np.zeros((0, 3))
-        points = self._samples[k] @ T[:3, :3].T + T[:3, 3]
-        return points[((points > low) & (points < high)).all(axis=1)]
+            if _moved(self._corners[k], self._poses[k], T) > _JUMP:
+                jumped.append(k)
+        self._poses = [np.array(T, float) for T in poses]
+        return jumped
 
     def _approached(self) -> bool:
-        """Return whether a link is near enough to touch the organ, which is at rest."""
-        near = [points for k in range(len(self._tools)) if len(points := self._near(k))]
-        return bool(near) and float(self._tree.query(np.concatenate(near))[0].min()) < self._reach
-
-    def _is_inside(self, k: int) -> bool:
-        near = self._near(k)
-        return len(near) > 0 and bool(inside(near, self.tissue.weights @ self._nodes, self._triangles).any())
+        """Return whether a link is near enough to touch an organ, which is at rest."""
+        return any(
+            organ.approached(self._samples[k], self._corners[k], self._poses[k])
+            for organ in self._organs.values()
+            for k in range(len(self.tools))
+        )
 
     def _look(self, jumped: Sequence[int]) -> None:
-        """Let links that jumped into the organ touch nothing, until they are outside."""
-        again = self._within if self._steps % _LOOK == 0 else ()
-        for k in {*jumped, *again}:
-            (self._within.add if self._is_inside(k) else self._within.discard)(k)
-            self._let_touch(k)
+        """Let links that jumped into an organ not touch it, until they are outside."""
+        for organ in self._organs.values():
+            for k in {*jumped, *(organ.within if self._steps % _LOOK == 0 else ())}:
+                self._look_at(organ, k)
+
+    def _look_at(self, organ: Organ, k: int) -> None:
+        organ.look(k, organ.contains(self._samples[k], self._corners[k], self._poses[k]))
+        self._let_touch(organ, k)
 
     def mute(self, robot: str, on: bool) -> None:
         """Let the links of a robot not touch the organ that its jaws hold (`on`), or touch it again once outside."""
-        for k in [k for k, tool in enumerate(self._tools) if tool.robot == robot]:
+        organ = self.operable
+        assert organ is not None
+        links = [k for k, tool in enumerate(self.tools) if tool.robot == robot]
+        organ.mute(links, on)
+        for k in links:
             if on:
-                self._muted.add(k)
-            elif k in self._muted:
-                self._muted.remove(k)
-                if self._is_inside(k):
-                    self._within.add(k)
-            self._let_touch(k)
+                self._let_touch(organ, k)
+            else:
+                self._look_at(organ, k)
 
-    def _let_touch(self, k: int) -> None:
-        off = k in self._within or k in self._muted
-        self._model.geom_contype[self._geoms[k]] = 0 if off else 1
-        self._model.geom_conaffinity[self._geoms[k]] = 0 if off else 2
-
-
-class _Volume:
-    """The volume of a surface as a polynomial of third degree in the nodes of its grid.
-
-    The volume is the sum of det(a, b, c) / 6 over the triangles, and each corner is a weighted sum of nodes.
-    """
-
-    def __init__(self, weights: Array, triangles: Index) -> None:
-        n = weights.shape[1]
-        sums = np.zeros((n, n * n))
-        for part in np.array_split(triangles, max(1, len(triangles) // 256)):
-            a, b, c = (weights[part[:, k]] for k in range(3))
-            sums += a.T @ (b[:, :, None] * c[:, None, :]).reshape(len(part), n * n)
-        cube = sums.reshape(n, n, n) / 6
-        cube = cube + cube.transpose(2, 0, 1) + cube.transpose(1, 2, 0)  # a determinant is the same in cyclic order
-        self._j, self._k = np.triu_indices(n, 1)
-        self._factors = cube[:, self._j, self._k] - cube[:, self._k, self._j]
-
-    def at(self, nodes: Array) -> tuple[float, Array]:
-        """Return the volume in m3 at nodes (k, 3), and its derivatives (k, 3) with respect to them in m2."""
-        (ax, ay, az), (bx, by, bz) = nodes[self._j].T, nodes[self._k].T
-        by_node = self._factors @ np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=1)
-        return float(np.vdot(nodes, by_node)) / 3, by_node
+    def _let_touch(self, organ: Organ, k: int) -> None:
+        bits = self._model.geom_contype
+        if organ.may_touch(k):
+            bits[self._geoms[k]] |= organ.bit
+        else:
+            bits[self._geoms[k]] &= ~organ.bit
 
 
-def _xml(t: Tissue, fixed: Index, period: float) -> str:
-    return (
-        f'<mujoco><option timestep="{period!r}" integrator="discrete" gravity="0 0 0"/><worldbody>'
-        f'<flexcomp name="organ" type="direct" dim="2" dof="trilinear" cellcount="{_numbers(t.cells)}" '
-        f'mass="{t.density * t.surface.volume!r}" radius="{_RADIUS!r}" '
-        f'point="{_numbers(t.local)}" element="{_numbers(t.surface.triangles)}">'
-        f'<elasticity young="{t.young!r}" poisson="{t.poisson!r}" damping="{t.damping!r}"/>'
-        f'<contact selfcollide="none" contype="2" conaffinity="1" condim="3" friction="{t.friction!r} 0 0" '
-        f'solref="{2 * period!r} 1" solimp="0.95 0.99 0.0005"/>'
-        + (f'<pin id="{_numbers(fixed)}"/>' if len(fixed) else "")
-        + "</flexcomp></worldbody></mujoco>"
-    )
-
-
-def _add(spec: mujoco.MjSpec, tool: Tool, period: float) -> None:
+def _add(spec: mujoco.MjSpec, tool: Tool, period: float, bits: int) -> None:
     body = spec.worldbody.add_body(
         name=tool.name, gravcomp=1.0, mass=_LINK_MASS, inertia=[_LINK_INERTIA] * 3, explicitinertial=True
     )
@@ -397,53 +302,8 @@ def _add(spec: mujoco.MjSpec, tool: Tool, period: float) -> None:
     for part in tool.body.meshes:
         add_part(
             spec, body, part, np.eye(4), tool.name,
-            contype=1, conaffinity=2, condim=3, friction=[0, 0, 0], mass=0.0, solref=[2 * period, 1.0],
+            contype=bits, conaffinity=0, condim=3, friction=[0, 0, 0], mass=0.0, solref=[2 * period, 1.0],
         )  # fmt: skip
-
-
-def _keep_volume(spec: mujoco.MjSpec, t: Tissue, fixed: Index, by_node: Array) -> list[str]:
-    """Add a constraint that is linear in the joints of the nodes; return the names of the joints, by node.
-
-    Args:
-        spec: the model with the organ.
-        t: the organ.
-        fixed: indices of the nodes without joints.
-        by_node: (k, 3) factors of the joints at rest; MuJoCo scales the constraint by them.
-    """
-    names = []
-    tendon = spec.add_tendon(name="volume")
-    for index in np.setdiff1d(np.arange(len(t.nodes)), fixed).tolist():
-        cells = np.unravel_index(index, [c + 1 for c in t.cells])
-        body = spec.body("organ_" + "_".join(map(str, cells)))
-        if body is None:
-            continue  # the cells around this node are empty, and no vertex depends on it
-        for axis, joint, factor in zip("xyz", body.joints, by_node[index].tolist(), strict=True):
-            joint.name = f"{body.name}_{axis}"
-            names.append(joint.name)
-            tendon.wrap_joint(joint.name, factor)
-    spec.add_equality(
-        name="volume", type=mujoco.mjtEq.mjEQ_TENDON, objtype=mujoco.mjtObj.mjOBJ_TENDON, name1="volume",
-        solref=[2 * spec.option.timestep, 1.0], solimp=[0.99, 0.999, 1e-4, 0.5, 2.0],
-    )  # fmt: skip
-    return names
-
-
-def _numbers(values: np.ndarray | Sequence[float]) -> str:
-    return " ".join(f"{x!r}" for x in np.asarray(values).ravel().tolist())
-
-
-def _require_valid(t: Tissue) -> None:
-    for what, value, low, high, unit in (
-        ("Young's modulus", t.young, 100.0, 1e6, "Pa"),
-        ("Poisson's ratio", t.poisson, 0.0, 0.49, ""),
-        ("damping", t.damping, 0.0, 1.0, "s"),
-        ("density", t.density, 100.0, 5000.0, "kg/m3"),
-        ("friction", t.friction, 0.0, 2.0, ""),
-        ("number of cells", min(t.cells), 1, CELLS, "along an axis"),
-        ("number of cells", max(t.cells), 1, CELLS, "along an axis"),
-    ):
-        if not low <= value <= high:
-            raise WorldError(f"tissue '{t.name}': {what} is {value:g}; it must be {low:g} to {high:g} {unit}".rstrip())
 
 
 def _samples(tool: Tool) -> Array:
@@ -453,8 +313,8 @@ def _samples(tool: Tool) -> Array:
     out = [np.zeros((0, 3))]
     for part in tool.body.meshes:
         hull = trimesh.convex.convex_hull(part.vertices)
-        points = trimesh.remesh.subdivide_to_size(hull.vertices, hull.faces, _SAMPLE, max_iter=20)[0]
-        out.append(np.unique(np.rint(points / (_SAMPLE / 2)), axis=0) * (_SAMPLE / 2))
+        points = trimesh.remesh.subdivide_to_size(hull.vertices, hull.faces, SAMPLE, max_iter=20)[0]
+        out.append(np.unique(np.rint(points / (SAMPLE / 2)), axis=0) * (SAMPLE / 2))
     return np.unique(np.concatenate(out), axis=0)
 
 
@@ -462,6 +322,14 @@ def _corners(points: Array) -> Array:
     """Return the corners (8, 3) of the box around points."""
     low, high = (points.min(axis=0), points.max(axis=0)) if len(points) else (np.zeros(3), np.zeros(3))
     return np.array([np.where(corner, high, low) for corner in np.ndindex(2, 2, 2)])
+
+
+def _joined(parts: Iterable[Array]) -> Array:
+    return np.concatenate([np.zeros(0, int), *parts])
+
+
+def _differ(a: Array, b: Array) -> bool:
+    return not np.array_equal(a, b)
 
 
 def _moved(points: Array, before: Array, after: Array) -> float:

@@ -48,6 +48,7 @@ namespace Twin.Player
             SceneDescription scene = SceneDescription.Parse(Get(new Uri(page, "/scene.json")));
             int number = scene.Find(Robot);
             scene.robots[number].number = number;
+            scene.robots[number].deformables = scene.fields;
             return scene.robots[number];
         }
 

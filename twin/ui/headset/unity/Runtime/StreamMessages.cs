@@ -30,6 +30,10 @@ namespace Twin.Player
         [NonSerialized]
         public int number;
 
+        /// <summary>The deformables of the robot's scene, in the order of <see cref="StreamFrame.Fields"/>.</summary>
+        [NonSerialized]
+        public DeformableDescription[] deformables = new DeformableDescription[0];
+
         /// <summary>Parse and check a description.</summary>
         /// <exception cref="FormatException">The text is not a description; the message names the field.</exception>
         public static RobotDescription Parse(string json)
@@ -88,6 +92,9 @@ namespace Twin.Player
         /// <summary>The robots, in their order in a frame.</summary>
         public RobotDescription[] robots = new RobotDescription[0];
 
+        /// <summary>The deformables, in their order in a frame.</summary>
+        public DeformableDescription[] fields = new DeformableDescription[0];
+
         /// <summary>Parse and check a description.</summary>
         /// <exception cref="FormatException">The text is not a description; the message names the field.</exception>
         public static SceneDescription Parse(string json)
@@ -110,6 +117,11 @@ namespace Twin.Player
             foreach (RobotDescription robot in scene.robots)
             {
                 robot.Check("scene.json, robots");
+            }
+
+            foreach (DeformableDescription field in scene.fields)
+            {
+                field.Check("scene.json, fields");
             }
 
             return scene;

@@ -22,11 +22,15 @@ import type { Hit } from './pick';
 import { Place } from './place';
 import type { Message, SceneInfo } from './protocol';
 import { Robot } from './robot';
+import { Machines } from './machines';
 import { Score } from './score';
 import { makeSheet } from './sheet';
 import { Surroundings } from './surroundings';
 import { type Look, World } from './world';
 import { Xr } from './xr';
+
+const STILL = 1500; // ms without motion after which pictures have full quality on slow graphics too
+const PROMPT = 50; // ms after a motion within which a picture is drawn before the next display cycle
 
 export class App {
   readonly model = new Model();
@@ -51,6 +55,7 @@ export class App {
   private readonly header: Header;
   private readonly mouse: Mouse;
   private readonly score: Score;
+  private machines: Machines | null = null;
   private sheet: Sheet | null = null;
   private seeking = NaN;
   private seekUntil = 0;
@@ -63,9 +68,10 @@ export class App {
   /** Whether the surroundings are hidden. */
   hidden = false;
   private refreshed = 0;
-  /** Time in ms of the last frame with a motion. */
-  private moved = -Infinity;
+  /** Whether a picture was drawn in this display cycle. */
+  private ahead = false;
   private waiting = 0;
+  private due = 0;
 
   constructor(canvas: HTMLCanvasElement, page: HTMLElement) {
     this.world = new World(canvas);
@@ -103,7 +109,10 @@ export class App {
   start(): void {
     this.line.open();
     loadEarly();
-    this.world.renderer.setAnimationLoop((now, frame) => this.picture(now, frame));
+    this.world.renderer.setAnimationLoop((now, frame) => {
+      this.ahead = false;
+      this.picture(now, frame);
+    });
     void this.xr.detect();
     this.load().catch((error: Error) => this.fail(error));
   }
@@ -148,6 +157,7 @@ export class App {
   /** Show or hide the surroundings according to the switches. */
   showAround(): void {
     this.surroundings.show(!this.hidden, this.overlays.shows.labels);
+    this.console?.views.backdrop.forget();
     this.refresh();
   }
 
@@ -171,6 +181,7 @@ export class App {
     this.xrPanel.look = look;
     setAccent(look === 'additive');
     document.documentElement.dataset['look'] = look;
+    this.console?.views.backdrop.forget();
     this.refresh();
   }
 
@@ -199,16 +210,26 @@ export class App {
   lineText(): string {
     const { roundTrip, frames, reconnects } = this.line;
     const trip = Number.isFinite(roundTrip) ? `${roundTrip.toFixed(0)} ms round trip` : '';
-    return `client ${this.model.client ?? '–'}, ${trip}\n${frames} frames, ${reconnects} reconnects`;
+    return `client ${this.model.client ?? '–'}, ${trip}\n${frames} frames, ${reconnects} reconnects\n${this.world.pace.text()}`;
   }
 
   /** Draw again after `wait` ms, unless a picture is drawn before. */
   later(wait: number): void {
-    if (this.waiting) return;
+    const due = performance.now() + wait;
+    if (this.waiting && this.due <= due) return;
+    window.clearTimeout(this.waiting);
+    this.due = due;
     this.waiting = window.setTimeout(() => {
       this.waiting = 0;
       this.world.dirty = true;
     }, wait);
+  }
+
+  /** A message came: on slow graphics, the picture of a console, which shows frames, is not drawn for each of them. */
+  private inform(): void {
+    this.stale = true;
+    if (this.console && this.loaded && this.world.pace.slow && !this.xr.presenting) this.later(STILL);
+    else this.world.dirty = true;
   }
 
   /** Request an update of the controls and the picture. */
@@ -231,6 +252,7 @@ export class App {
     document.title = `${scene.name} · twin`;
     this.fields.meet(scene.fields);
     if (scene.console) this.console = new Console(this, scene, scene.console);
+    if (scene.machines) this.machines = new Machines(document.getElementById('page') as HTMLElement, this, scene.machines);
     for (const message of this.early.splice(0)) this.hear(message);
     this.build();
     const around = this.surroundings.load(scene);
@@ -281,11 +303,13 @@ export class App {
   }
 
   private wire(): void {
-    this.model.onChange = () => this.refresh();
+    this.model.onChange = () => this.inform();
     this.model.hint = () => this.hint();
     this.grab.onChange = () => this.refresh();
     this.place.onChange = () => this.refresh();
     this.line.onMessage = (message) => this.hear(message);
+    this.line.onFrame = () => this.arrive();
+    this.world.pace.onDrawn = () => this.arrive();
     this.line.onLine = (line) => {
       this.model.line = line;
       if (line !== 'open') this.console?.pens.drop();
@@ -309,6 +333,7 @@ export class App {
         overlays.addCloud(message.points, message.values, message.done);
       }
     }
+    this.machines?.hear(message);
     if (message.type === 'forces') this.console?.forces.hear(message);
     if (message.type === 'error' && message.code === 'released') this.grab.drop(message.message);
     this.model.hear(message);
@@ -337,22 +362,48 @@ export class App {
       this.header.refresh();
       if (!this.xr.presenting) {
         this.dom.refresh();
+        if (world.cover(...this.dom.covers())) this.console?.views.place();
         this.score.refresh();
+        this.machines?.refresh();
         this.console?.tools?.refresh();
-        world.cover(...this.dom.covers());
       }
       this.xrPanel.refresh();
     }
     this.xrPanel.update(now);
     if (!this.xr.presenting && !world.dirty) return;
-    if (this.console && this.loaded && !this.xr.presenting) {
-      if (!this.console.views.render(this.moved)) return; // the previous picture is still being drawn: try again in the next cycle
-    } else {
+    if (this.xr.presenting) {
       if (this.console && this.loaded) this.console.screen.draw(now);
       world.renderer.render(world.scene, world.camera);
-    }
+    } else if (!this.draw()) return;
     world.dirty = false;
+  }
+
+  /** Draw the picture of a screen; return false if the previous picture is still being drawn. */
+  private draw(): boolean {
+    const { world } = this;
+    const { pace } = world;
+    if (pace.busy) return false;
+    const moving = performance.now() - world.moved < STILL;
+    pace.begin(moving);
+    if (moving && pace.slow) this.later(STILL);
+    if (this.console && this.loaded) this.console.views.render();
+    else world.renderer.render(world.scene, world.camera);
+    pace.end();
+    this.ahead = true;
     if (this.loaded && Number.isNaN(this.firstPicture)) this.firstPicture = performance.now();
+    return true;
+  }
+
+  /**
+   * On slow graphics, draw a frame when it arrives, once in a display cycle: the time until the next cycle counts more
+   * than a newer frame.
+   */
+  private arrive(): void {
+    if (this.ahead || this.xr.presenting || !this.loaded || !this.world.pace.slow || this.world.pace.busy) return;
+    const buffer = this.line.take();
+    if (buffer) this.takeFrame(buffer);
+    if (!this.world.dirty || performance.now() - this.world.moved > PROMPT) return;
+    this.world.dirty = !this.draw();
   }
 
   private takeFrame(buffer: ArrayBuffer): void {
@@ -371,7 +422,7 @@ export class App {
     for (const member of moved) member.follow();
     const bent = this.bend();
     if (!moved.length && !bent) return; // an unchanged scene needs no new picture
-    this.moved = performance.now();
+    this.world.moved = performance.now();
     this.world.touch();
     this.stale = true;
   }

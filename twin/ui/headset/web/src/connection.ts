@@ -24,6 +24,8 @@ export class Connection {
   reconnects = 0;
   onMessage: (message: Message) => void = () => undefined;
   onLine: (line: Line) => void = () => undefined;
+  /** Called after a frame has arrived, which `take` returns. */
+  onFrame: () => void = () => undefined;
 
   private socket: WebSocket | null = null;
   private newest: ArrayBuffer | null = null;
@@ -54,6 +56,7 @@ export class Connection {
       if (typeof event.data !== 'string') {
         this.newest = event.data;
         this.frames++;
+        this.onFrame();
       } else this.hear(JSON.parse(event.data) as Message);
     };
     socket.onclose = () => {

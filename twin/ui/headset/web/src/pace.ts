@@ -1,62 +1,115 @@
-/** Measure the drawing time of pictures; on slow graphics processors, wait for each picture and draw fewer pixels. */
+/** Measure the drawing time of pictures; on slow graphics, draw pictures of moving objects with lower quality. */
 
 import type { WebGLRenderer } from 'three';
 
-const SHARES = [1, 0.7, 0.5, 0.35] as const; // fraction of the pixels along each axis
-const SLOW = 40; // ms per picture above which the next picture has fewer pixels
-const FAST = 12; // ms per picture below which, after `PROOF` pictures, the next one has more pixels
-const PROOF = 30; // number of pictures
+/** Fraction of the pixels along each axis; from the second level on, still surroundings are drawn only once. */
+const SHARES = [1, 1, 0.7, 0.5, 0.35] as const;
+const SLOW = 22; // ms per picture above which, twice in sequence, the next picture has a lower quality
+const FAST = 12; // ms per picture below which, after enough of them, the next one has a higher quality
+/** Number of these pictures: at first, and at most; it doubles with each reduction, so that the quality does not alternate. */
+const PROOF = [30, 480] as const;
+const POLL = 2; // ms between two checks whether a picture is drawn
+const LOST = 2000; // ms after which a picture counts as drawn
 const FULL = Math.min(window.devicePixelRatio, 2);
 
 export class Pace {
+  /** Quality of pictures of moving objects: 0 is full quality. */
+  level = 0;
+  /** Time in ms at which the last picture was begun. */
+  begun = 0;
+  /** Called when a picture is drawn. */
+  onDrawn: () => void = () => undefined;
   private fence: WebGLSync | null = null;
-  private begun = 0;
-  private level = 0;
   private fast = 0;
+  private slowly = 0;
+  private proof: number = PROOF[0];
   private share = 1;
+  private moving = false;
+  private counts = false;
 
-  constructor(private readonly renderer: WebGLRenderer) {}
+  /** `software`: the renderer is a program, and starts at the lowest quality. */
+  constructor(
+    private readonly renderer: WebGLRenderer,
+    readonly software: boolean,
+  ) {
+    this.step(software ? SHARES.length - 1 : 0);
+  }
 
-  /** Whether pictures of moving objects have fewer pixels. */
+  /** Whether pictures of moving objects have a lower quality. */
   get slow(): boolean {
     return this.level > 0;
   }
 
-  /** Whether the last picture is still being drawn; a new picture would only be queued. */
-  busy(now: number): boolean {
-    const gl = this.gl;
-    if (!this.fence) return false;
-    if (gl.getSyncParameter(this.fence, gl.SYNC_STATUS) !== gl.SIGNALED && now - this.begun < 2000) return true;
-    gl.deleteSync(this.fence);
-    this.fence = null;
-    this.judge(now - this.begun);
-    return false;
+  /** Whether the present picture has a lower quality. */
+  get reduced(): boolean {
+    return this.slow && this.moving;
   }
 
-  /** Choose the number of pixels before a picture; all pixels if nothing moves. */
-  begin(now: number, moving: boolean): void {
-    this.begun = now;
+  /** Whether the last picture is still being drawn; a new picture would only be queued. */
+  get busy(): boolean {
+    return this.fence !== null;
+  }
+
+  /** Choose the quality before a picture; full quality if nothing moves. */
+  begin(moving: boolean): void {
+    this.begun = performance.now();
+    this.moving = moving;
+    this.counts = moving || !this.slow; // on slow graphics, pictures of a scene at rest do not count
     const share = moving ? (SHARES[this.level] as number) : 1;
     if (share === this.share) return;
     this.share = share;
     this.renderer.setPixelRatio(FULL * share);
   }
 
+  /** Do not count this picture: it contains more than others. */
+  except(): void {
+    this.counts = false;
+  }
+
   /** Measure the time after a picture. */
   end(): void {
-    const gl = this.gl;
+    const { gl } = this;
     this.fence = gl.fenceSync(gl.SYNC_GPU_COMMANDS_COMPLETE, 0);
     gl.flush();
+    window.setTimeout(() => this.check(), POLL);
+  }
+
+  /** Text on the quality of pictures of moving objects. */
+  text(): string {
+    if (!this.slow) return 'Graphics: full quality';
+    const by = this.software ? 'no graphics processor' : 'slow';
+    const percent = Math.round(100 * (SHARES[this.level] as number));
+    return `Graphics: ${by}. Moving pictures have ${percent} % of the pixels along each axis (reduction ${this.level} of ${SHARES.length - 1}); still pictures have full quality.`;
+  }
+
+  private check(): void {
+    const { gl, fence } = this;
+    if (!fence) return;
+    const took = performance.now() - this.begun;
+    if (gl.getSyncParameter(fence, gl.SYNC_STATUS) !== gl.SIGNALED && took < LOST) {
+      window.setTimeout(() => this.check(), POLL);
+      return;
+    }
+    gl.deleteSync(fence);
+    this.fence = null;
+    if (this.counts) this.judge(took);
+    this.onDrawn();
   }
 
   private judge(took: number): void {
-    if (this.share !== SHARES[this.level]) return; // pictures of a scene at rest do not count
     this.fast = took < FAST ? this.fast + 1 : 0;
-    if (took > SLOW && this.level < SHARES.length - 1) this.level++;
-    else if (this.fast > PROOF && this.level > 0) {
-      this.level--;
-      this.fast = 0;
-    }
+    this.slowly = took > SLOW ? this.slowly + 1 : 0;
+    if (this.slowly > 1 && this.level < SHARES.length - 1) {
+      this.proof = Math.min(2 * this.proof, PROOF[1]);
+      this.step(this.level + 1);
+    } else if (this.fast > this.proof && this.level > 0) this.step(this.level - 1);
+  }
+
+  private step(level: number): void {
+    this.level = level;
+    this.fast = this.slowly = 0;
+    // Translucent panels and their shadows are drawn by the same slow renderer.
+    document.documentElement.toggleAttribute('data-slow', level > 0);
   }
 
   private get gl(): WebGL2RenderingContext {

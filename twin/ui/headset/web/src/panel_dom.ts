@@ -23,6 +23,9 @@ export class DomPanel implements Drawer {
   constructor(parent: HTMLElement) {
     this.side.setAttribute('aria-label', 'Controls');
     parent.append(this.side, this.foot);
+    // The height of the bar depends on its text and on the window; what is above it follows.
+    const follow = () => document.documentElement.style.setProperty('--foot', `${this.foot.offsetHeight}px`);
+    new ResizeObserver(follow).observe(this.foot);
   }
 
   show(sheet: Sheet): void {

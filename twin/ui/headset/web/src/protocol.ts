@@ -100,6 +100,34 @@ export interface ToolInfo {
   does: string;
 }
 
+/** Machines of a scene, each with its model beside it. */
+export interface MachinesInfo {
+  /** Name of the model of each machine. */
+  models: Record<string, string>;
+  /** Name of each joint, and whether it is an angle. */
+  joints: Record<string, [string, boolean][]>;
+  /** Distance of the tips in m above which there is a cue; null: there is none. */
+  limit: number | null;
+  /** Whether a trainer leads them. */
+  trains: boolean;
+}
+
+export interface MachineState {
+  /** Run level; null if the machine does not answer. */
+  level: string | null;
+  phase: 'teleoperate' | 'rehearse' | 'judged' | 'replay' | 'done' | 'stopped' | 'follow';
+  /** Why a record is refused, or a replay was stopped. */
+  why: string | null;
+  /** Why the machine cannot be led. */
+  problem: string | null;
+}
+
+export interface MachinesState {
+  view: 'real' | 'virtual';
+  mode: string;
+  robots: Record<string, MachineState>;
+}
+
 export type Side = 'right' | 'left';
 
 /** Hands by UDP. */
@@ -205,6 +233,7 @@ export interface SceneInfo {
   fields: FieldInfo[];
   assumed: string[];
   console?: ConsoleInfo;
+  machines?: MachinesInfo;
   objects?: ObjectsInfo;
 }
 
@@ -242,8 +271,9 @@ export interface State {
 
 export type Message =
   | { type: 'hello'; protocol: number; client: string | number; model_hash: string; resume?: string }
-  | ({ type: 'state'; robots?: ({ name: string } & Partial<State>)[]; console?: ConsoleState } & Partial<State>)
+  | ({ type: 'state'; robots?: ({ name: string } & Partial<State>)[]; console?: ConsoleState; machines?: MachinesState } & Partial<State>)
   | { type: 'forces'; right: Numbers; left: Numbers }
+  | { type: 'deviations'; time: number; robots: Record<string, { tip: number; joints: number[]; cue: number }> }
   | { type: 'path'; robot?: string; protocol: string | null; points: Numbers }
   | { type: 'cloud'; robot?: string; first?: boolean; points: string; values?: string; done: boolean }
   | { type: 'error'; id?: number; code: string; message: string }

@@ -22,6 +22,8 @@ import type { RobotInfo } from './protocol';
 
 const SAMPLES = 400; // vertices of a link for distances to a hand
 const RED = 0xd81b2a;
+const BLUE = 0x2d7fe0; // of a ghost
+const GHOST = 0.32; // opacity of a ghost
 
 interface Skin {
   mesh: Mesh;
@@ -47,6 +49,7 @@ export class Robot {
   private outline: LineSegments | null = null;
   private marked: [string, Mark] = ['', 'none'];
   private bright = false;
+  private veiled = false;
 
   private constructor(scene: Group) {
     this.root = scene.children.length === 1 && scene.children[0] ? scene.children[0] : scene;
@@ -143,6 +146,22 @@ export class Robot {
     for (const link of this.links.values()) this.tint(link);
   }
 
+  /** Show the whole robot as a ghost, or solid again. */
+  veil(on: boolean): void {
+    this.veiled = on;
+    for (const link of this.links.values()) {
+      this.tint(link);
+      for (const { mesh, material, opacity } of link.skins) {
+        material.transparent = on || opacity < 1;
+        material.depthWrite = !material.transparent;
+        material.polygonOffset = on; // so that a solid robot at the same place hides the ghost
+        material.polygonOffsetFactor = material.polygonOffsetUnits = 2;
+        material.needsUpdate = true;
+        mesh.castShadow = !material.transparent;
+      }
+    }
+  }
+
   /** Paint each link in a flat colour by its number from `first` on (for pixel tests), or restore it. */
   paint(on: boolean, first = 0): void {
     let i = first;
@@ -184,7 +203,8 @@ export class Robot {
         if (mark === 'none') material.emissive.copy(material.color).multiplyScalar(0.18);
         material.emissiveIntensity = 1;
       }
-      material.opacity = opacity;
+      material.opacity = this.veiled ? GHOST : opacity;
+      if (this.veiled) material.color.setHex(BLUE);
     }
   }
 }

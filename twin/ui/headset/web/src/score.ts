@@ -31,24 +31,47 @@ export class Score {
 
   refresh(): void {
     const task = this.app.model.console?.task ?? null;
-    this.place();
     const now = JSON.stringify(task);
-    if (now === this.shown) return;
+    const placed = this.place();
+    if (now === this.shown) {
+      if (placed) this.fit();
+      return;
+    }
     this.shown = now;
-    this.board.hidden = !task;
+    this.board.hidden = !task || task.over !== null; // the card at the end has the same rows
     this.card.hidden = !task?.over;
     if (!task) return;
     this.board.classList.toggle('guided', Boolean(task.stages));
     this.board.replaceChildren(make('h2', '', task.title), ...next(task), ...body(task));
+    this.fit();
     if (task.over)
       this.card.replaceChildren(make('h2', '', task.over), stages(task), rows(task), this.report(task), this.again());
   }
 
-  /** Keep the scoreboard below the heading, whose height depends on its text. */
-  private place(): void {
+  /** Keep the scoreboard above the small picture, as wide as that, and below the heading; return whether its place has changed. */
+  private place(): boolean {
     const low = document.querySelector('header')?.getBoundingClientRect().bottom ?? 0;
-    const top = `${Math.round(low) + 10}px`;
-    if (top !== this.around) this.around = this.board.style.top = top;
+    const top = Math.round(low) + 10;
+    const below = this.app.console?.views.corner ?? { top: window.innerHeight, width: 0 };
+    const high = Math.max(0, below.top - top - 10);
+    const now = `${top} ${high} ${below.width}`;
+    if (now === this.around) return false;
+    this.around = now;
+    Object.assign(this.board.style, { top: `${top}px`, maxHeight: `${high}px`, minWidth: `${below.width}px` });
+    return true;
+  }
+
+  /** Hide old events, then the last measures, then stages that are done if there is no room; none is cut in half. */
+  private fit(): void {
+    const all = (what: string) => [...this.board.querySelectorAll<HTMLElement>(what)];
+    const events = all('.events li').reverse();
+    const done = all('.stages [data-state="done"]');
+    const spare = [...events.slice(0, -1), ...all('tr').reverse(), ...events.slice(-1), ...done, ...all('h2')];
+    for (const row of spare) row.hidden = false;
+    for (const row of spare) {
+      if (this.board.scrollHeight <= this.board.clientHeight) break;
+      row.hidden = true;
+    }
   }
 
   private report(task: TaskState): HTMLElement {

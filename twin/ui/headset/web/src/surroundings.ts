@@ -89,6 +89,11 @@ export class Surroundings {
     return eye;
   }
 
+  /** Return the meshes of the props; they never move. */
+  get parts(): readonly Mesh[] {
+    return [...this.opacities.keys()];
+  }
+
   /** Return the markers of ports and cameras. */
   get signs(): readonly Object3D[] {
     return [...this.rings, ...this.eyes];

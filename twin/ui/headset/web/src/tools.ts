@@ -49,7 +49,7 @@ export class Tools {
   refresh(): void {
     const { views, info } = this.console;
     const state = this.app.model.console;
-    const beside = views.box(views.large === 'scope' ? 'room' : 'scope');
+    const beside = views.corner;
     const [right] = this.app.world.free();
     const left = beside.left + beside.width + 12;
     const wide = right - left - 12;
@@ -57,6 +57,7 @@ export class Tools {
     if (now === this.shown) return;
     this.shown = now;
     this.window.hidden = wide < 260;
+    this.window.classList.toggle('low', beside.height < 150); // no room for drawings
     Object.assign(this.window.style, { left: `${left}px`, top: `${beside.top}px`, width: `${wide}px`, height: `${beside.height}px` });
     for (const { side, tool, node } of this.buttons)
       {

@@ -2,7 +2,9 @@
 
 import {
   AmbientLight,
+  type LineSegments,
   MathUtils,
+  type Mesh,
   type Object3D,
   PerspectiveCamera,
   Quaternion,
@@ -11,9 +13,9 @@ import {
   type WebGLRenderTarget,
 } from 'three';
 import type { App } from './app';
+import { Backdrop } from './backdrop';
 import { type Eye, EYES, Eyes } from './eyes';
 import { lineOf } from './line';
-import { Pace } from './pace';
 import type { CameraInfo } from './protocol';
 import { poseOf } from './robot';
 
@@ -36,8 +38,9 @@ export interface Box {
 
 const SEEN = 0.4; // m: maximum distance drawn in the endoscope's view, which shows only the cavity
 const REST = 200; // ms between two updates of the small view while the large view changes
-const LONG_REST = 5000; // ms between two updates of the small view on a slow machine
-const STILL = 1500; // ms without motion after which a slow machine draws all pixels again
+/** On slow graphics, the small view is drawn in pauses of the motion of this many ms, or after the longest time. */
+const PAUSE = 600;
+const LONG_REST = 10000;
 /** Headings of the two pictures of a scene with a window of tools. */
 const NAMES: Readonly<Record<View, string>> = { room: 'Patient and robots', scope: 'Inside the abdomen' };
 const CLOSER = 1.9; // enlargement of the small view of the room beside a window of tools
@@ -48,7 +51,7 @@ const UP = new Quaternion().setFromAxisAngle(new Vector3(1, 0, 0), Math.PI); // 
 export class Views {
   large: View = 'scope';
   readonly scope: PerspectiveCamera;
-  readonly pace: Pace;
+  readonly backdrop: Backdrop;
   private stereo: Stereo = 'one';
   private readonly eyes: Eyes;
   /** Camera of the room's view on a screen. */
@@ -69,7 +72,7 @@ export class Views {
   ) {
     this.scope = new PerspectiveCamera(MathUtils.radToDeg(camera.view), 1, 0.003, SEEN);
     this.eyes = new Eyes(camera.stereo);
-    this.pace = new Pace(app.world.renderer);
+    this.backdrop = new Backdrop(app.world);
     for (const lens of [this.scope, this.eyes.left, this.eyes.right]) lens.layers.enable(SCOPE_LIGHT);
     this.frame.className = 'inset';
     this.frame.dataset['id'] = 'inset';
@@ -139,6 +142,11 @@ export class Views {
     return { left: 18, top: bottom - height - (this.headed ? 40 : 18), width, height };
   }
 
+  /** Return the box of the small view in pixels of the page. */
+  get corner(): Box {
+    return this.box(this.large === 'scope' ? 'room' : 'scope');
+  }
+
   /** Return the view at a point of the page. */
   at(x: number, y: number): View {
     const small: View = this.large === 'scope' ? 'room' : 'scope';
@@ -154,9 +162,12 @@ export class Views {
     this.frame.classList.toggle('work', small === 'scope');
     this.label.style.left = `${b.left + 8}px`;
     this.label.style.top = `${b.top + 4}px`;
+    this.label.style.maxWidth = `${b.width - 16}px`;
     const names = this.headed ? NAMES : { room: 'Room', scope: 'Endoscope' };
     this.label.textContent = small === 'room' ? `${names.room} · click to enlarge` : names.scope;
     this.heading.textContent = this.large === 'scope' ? `${names.scope}, through the endoscope` : names.room;
+    const [right] = this.app.world.free();
+    this.heading.style.maxWidth = `${Math.max(0, right - this.heading.offsetLeft - 12)}px`;
     this.frame.setAttribute('aria-label', this.label.textContent);
   }
 
@@ -189,18 +200,16 @@ export class Views {
     return { left: half(0), right: half(width) };
   }
 
-  /** Draw the large view and, less often, the small one; return false if the last picture is still being drawn. */
-  render(moved: number): boolean {
-    const { renderer } = this.app.world;
+  /** Draw the large view and, less often, the small one. */
+  render(): void {
+    const { pace, renderer, moved } = this.app.world;
     const small: View = this.large === 'scope' ? 'room' : 'scope';
     const now = performance.now();
-    if (this.pace.busy(now)) return false;
-    const moving = now - moved < STILL;
-    this.pace.begin(now, moving);
-    if (moving && this.pace.slow) this.app.later(STILL);
     // Shadows of the room are not visible in the cavity.
     this.shadows ||= renderer.shadowMap.needsUpdate;
-    if (small === 'scope' || now - this.drawn > (moving && this.pace.slow ? LONG_REST : REST)) {
+    const due = now - this.drawn > (pace.slow && now - moved < PAUSE ? LONG_REST : REST);
+    if (small === 'scope' || due) {
+      if (due) pace.except();
       this.drawn = now;
       this.draw(small);
       const { left, top, width, height } = this.box(small);
@@ -209,10 +218,8 @@ export class Views {
       if (this.small.width !== w || this.small.height !== h) [this.small.width, this.small.height] = [w, h];
       const whole = this.small.getContext('2d');
       whole?.drawImage(renderer.domElement, left * scale, top * scale, w, h, 0, 0, w, h);
-    } else this.app.later(REST);
+    } else this.app.later(pace.slow ? PAUSE : REST);
     this.draw(this.large);
-    this.pace.end();
-    return true;
   }
 
   /** Draw the pictures of both lenses for a headset, with this size in pixels. */
@@ -280,7 +287,8 @@ export class Views {
       this.inBox(whole, () => this.eyes.overlay(renderer));
     } else {
       const camera = this.fit(view);
-      this.inBox(whole, () => renderer.render(scene, camera));
+      const copies = view === 'scope' && view === this.large && this.app.world.pace.reduced;
+      this.inBox(whole, () => (copies ? this.backdrop.draw(camera, this.still()) : renderer.render(scene, camera)));
     }
     renderer.setScissorTest(false);
     renderer.setViewport(0, 0, renderer.domElement.clientWidth, renderer.domElement.clientHeight);
@@ -293,6 +301,11 @@ export class Views {
     renderer.setViewport(...area);
     renderer.setScissor(...area);
     draw();
+  }
+
+  /** Return the parts of the scene that never move. */
+  private still(): (Mesh | LineSegments)[] {
+    return [...this.app.world.ground, ...this.app.surroundings.parts];
   }
 
   /** Return the visible displays that are only for the room's view. */
@@ -317,7 +330,7 @@ export class Views {
     const [right, bottom] = world.free();
     const large = view === this.large;
     camera.aspect = b.width / b.height;
-    const low = this.headed ? this.box(this.large === 'scope' ? 'room' : 'scope').top : bottom; // above the small windows
+    const low = this.headed ? this.corner.top : bottom; // above the small windows
     const [x, y] = large ? [(b.width - right) / 2, (b.height - low) / 2] : [0, 0];
     if (view === 'room') camera.zoom = large || !this.headed ? 1 : CLOSER;
     camera.setViewOffset(b.width, b.height, x, y, b.width, b.height);

@@ -20,10 +20,12 @@ import {
   Scene,
   ShadowMaterial,
   SRGBColorSpace,
+  Vector2,
   Vector3,
   WebGLRenderer,
 } from 'three';
 import { OrbitControls } from 'three/addons/controls/OrbitControls.js';
+import { Pace } from './pace';
 
 export type Look = 'normal' | 'additive';
 
@@ -45,6 +47,10 @@ export class World {
   /** World node (z up), below `placement`. */
   readonly robotWorld = new Group();
   readonly floor = new Group();
+  /** Quality of the pictures on a screen. */
+  readonly pace: Pace;
+  /** Time in ms of the last motion of an object or of the room's camera. */
+  moved = -Infinity;
   look: Look = 'normal';
   /** Background colour, except in AR. */
   readonly sky = new Color(SKY);
@@ -63,7 +69,9 @@ export class World {
   private readonly disc: Mesh;
 
   constructor(canvas: HTMLCanvasElement) {
-    this.renderer = new WebGLRenderer({ canvas, antialias: accelerated(), alpha: true, powerPreference: 'high-performance' });
+    const processor = accelerated();
+    this.renderer = new WebGLRenderer({ canvas, antialias: processor, alpha: true, powerPreference: 'high-performance' });
+    this.pace = new Pace(this.renderer, !processor);
     this.renderer.setPixelRatio(Math.min(window.devicePixelRatio, 2));
     this.renderer.outputColorSpace = SRGBColorSpace;
     this.renderer.toneMapping = NeutralToneMapping;
@@ -92,7 +100,10 @@ export class World {
     this.floor.add(this.disc, this.grid, this.shadow);
     this.orbit = new OrbitControls(this.camera, canvas);
     this.orbit.enableDamping = false;
-    this.orbit.addEventListener('change', () => (this.dirty = true));
+    this.orbit.addEventListener('change', () => {
+      this.moved = performance.now();
+      this.dirty = true;
+    });
     this.setLook('normal', false);
     window.addEventListener('resize', () => this.resize());
     this.resize();
@@ -102,17 +113,24 @@ export class World {
     if (this.renderer.xr.isPresenting) return;
     const canvas = this.renderer.domElement;
     const [w, h] = [canvas.clientWidth || 1, canvas.clientHeight || 1];
-    this.renderer.setSize(w, h, false);
+    const canvasSize = this.renderer.getSize(new Vector2());
+    if (canvasSize.x !== w || canvasSize.y !== h) this.renderer.setSize(w, h, false); // this clears the canvas
     // The middle of the picture is the middle of the area without controls.
     this.camera.setViewOffset(w, h, this.covered.right / 2, this.covered.bottom / 2, w, h);
     this.dirty = true;
   }
 
-  /** Set the size in pixels that the controls cover at the right and the bottom of the canvas. */
-  cover(right: number, bottom: number): void {
-    if (right === this.covered.right && bottom === this.covered.bottom) return;
+  /** Set the size in pixels that the controls cover at the right and the bottom; return whether it has changed. */
+  cover(right: number, bottom: number): boolean {
+    if (right === this.covered.right && bottom === this.covered.bottom) return false;
     this.covered = { right, bottom };
     this.resize();
+    return true;
+  }
+
+  /** Return the drawn parts of the floor; they never move. */
+  get ground(): readonly (Mesh | LineSegments)[] {
+    return [this.disc, this.grid, this.shadow];
   }
 
   /** Width and height in pixels of the area without controls, from the upper left. */
@@ -176,7 +194,10 @@ export class World {
     this.shadow.visible = !additive;
     this.disc.visible = !seeThrough && !additive;
     this.grid.visible = !seeThrough;
-    (this.grid.material as LineBasicMaterial).opacity = additive ? 0.35 : 1;
+    const lines = this.grid.material as LineBasicMaterial;
+    lines.opacity = additive ? 0.35 : 1;
+    lines.transparent = additive;
+    lines.needsUpdate = true;
     this.touch();
   }
 }
@@ -213,7 +234,7 @@ function gridOf(): LineSegments {
   const geometry = new BufferGeometry();
   geometry.setAttribute('position', new Float32BufferAttribute(positions, 3));
   geometry.setAttribute('color', new Float32BufferAttribute(colors, 3));
-  const material = new LineBasicMaterial({ vertexColors: true, transparent: true, toneMapped: false });
+  const material = new LineBasicMaterial({ vertexColors: true, toneMapped: false });
   return new LineSegments(geometry, material);
 }
 

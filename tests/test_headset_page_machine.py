@@ -1,0 +1,99 @@
+"""The page of `twin serve raven` in Chromium: rehearse in the model, judge, run on a machine process; its refusal."""
+
+from __future__ import annotations
+
+import time
+
+import pytest
+
+from made import headset_page as headset
+from made.console_page import console
+
+pytestmark = pytest.mark.browser
+
+
+@pytest.fixture(scope="module")
+def browser():
+    yield from headset.chromium()
+
+
+@pytest.fixture(scope="module")
+def page(browser):
+    server = headset.Serving("raven")
+    with console(browser, server.url, size=(900, 520)) as opened:
+        yield opened
+    server.stop()
+
+
+MACHINE = "twin.app.model.robots[0].frame.q"
+STATE = "twin.app.machines.state"
+
+
+def phase(page):
+    return page(f"{STATE}.robots.raven_left.phase")
+
+
+def lead(page, x, y, seconds=2.0):
+    """Move the left hand for a time, as a person does: a little in each picture."""
+    end, k = time.monotonic() + seconds, 0
+    while time.monotonic() < end:
+        k += 1
+        page(f"twin.app.console.move('left', {0.05 * x / 40}, {0.05 * y / 40}, 0)" if k <= 40 else "0")
+        time.sleep(seconds / 60)
+
+
+def follows(page):
+    """Lead the left hand until its arm follows, and the machine has its pedal down."""
+    end = time.monotonic() + headset.WAIT
+    while page(f"{STATE}.robots.raven_left.level") != "PEDAL_DN":
+        assert time.monotonic() < end
+        page("twin.app.console.move('left', 0.0005, 0, 0)")
+        time.sleep(0.05)
+
+
+def test_a_motion_is_rehearsed_judged_and_run_on_the_machine(page):
+    page.until(f"{STATE} !== null && {STATE}.robots.raven_left.level === 'PEDAL_UP'", "the machine is at home")
+    page.id("machines").wait_for()
+    follows(page)
+    page.id("rehearse").click()
+    page.until(f"{STATE}.robots.raven_left.phase === 'rehearse'", "the rehearsal")
+    page.until(f"{STATE}.robots.raven_left.level === 'PEDAL_UP'", "the machine holds")
+    at = page(f"[...{MACHINE}]")
+    lead(page, 1, 1)
+    time.sleep(1.0)
+    assert page(f"[...{MACHINE}]") == pytest.approx(at, abs=2e-3)
+    page.until("twin.app.machines.points.at(-1).tips[0] > 0.004", "the model has moved away")
+    page.id("judge").click()
+    page.until(
+        f"{STATE}.robots.raven_left.phase === 'judged' && {STATE}.robots.raven_left.why === null", "a good record"
+    )
+    page.id("replay").click()
+    page.until(f"{STATE}.robots.raven_left.phase === 'done'", "the machine has repeated the record", 60)
+    assert page(f"[...{MACHINE}]") != pytest.approx(at, abs=5e-3)
+    page.id("teleoperate").click()
+    page.until(f"{STATE}.mode === 'teleoperate'", "teleoperation")
+    page.id("replay").click()
+    said = "document.querySelector('[data-id=machine-said]').textContent"
+    text = "mm from where the record begins (limit 2): lead it to the start"
+    page.until(f"{said}.includes('{text}')", "the second run is refused")
+
+
+def test_the_camera_pedal_changes_which_is_solid(page):
+    veiled = "twin.app.members.map((m) => m.robot.veiled)"
+    names = page("twin.app.members.map((m) => m.model.info.name)")
+    ghosts = lambda: {n for n, on in zip(names, page(veiled), strict=True) if on}  # noqa: E731
+    assert ghosts() == {"raven_left_model"}
+    for _ in range(2):  # a tap
+        page("twin.app.console.toggle('camera')")
+        time.sleep(0.1)
+    page.until(f"{STATE}.view === 'virtual'", "the other view")
+    page.until("twin.app.machines.board.dataset.view === 'virtual'", "the panel shows it")
+    assert ghosts() == {"raven_left"}
+
+
+def test_the_stop_button_stops_the_machine(page):
+    page.id("machine-stop").click()
+    page.until(f"{STATE}.robots.raven_left.level === 'E_STOP'", "the machine stops")
+    page.id("machine-start").click()
+    page.until(f"{STATE}.robots.raven_left.level === 'PEDAL_UP'", "the machine is at home again", 30)
+    assert phase(page) in ("teleoperate", "stopped")

@@ -1,0 +1,125 @@
+"""`twin operate raven`: a trainee and a real machine process, the session that replays, and a machine that dies."""
+
+from __future__ import annotations
+
+import json
+import re
+import signal
+import subprocess
+import sys
+import time
+import urllib.request
+
+import numpy as np
+import pytest
+
+import twin
+from twin.api.machine import ChildMachine, Machines
+from twin.api.session import operate_machine, replay_session
+from twin.cli import main
+from twin.core.errors import DeviceError, TwinError
+from twin.simulation.controllers.trainer import Phase
+from twin.simulation.session.machine_run import ready
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return twin.load_scene("raven")
+
+
+@pytest.fixture(scope="module")
+def operated(scene):
+    return operate_machine(scene, seed=3, triangles=1)
+
+
+def test_a_rehearsed_motion_is_replayed_on_the_machine_and_refused_elsewhere(operated):
+    (machine,) = operated.training
+    done = {Phase.REHEARSE, Phase.JUDGED, Phase.REPLAY, Phase.STOPPED}
+    steps = {s.phase: s for s in machine.steps if s.phase in done}
+    assert set(steps) == done
+    assert machine.cue == (0.0, 0.0)
+    assert machine.stops == 0
+    assert steps[Phase.REPLAY].text == ""
+    assert steps[Phase.REPLAY].deviation < 1e-3
+    assert steps[Phase.REPLAY].record < 2e-3  # the wait between two packets differs on a busy computer
+    assert "mm from where the record begins (limit 2): lead it to the start" in steps[Phase.STOPPED].text
+
+
+def test_its_session_replays_bit_for_bit_without_the_machine(operated, scene, tmp_path):
+    path = tmp_path / "hands.session"
+    path.write_bytes(operated.recorded)
+    again = replay_session(path, scene)
+    assert again.ran.difference is None
+    np.testing.assert_array_equal(again.ran.kept.rows, operated.ran.kept.rows)
+    assert [s.phase for s in again.training[0].steps] == [s.phase for s in operated.training[0].steps]
+    assert again.exit_code == 0
+
+
+def test_a_killed_machine_is_noticed(scene):
+    robot = twin.load("raven_left")
+    child = ChildMachine("raven_left")
+    with Machines({"raven_left": robot}, {}, {"raven_left": child.address}) as machines:
+        link = machines.links["raven_left"]
+        ready("raven_left", link)
+        begin = time.monotonic()
+        child.close()
+        while not link.problem:
+            assert time.monotonic() - begin < 2
+            time.sleep(0.01)
+        assert link.state is None
+        with pytest.raises(DeviceError, match="raven_left: the machine is not ready: states from"):
+            ready("raven_left", link, 1.0)
+    with pytest.raises(TwinError, match="there is no machine 'nobody'"):
+        Machines({}, {}, {"nobody": child.address})
+
+
+def test_a_machine_ends_with_the_program_that_started_it():
+    child = ChildMachine("raven_left")
+    child._process.line.close()  # as when the program is killed
+    end = time.monotonic() + 5
+    while child.alive:
+        assert time.monotonic() < end
+        time.sleep(0.02)
+
+
+def test_a_robot_that_is_no_machine():
+    with pytest.raises(DeviceError, match=r"the machine of pa10 has not started: .*machine.toml"):
+        ChildMachine("pa10")
+
+
+def test_a_twin_follows_a_machine_process():
+    """`twin follow raven_left --packets 0`, and with --states: both serve a page and the machine's description."""
+    child = ChildMachine("raven_left")
+    sources = (("--states", str(child.address.state_port)), ("--packets", "0"))
+    for option in sources:
+        command = [sys.executable, "-m", "twin", "follow", "raven_left", *option, "--port", "0", "--no-browser"]
+        with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) as process:
+            try:
+                lines = iter(process.stdout.readline, "")
+                url = next(m[0] for line in lines if (m := re.search(r"http://127[.]0[.]0[.]1:[0-9]+", line)))
+                with urllib.request.urlopen(f"{url}/scene.json", timeout=60) as page:
+                    about = json.loads(page.read())
+                assert about["machines"]["models"] == {"raven_left": "raven_left_model"}
+                assert [r["name"] for r in about["robots"]] == ["raven_left", "raven_left_model"]
+                time.sleep(1)
+                process.send_signal(signal.SIGINT)
+                assert process.wait(20) == 0
+            finally:
+                process.kill()
+    child.close()
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ([], "give --states HOST:PORT (a `twin machine`), or --packets PORT"),
+        (["--states", "a:b"], "--states a:b: give HOST:PORT or PORT"),
+        (["--states", "9"], "no machine sends states at 127.0.0.1:9"),
+    ],
+)
+def test_what_cannot_be_followed(options, message, capsys):
+    assert main(["follow", "raven_left", "--port", "0", "--no-browser", *options]) == 2
+    said = capsys.readouterr()
+    assert message in said.out + said.err

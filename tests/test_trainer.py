@@ -1,0 +1,645 @@
+"""The trainer of a machine: packets that follow a goal, rehearsal, judgement, replay with checks; links and states."""
+
+from __future__ import annotations
+
+import re
+import socket
+import threading
+import time
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import twin
+from twin.api.machine import machine, machine_parts
+from twin.cli.machine import running
+from twin.core import spatial
+from twin.core.errors import DescriptionError, DeviceError, TwinError
+from twin.model.scene import load_scene
+from twin.simulation import console_scene, machine_scene
+from twin.simulation.controllers.cue import Cue
+from twin.simulation.controllers.trainer import Bounds, Mode, Phase, Smooth, Tips, Trainer, ViewSwitch, Why, asked, told
+from twin.simulation.devices.joint_packets import JointPackets
+from twin.simulation.devices.joint_packets import pack as pack_joints
+from twin.simulation.machine import states
+from twin.simulation.machine.itp import pack, unpack
+from twin.simulation.machine.levels import Level
+from twin.simulation.machine.link import Address, MachineLink, StateReader
+from twin.simulation.machine.modelled import Modelled
+from twin.simulation.machine.states import State
+from twin.simulation.session.training import measure
+from twin.simulation.world import Recording, Signals
+from twin.ui.session.mirror import Mirror
+
+BOUNDS = Bounds(0.04, 1.5, 0.05, 0.08, 2e-3, 0.05, 3e-3)
+STILL = np.array([0, 0, 0, 1, 0, 0, 0, 0, 0.0])
+
+
+@pytest.fixture(scope="module")
+def robot():
+    return twin.load("raven_left")
+
+
+@pytest.fixture(scope="module")
+def parts(robot):
+    return machine_parts(robot)
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return twin.load_scene("raven")
+
+
+# -- packets -------------------------------------------------------------------------------------------
+
+
+@settings(max_examples=2, deadline=None)
+@given(
+    way=st.tuples(*(st.floats(-0.01, 0.01) for _ in range(3))),
+    turn=st.tuples(*(st.floats(-0.4, 0.4) for _ in range(3))),
+    jaw=st.floats(0, 0.5),
+)
+def test_increments_lead_to_the_goal_within_the_limits(way, turn, jaw):
+    start, goal = np.eye(4), spatial.pose(spatial.exp_so3(turn), way)
+    smooth = Smooth(BOUNDS, 1e-3, 1e-3)
+    smooth.begin(start, 0.0)
+    p, R, opened = np.zeros(3), np.eye(3), 0.0
+    for _ in range(1000):
+        v = unpack(pack(1, 0, smooth.values(goal, jaw)), 0, 0).values  # as the machine gets it
+        assert np.linalg.norm(v[:3]) <= 40 + 2
+        step = spatial.matrix_from_quat_wxyz(v[3:7])
+        assert spatial.rotation_angle(step) <= 1.5e-3 + 1e-9
+        p, R, opened = p + 1e-6 * v[:3], step @ R, opened + 1e-3 * v[7]
+    assert np.abs(p - way).max() <= 1e-6
+    assert spatial.rotation_angle(R @ goal[:3, :3].T) <= 1e-6
+    assert abs(opened - jaw) <= 1e-3
+
+
+# -- the trainer ---------------------------------------------------------------------------------------
+
+
+class Desk:
+    """A trainer with signals that a test sets, and the time."""
+
+    def __init__(self, parts):
+        self.q = parts.home
+        kin = parts.kin
+        angles = np.array([j.is_angle for j in parts.arm.mechanism.active])
+        self.trainer = Trainer("arm", "pedals", BOUNDS, 1e-3, Tips(kin, angles), 1e-3)
+        self.signals = Signals(
+            {
+                "pedals.training": 0.0,
+                "pedals.silent": 0.0,
+                "console.mode": 0.0,
+                "arm.goal": kin.forward(self.q).ravel(),
+                "arm.follows": 1.0,
+                "arm.jaw": 0.0,
+                "arm.run": [1.0, Level.PEDAL_DN, 0, 0],
+                "arm.measured": self.q,
+                "arm.model": [float(Level.PEDAL_DN), 0.0, 0.0],
+                "arm.deviation": [0.0, 0.0],
+                "arm_model.q": self.q,
+            }
+        )
+        self.t = 0.0
+
+    def set(self, name, value, at=slice(None)):
+        self.signals.view(name)[at] = value
+
+    def step(self, ticks=1):
+        """Return phase, reason, value, and both packets of the last tick."""
+        for _ in range(ticks):
+            out = self.trainer.step(self.signals, self.t, 1e-3)
+            self.t += 1e-3
+        phase, why, value = np.asarray(out["arm.phase"])
+        return Phase(int(phase)), Why(int(why)), float(value), out["arm.packet"], out["arm.given"]
+
+    def ask(self, mode):
+        self.set("pedals.training", mode)
+        return self.step()
+
+    def rehearse(self, way=0.01, fastest=0.01, ticks=400):
+        """Rehearse a motion along x, and judge it."""
+        self.ask(Mode.REHEARSE)
+        goal = self.signals["arm.goal"].reshape(4, 4).copy()
+        goal[0, 3] += way
+        self.set("arm.model", fastest, 1)
+        self.set("arm.goal", goal.ravel())
+        self.step(ticks)
+        return self.ask(Mode.JUDGE)
+
+
+@pytest.fixture
+def desk(parts):
+    return Desk(parts)
+
+
+def test_both_get_the_same_packets_and_the_model_begins_where_the_machine_is(desk):
+    _, _, _, machine_gets, model_gets = desk.step()
+    assert model_gets[9] == 1
+    np.testing.assert_array_equal(machine_gets, model_gets[:9])
+    assert desk.step()[4][9] == 0
+
+
+def test_increments_wait_until_both_are_ready(desk):
+    desk.step()
+    desk.set("arm.goal", (desk.signals["arm.goal"].reshape(4, 4) + np.diag([0, 0, 0, 0.0])).ravel())
+    goal = desk.signals["arm.goal"].reshape(4, 4).copy()
+    goal[1, 3] += 0.01
+    desk.set("arm.goal", goal.ravel())
+    desk.set("arm.run", Level.PEDAL_UP, 1)
+    phase, _, _, machine_gets, _ = desk.step(100)
+    assert phase == Phase.TELEOPERATE
+    assert machine_gets[8] == 1
+    assert not machine_gets[:3].any()
+    desk.set("arm.run", Level.PEDAL_DN, 1)
+    assert desk.step(50)[3][:3].any()
+
+
+def test_a_rehearsal_moves_the_model_only(desk):
+    desk.step()
+    phase, why, _, machine_gets, _ = desk.rehearse()
+    assert (phase, why) == (Phase.JUDGED, Why.NOTHING)
+    np.testing.assert_array_equal(machine_gets, STILL)
+    moved = sum(v[0] for v in desk.trainer._record)
+    assert moved == pytest.approx(1e4, abs=30)
+
+
+def test_a_good_record_is_replayed_as_it_was(desk):
+    desk.step()
+    desk.rehearse()
+    record = [v.copy() for v in desk.trainer._record]
+    phase, _, _, _, model_gets = desk.ask(Mode.REPLAY)
+    assert phase == Phase.REPLAY
+    assert model_gets[9] == 1  # the model begins where the machine is
+    sent = []
+    while phase == Phase.REPLAY:
+        phase, _, _, machine_gets, model_gets = desk.step()
+        np.testing.assert_array_equal(machine_gets, model_gets[:9])
+        sent.append(machine_gets)
+    assert phase == Phase.DONE
+    np.testing.assert_array_equal(sent[: len(record)], record)
+
+
+def test_a_replay_waits_for_the_hands_and_then_gives_up(desk):
+    """A page sends its hands again when the replay is asked for."""
+    desk.step()
+    desk.rehearse()
+    desk.set("pedals.silent", 1)
+    desk.ask(Mode.REPLAY)
+    assert desk.step(500)[0] == Phase.REPLAY
+    assert desk.step(600)[:2] == (Phase.STOPPED, Why.OPERATOR)
+    desk.set("pedals.silent", 0)
+    desk.ask(asked(Mode.REPLAY, 1))  # asked for again
+    assert desk.step(200)[0] == Phase.REPLAY
+
+
+def test_a_replay_waits_for_the_machine_and_then_gives_up(desk):
+    desk.step()
+    desk.rehearse()
+    desk.set("arm.run", Level.PEDAL_UP, 1)
+    desk.ask(Mode.REPLAY)
+    phase, _, _, machine_gets, _ = desk.step(500)
+    assert phase == Phase.REPLAY
+    assert not machine_gets[:3].any()
+    assert desk.step(600)[:2] == (Phase.STOPPED, Why.NOT_READY)
+
+
+def text_of(found):
+    return told(found[1], found[2], BOUNDS, "arm")
+
+
+@pytest.mark.parametrize(
+    ("prepare", "expected"),
+    [
+        (lambda d: None, "there is no record: rehearse first"),
+        (lambda d: d.rehearse(fastest=0.09), "the record was not judged good"),
+        (
+            lambda d: (d.rehearse(), d.set("arm.measured", d.q[0] + 0.04, 0)),
+            r"arm is \d\.\d mm from where the record begins \(limit 2\): lead it to the start by teleoperation, or re",
+        ),
+        (
+            lambda d: (d.rehearse(), d.set("arm.measured", d.q[3] + 0.1, 3)),
+            r"a joint of arm is 5\.7 deg from where the record begins \(limit 2\.\d+\)",
+        ),
+        (
+            lambda d: (d.rehearse(), d.set("arm.run", Level.E_STOP, 1)),
+            r"arm is not ready \(run level E_STOP\): press its start button",
+        ),
+    ],
+)
+def test_a_replay_is_refused_with_what_to_do(desk, prepare, expected):
+    desk.step()
+    prepare(desk)
+    found = desk.ask(Mode.REPLAY)
+    assert found[0] == Phase.STOPPED
+    assert re.search(expected, text_of(found)), text_of(found)
+    np.testing.assert_array_equal(found[3], STILL)
+
+
+@pytest.mark.parametrize(
+    ("signal", "value", "at", "expected"),
+    [
+        ("arm.deviation", 3.1e-3, 0, "was 3.1 mm from its model (limit 3)"),
+        ("arm.deviation", 0.09, 1, "moved with 90 mm/s (limit 80)"),
+        ("arm.run", Level.E_STOP, 1, "left PEDAL_DN (run level E_STOP)"),
+        ("arm.run", 0.0, 0, "left PEDAL_DN"),
+        ("console.mode", 1.0, 0, "by the clutch"),
+    ],
+)
+def test_a_replay_is_stopped(desk, signal, value, at, expected):
+    desk.step()
+    desk.rehearse()
+    desk.ask(Mode.REPLAY)
+    desk.step(20)
+    desk.set(signal, value, at)
+    found = desk.step()
+    assert found[0] == Phase.STOPPED
+    assert expected in text_of(found)
+    np.testing.assert_array_equal(found[3], STILL)
+
+
+def test_hands_that_are_silent_for_long_stop_a_replay(desk):
+    desk.step()
+    desk.rehearse(ticks=1500)
+    desk.ask(Mode.REPLAY)
+    desk.step(100)
+    desk.set("pedals.silent", 1)
+    desk.set("console.mode", 1)  # as the pedals say of silent hands
+    assert desk.step(900)[0] == Phase.REPLAY
+    assert "the hands are silent" in text_of(desk.step(150))
+
+
+def test_a_fast_record_and_one_out_of_reach_are_judged_bad(desk):
+    desk.step()
+    found = desk.rehearse(fastest=0.06)
+    assert "moved with 60 mm/s (limit 50)" in text_of(found)
+    desk.ask(Mode.TELEOPERATE)
+    desk.ask(Mode.REHEARSE)
+    desk.step(10)
+    desk.set("arm.model", 3.0, 2)
+    assert "3 packets asked for a pose out of reach" in text_of(desk.ask(Mode.JUDGE))
+
+
+def test_a_tap_of_the_camera_pedal_changes_the_view():
+    switch, signals, seen = ViewSwitch("pedals", 0.25), Signals({"pedals.camera": 0.0}), []
+    for k in range(900):
+        signals.view("pedals.camera")[0] = 100 <= k < 200 or 300 <= k < 700
+        seen.append(switch.step(signals, k * 1e-3, 1e-3)["console.view"])
+    assert seen[:200] == [0.0] * 200
+    assert set(seen[200:]) == {1.0}  # the long press moves the camera
+
+
+# -- model and cue -------------------------------------------------------------------------------------
+
+
+def test_a_late_state_is_compared_with_the_model_after_the_same_packet(parts):
+    """A machine that is its model, 30 ms away, does not deviate while it moves."""
+    arm = machine(parts)
+    arm.stand(parts.home)
+    plant = Modelled("arm", parts, Cue(), parts.home)
+    signals = Signals(
+        {
+            "arm.given": np.append(STILL, 0.0),
+            "arm.phase": [0.0, 0, 0],
+            "arm.measured": parts.home,
+            "arm.run": [1.0, Level.PEDAL_UP, 0, 0],
+            **plant.outputs,
+        }
+    )
+    waiting, apart, far = [], [], 0.0
+    for k in range(400):
+        values = np.array([round(20 * np.sin(k / 60)), 0, 0, 1, 0, 0, 0, 0, 1.0]) if k > 10 else np.append(STILL[:8], 1)
+        signals.view("arm.given")[:9] = values
+        waiting.append((k + 1, pack(k + 1, 0, values)))
+        if k >= 15:
+            number, data = waiting.pop(0)
+            arm.step(k * 1e-3, [(data, "master")])
+            signals.view("arm.measured")[:] = arm.q
+            signals.view("arm.run")[:] = 1.0, arm.plc.level, number, k
+        out = plant.step(signals, k * 1e-3, 1e-3)
+        apart.append(out["arm.deviation"][0])
+        far = max(far, np.abs(out["arm_model.q"] - arm.q).max())
+        assert not out["arm.cue"].any()
+    assert far > 1e-3  # the model is ahead
+    assert max(apart) < 1e-5
+
+
+def test_the_cue_is_in_the_axes_of_the_picture():
+    base = spatial.pose(spatial.rotation_z(0.3), [1, 2, 3])
+    view = spatial.pose(spatial.exp_so3([0.2, -0.4, 0.1]), [0, 0, 1])
+    signals = Signals({"haptics.on": 1.0, "arm.cue": [0.1, 0.2, -0.3], "camera.view": view.ravel()})
+    hand = machine_scene.CueHand("left", "camera", {"arm": base})
+    force = hand.step(signals, 0.0, 1e-3)["left.force"]
+    np.testing.assert_allclose(view[:3, :3] @ force, base[:3, :3] @ [0.1, 0.2, -0.3], atol=1e-12)
+    signals.view("haptics.on")[0] = 0
+    assert not hand.step(signals, 0.0, 1e-3)["left.force"].any()
+
+
+def test_an_arm_that_is_put_somewhere_stands_there(parts):
+    arm = machine(parts)
+    q = parts.home + np.array([0.1, -0.1, 0.01, 0, 0, 0, 0.1])
+    arm.stand(q)
+    for k in range(20):
+        arm.step(k * 1e-3)
+    assert arm.plc.level == arm.level == Level.PEDAL_UP
+    assert np.abs(arm.plant.q - q).max() < 1e-6
+    for k in range(20, 60):
+        arm.step(k * 1e-3, [(pack(k, 0, np.append(STILL[:8], 1)), "master")])
+    assert arm.level == Level.PEDAL_DN
+    assert np.abs(arm.plant.q - q).max() < 1e-3
+
+
+# -- the scene -----------------------------------------------------------------------------------------
+
+
+def test_the_scene_has_a_model_beside_each_machine(scene):
+    assert [p.name for p in scene.models] == ["raven_left_model"]
+    assert {p.name for p in scene.parameters} >= {"trainer start", "trainer deviation", "trainer cue limit"}
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ('robots = ["raven_left"]', 'robots = ["ecm"]', r"scene.toml:\d+: .*there is no robot of a hand 'ecm'"),
+        ('robots = ["raven_left"]', 'robots = ["raven_left", "raven_left"]', "'raven_left' is there twice"),
+        ("start_mm = 2", "start_mm = 0", "start_mm"),
+        ('name = "ecm"\nrobot', 'name = "raven_left_model"\nrobot', "the model's name"),
+    ],
+)
+def test_a_wrong_trainer_is_refused(scene, tmp_path, old, new, message):
+    text = scene.file.read_text()
+    assert old in text
+    text = text.replace(old, new)
+    if "raven_left_model" in new:
+        text = text.replace('robot = "ecm"', 'robot = "raven_left_model"')
+    (tmp_path / "scene.toml").write_text(text)
+    with pytest.raises(DescriptionError, match=message):
+        load_scene(tmp_path / "scene.toml")
+
+
+def test_the_identity_has_the_limits_of_the_trainer(scene, robot):
+    robots = {p.name: twin.load(p.robot) for p in console_scene.led_by(scene)}
+    members = {n: console_scene.Member(r.mechanism, r.kinematics()) for n, r in robots.items()}
+    other = replace(scene, trainer=scene.trainer.model_copy(update={"start_mm": 3.0}))
+    assert console_scene.identity(scene, members) != console_scene.identity(other, members)
+
+
+# -- states and links ----------------------------------------------------------------------------------
+
+Q = np.linspace(0.1, 0.7, 7)
+STATE = State(Level.PEDAL_DN, True, 12, 0.012, 34, 30, 4, 1, 2, Q, Q + 0.01, 100 * Q)
+
+
+def test_a_state_comes_back():
+    data = states.pack(STATE)
+    assert len(data) == states.size(7) == 216
+    back = states.unpack(data, 7)
+    for name in ("level", "pedal", "tick", "t", "sequence", "accepted", "refused", "held", "late"):
+        assert getattr(back, name) == getattr(STATE, name)
+    for name in ("q", "wanted", "dac"):
+        np.testing.assert_array_equal(getattr(back, name), getattr(STATE, name))
+
+
+@pytest.mark.parametrize(
+    ("data", "message"),
+    [
+        (lambda d: d[:40], "a state has 40 bytes; 216 are expected"),
+        (lambda d: b"HTTP" + d[4:], r"begins with b'HTTP'.*is this the port of states\?"),
+        (lambda d: d[:4] + b"\x02" + d[5:], "version 2; this twin reads version 1"),
+        (lambda d: d[:7] + b"\x06" + d[8:], "the machine has 6 joints; the robot has 7"),
+        (lambda d: d[:5] + b"\x09" + d[6:], "the run level is 9; it must be 0 to 3"),
+        (lambda d: d[:48] + b"\xff" * 8 + d[56:], "not finite"),
+        (lambda d: d + b"\x00", "217 bytes"),
+    ],
+)
+def test_a_wrong_state_is_refused(data, message):
+    with pytest.raises(DeviceError, match=message):
+        states.unpack(data(states.pack(STATE)), 7)
+
+
+def test_a_pedal_that_is_up_can_be_packed(parts):
+    arm = machine(parts)
+    arm.step(0.0, [(pack(1, 0, STILL), "master")])
+    r = arm.receiver
+    counts = (r.sequence, r.accepted, r.refused, arm.held, 0)
+    packed = states.pack(State(arm.plc.level, r.pedal(0.0), 1, 0.0, *counts, arm.q, arm.wanted, arm.dac))
+    assert not states.unpack(packed, 7).pedal
+
+
+class Sender:
+    """A listening port that sends what a test gives to the first connection."""
+
+    def __enter__(self):
+        self.listener = socket.create_server(("127.0.0.1", 0))
+        self.port, self.peer, self.ready = self.listener.getsockname()[1], None, threading.Event()
+        threading.Thread(target=self._accept, daemon=True).start()
+        return self
+
+    def _accept(self):
+        self.peer = self.listener.accept()[0]
+        self.ready.set()
+
+    def send(self, *sent):
+        assert self.ready.wait(5)
+        for state in sent:
+            self.peer.sendall(state if isinstance(state, bytes) else states.pack(state))
+
+    def __exit__(self, *_):
+        self.listener.close()
+        if self.peer is not None:
+            self.peer.close()
+
+
+def soon(condition):
+    end = time.monotonic() + 5
+    while not (found := condition()):
+        assert time.monotonic() < end
+        time.sleep(0.002)
+    return found
+
+
+@pytest.mark.parametrize(
+    ("second", "message"),
+    [
+        (replace(STATE, tick=13, t=0.011), r"the clock of the machine went back from 0\.012 s"),
+        (replace(STATE, tick=5, t=0.013), "the clock of the machine went back"),
+        (b"\x00" * 216, "a state begins with"),
+    ],
+)
+def test_a_reader_stops_at_a_wrong_state(second, message):
+    with Sender() as sender:
+        reader = StateReader("127.0.0.1", sender.port, 7)
+        sender.send(STATE)
+        soon(lambda: reader.answers)
+        sender.send(second)
+        assert re.search(message, soon(lambda: reader.problem))
+        assert not reader.answers
+        reader.close()
+
+
+def test_a_machine_that_has_gone_and_one_that_was_never_there():
+    with Sender() as sender:
+        reader = StateReader("127.0.0.1", sender.port, 7)
+        sender.send(states.pack(STATE)[:100], states.pack(STATE)[100:])  # in two pieces
+        soon(lambda: reader.answers)
+        sender.peer.close()
+        assert "the machine has closed the connection" in soon(lambda: reader.problem)
+        reader.close()
+        port = sender.port
+    with pytest.raises(DeviceError, match=rf"no machine sends states at 127.0.0.1:{port}: .*twin machine"):
+        StateReader("127.0.0.1", port, 7)
+
+
+def test_another_master_is_named():
+    """The machine accepts nothing of this master, and refuses each packet."""
+    with Sender() as sender:
+        link = MachineLink(Address("127.0.0.1", 9, sender.port), 7)
+        sender.send(replace(STATE, tick=13, t=0.013))
+        soon(lambda: link.state)
+        assert link.problem == ""
+        sender.send(replace(STATE, tick=14, t=0.014, refused=80))
+        soon(lambda: link.state.tick == 14)
+        assert "another master has it" in link.problem
+        link.close()
+
+
+def test_packets_go_out_one_each_millisecond():
+    with Sender() as sender, socket.socket(type=socket.SOCK_DGRAM) as udp:
+        udp.bind(("127.0.0.1", 0))
+        udp.settimeout(5)
+        link = MachineLink(Address("127.0.0.1", udp.getsockname()[1], sender.port), 7)
+        for k in range(10):
+            link.send(pack(k + 1, 0, STILL))
+        came = [(unpack(udp.recv(200), 0, 0).sequence, time.monotonic()) for _ in range(10)]
+        assert [n for n, _ in came] == list(range(1, 11))
+        assert came[-1][1] - came[0][1] > 4e-3  # not all at once
+        link.close()
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("raven_left", "give ROBOT=HOST:PORT:STATEPORT"),
+        ("raven_left=36000", "is no address of a machine"),
+        ("raven_left=a:b:c", "is no address of a machine"),
+        ("raven_left=127.0.0.1:0:5", "the port 0 must be 1 to 65535"),
+    ],
+)
+def test_a_wrong_address_is_refused(text, message):
+    with pytest.raises(TwinError, match=message):
+        running([text])
+
+
+def test_addresses():
+    found = running(["a=36000:36001", "b=10.0.0.7:1:2"])
+    assert found == {"a": Address("127.0.0.1", 36000, 36001), "b": Address("10.0.0.7", 1, 2)}
+    with pytest.raises(TwinError, match="given twice"):
+        running(["a=1:2", "a=3:4"])
+
+
+# -- joint packets, and a twin that follows ---------------------------------------------------------------
+
+
+@pytest.fixture
+def packets():
+    source = JointPackets(0, 7)
+    yield source
+    source.close()
+
+
+def test_joint_packets_are_read_in_order(packets):
+    packets.read(pack_joints(5, 1.0, Q), "a", 0.0)
+    assert np.array_equal(packets._state.wanted, Q)
+    packets.read(pack_joints(6, 1.1, Q, Q + 1), "a", 0.1)
+    assert np.array_equal(packets._state.wanted, Q + 1)
+    packets.read(pack_joints(1, 0.0, Q), "b", 0.7)  # after silence, another sender may begin anew
+    assert packets.accepted == 3
+
+
+@pytest.mark.parametrize(
+    ("data", "sender", "message"),
+    [
+        (b"TWNJ", "a", "the length is 4 bytes"),
+        (pack_joints(6, 1.1, Q)[:-8], "a", "the length is 72 bytes; it must be 80"),
+        (b"TWNX" + pack_joints(6, 1.1, Q)[4:], "a", "begins with b'TWNX'"),
+        (b"TWNJ\x02" + pack_joints(6, 1.1, Q)[5:], "a", "the version is 2; it must be 1"),
+        (pack_joints(6, 1.1, Q[:6]), "a", "the packet has 6 joints; the robot has 7"),
+        (pack_joints(6, 1.1, Q * np.nan), "a", "not finite"),
+        (pack_joints(5, 1.1, Q), "a", "the number 5 is not above the last one, 5"),
+        (pack_joints(6, 0.9, Q), "a", "the clock went back from 1 s to 0.9 s"),
+        (pack_joints(6, 1.1, Q), "b", "b is a second sender; a is followed until it has been silent for 0.5 s"),
+    ],
+)
+def test_a_wrong_joint_packet_is_refused(packets, data, sender, message):
+    packets.read(pack_joints(5, 1.0, Q), "a", 0.0)
+    with pytest.raises(DeviceError, match=re.escape(message)):
+        packets.read(data, sender, 0.1)
+    assert packets.accepted == 1
+
+
+def test_a_twin_follows_joint_packets(robot):
+    packets = JointPackets(0, 7)
+    mirror = Mirror(robot, packets)
+    mirror.step()
+    assert mirror.level is None
+    assert "no state of the machine arrives" in mirror.problem
+    q = np.array(robot.mechanism.posture("home")) + 0.01
+    off = np.array([0.1, 0, 0, 0, 0, 0, 0])
+    with socket.socket(type=socket.SOCK_DGRAM) as out:
+        out.sendto(b"nonsense", ("127.0.0.1", packets.port))
+        soon(lambda: (mirror.step(), packets.refused)[1])
+        assert "packets are refused: the length is 8 bytes" in mirror.problem
+        out.sendto(pack_joints(1, 0.0, q, q + off), ("127.0.0.1", packets.port))
+        soon(lambda: (mirror.step(), mirror.level)[1])
+    assert mirror.problem == ""
+    np.testing.assert_allclose(mirror.deviation["joints"], off, atol=1e-12)
+    tips = [robot.forward(x)[:3, 3] for x in (q, q + off)]
+    assert mirror.deviation["tip"] == pytest.approx(np.linalg.norm(tips[1] - tips[0]), abs=1e-9)
+    mirror.close()
+
+
+# -- measures ------------------------------------------------------------------------------------------
+
+
+def test_measures_of_a_session(scene, robot, parts):
+    """A replay that is 50 ms later than its record, and 0.5 mm beside it."""
+    n, dt, kin, home = 1000, 5e-3, robot.kinematics(), parts.home
+    q, ghost = np.tile(home, (n, 1)), np.tile(home, (n, 1))
+    s = np.clip(np.arange(100) / 60, 0, 1)
+    path = home + np.outer(s, [0.1, 0, 0, 0, 0, 0, 0])
+    ghost[300:400] = path
+    ghost[400:500] = path[-1]
+    q[510:610], q[610:] = path, path[-1]
+    ghost[510:610], ghost[610:] = path, path[-1]
+    phase = np.zeros((n, 3))
+    phase[280:420, 0], phase[420:500, 0], phase[500:650, 0] = Phase.REHEARSE, Phase.JUDGED, Phase.REPLAY
+    phase[800:850] = Phase.STOPPED, Why.START, 0.011
+    tip = kin.forward_many(q)[:, :3, 3]
+    apart = np.linalg.norm(tip - kin.forward_many(ghost)[:, :3, 3], axis=1)
+    cue = np.zeros((n, 3))
+    cue[100:110, 1] = 0.4
+    rows = {
+        "raven_left.phase": phase,
+        "raven_left.run": np.tile([1.0, Level.PEDAL_DN, 0, 0], (n, 1)),
+        "raven_left.cue": cue,
+        "raven_left.deviation": np.column_stack([apart + 5e-4, apart]),
+        "raven_left.q": q,
+        "raven_left_model.q": ghost,
+    }
+    kept = Recording(dt, {k: v.shape[1] for k, v in rows.items()}, np.concatenate([*rows.values()], axis=1))
+    found = measure(kept, scene.trainer, "raven_left", kin)
+    assert [s.phase for s in found.steps] == [
+        Phase.TELEOPERATE, Phase.REHEARSE, Phase.JUDGED, Phase.REPLAY, Phase.TELEOPERATE, Phase.STOPPED,
+        Phase.TELEOPERATE,
+    ]  # fmt: skip
+    assert found.steps[3].record < 1e-9
+    assert found.steps[3].deviation == pytest.approx(5e-4)
+    assert np.isnan(found.steps[1].deviation)
+    assert "raven_left is 11.0 mm from where the record begins (limit 2)" in found.steps[5].text
+    assert found.cue == pytest.approx((0.4, 0.05))
+    assert [f.code for f in found.findings()] == ["training.cue"]
+    assert len(list(found.rows())) == 7

@@ -1,0 +1,86 @@
+"""`twin follow`: a twin that mirrors a machine, in the page of `twin serve` or, with --view, of `twin view`."""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import signal
+import threading
+import webbrowser
+from typing import TYPE_CHECKING
+
+from twin import api
+from twin.cli.address import Address, free_port
+from twin.core.errors import TwinError
+
+if TYPE_CHECKING:
+    from twin.api import Robot
+    from twin.ui.session.mirror import Mirror
+
+
+def follow(args: argparse.Namespace) -> int:
+    """Show a machine until Ctrl-C."""
+    if (args.states is None) == (args.packets is None):
+        raise TwinError("give --states HOST:PORT (a `twin machine`), or --packets PORT (any machine, by UDP)")
+    port = free_port(args.host, args.port)
+    robot = api.load(args.robot)
+    mirror = _mirror(robot, args)
+    try:
+        if args.view:
+            return _view(args, port, mirror)
+        from twin.cli.serve import run
+        from twin.ui.headset import served
+
+        asyncio.run(run(args, robot.name, lambda: served.of_mirror(mirror), port, None))
+    finally:
+        mirror.close()
+    return 0
+
+
+def _mirror(robot: Robot, args: argparse.Namespace) -> Mirror:
+    """Return the twin, connected to its machine.
+
+    Raises:
+        TwinError: nothing answers at --states, or the port of --packets is in use.
+    """
+    from twin.simulation.devices.joint_packets import JointPackets
+    from twin.simulation.machine.link import StateReader
+    from twin.ui.session.mirror import Mirror
+
+    n = len(robot.mechanism.active)
+    if args.packets is not None:
+        source = JointPackets(args.packets, n)
+        print(f"{robot.name}: joint packets to 127.0.0.1:{source.port} (UDP)", flush=True)
+        return Mirror(robot, source)
+    host, _, port = args.states.rpartition(":")
+    if not (port.isdigit() and 0 < int(port) < 65536):
+        raise TwinError(f"--states {args.states}: give HOST:PORT or PORT, as 127.0.0.1:36001")
+    return Mirror(robot, StateReader(host or "127.0.0.1", int(port), n))
+
+
+def _view(args: argparse.Namespace, port: int, mirror: Mirror) -> int:
+    """Show the twin in a page of viser."""
+    from twin.ui.door.gate import Gate
+    from twin.ui.viewer.mirror import MirrorFront
+    from twin.ui.viewer.server import serve, stop
+
+    title = f"twin · {mirror.name}"
+    address = Address(args.host, port, False, mirror.name, "every connected client can look")
+    gate = Gate(args.host, port, False, address.say)
+    server, stopping, front = serve(title, args.host, port, gate), threading.Event(), None
+    signal.signal(signal.SIGINT, lambda *_: stopping.set())
+    try:
+        if not gate.open:
+            address.say("")
+            if not args.no_browser:
+                threading.Thread(target=webbrowser.open, args=(address.url,), daemon=True).start()
+        front = MirrorFront(title, mirror, server, stopping)
+        front.run()
+    finally:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+        if front is not None:
+            front.close()
+        else:
+            stop(server)
+    print()
+    return 0

@@ -1,0 +1,151 @@
+"""Joint values of any machine by UDP: one datagram for each state.
+
+A packet has 24 + 8 n bytes for n joints, or 24 + 16 n with desired joint values, little-endian:
+
+| byte | type | what |
+|---|---|---|
+| 0 | 4 bytes | "TWNJ" |
+| 4 | uint8 | version: 1 |
+| 5 | uint8 | number of joints n, in the order of the robot's active joints |
+| 6 | uint16 | 1: measured joints only; 2: desired joints follow |
+| 8 | uint64 | number of the packet, which increases |
+| 16 | float64 | time of the sender in s, which increases |
+| 24 | n float64 | measured joint values, rad or m |
+| 24 + 8 n | n float64 | desired joint values, rad or m |
+"""
+
+from __future__ import annotations
+
+import contextlib
+import socket
+import struct
+import time
+from typing import Any
+
+import numpy as np
+
+from twin.core.errors import DeviceError
+from twin.core.spatial import Array
+from twin.simulation.machine.levels import Level
+from twin.simulation.machine.link import PATIENCE
+from twin.simulation.machine.server import HOST
+from twin.simulation.machine.states import State
+
+HEAD = struct.Struct("<4sBBHQd")
+
+_MAGIC, _VERSION = b"TWNJ", 1
+
+_MOST = 256
+"""Largest number of packets read at once."""
+
+
+def pack(number: int, t: float, q: Array, desired: Array | None = None) -> bytes:
+    """Return a packet with its number, time t in s, measured joints (n,) and, if there are any, desired ones (n,)."""
+    rows = [q] if desired is None else [q, desired]
+    head = HEAD.pack(_MAGIC, _VERSION, len(q), len(rows), number, t)
+    return head + np.concatenate(rows).astype("<f8").tobytes()
+
+
+def unpack(data: bytes, n: int) -> tuple[int, float, Array, Array | None]:
+    """Return number, time in s, measured joints (n,), and desired ones (n,) or None, of a packet.
+
+    Raises:
+        DeviceError: length, mark, version, number of joints or a number is wrong; the message has value and limit.
+    """
+    if len(data) < HEAD.size:
+        raise DeviceError(f"the length is {len(data)} bytes; a packet has at least {HEAD.size}")
+    magic, version, joints, rows, number, t = HEAD.unpack_from(data)
+    if magic != _MAGIC:
+        raise DeviceError(f"the packet begins with {magic!r}; it must begin with {_MAGIC!r}")
+    if version != _VERSION:
+        raise DeviceError(f"the version is {version}; it must be {_VERSION}")
+    if joints != n:
+        raise DeviceError(f"the packet has {joints} joints; the robot has {n}")
+    if rows not in (1, 2):
+        raise DeviceError(f"the number of rows is {rows}; it must be 1 (measured) or 2 (measured and desired)")
+    if len(data) != HEAD.size + 8 * rows * n:
+        raise DeviceError(f"the length is {len(data)} bytes; it must be {HEAD.size + 8 * rows * n}")
+    values = np.frombuffer(data, "<f8", rows * n, HEAD.size).astype(float).reshape(rows, n)
+    if not (np.isfinite(values).all() and np.isfinite(t)):
+        raise DeviceError(f"a number of packet {number} is not finite")
+    return number, t, values[0], values[1] if rows == 2 else None
+
+
+class JointPackets:
+    """Receives joint values; one sender at a time, until it has been silent for `PATIENCE`.
+
+    Attributes:
+        port: the UDP port.
+        accepted, refused: number of packets so far.
+        reason: why the last refused packet was refused.
+    """
+
+    def __init__(self, port: int, n: int, host: str = HOST) -> None:
+        """Open a port (0: any free one) for the packets of a machine of n joints.
+
+        Raises:
+            DeviceError: the port is in use or may not be opened.
+        """
+        self._socket, self._n = socket.socket(type=socket.SOCK_DGRAM), n
+        try:
+            self._socket.bind((host, port))
+        except OSError as error:
+            self._socket.close()
+            raise DeviceError(f"UDP port {port} of {host}: {error.strerror}; give another port") from error
+        self._socket.setblocking(False)
+        self.port = int(self._socket.getsockname()[1])
+        self.accepted = self.refused = 0
+        self.reason = ""
+        self._sender: Any = None
+        self._last = -1, float("-inf")
+        self._heard = float("-inf")
+        self._state: State | None = None
+
+    def read(self, data: bytes, sender: Any, now: float) -> None:
+        """Take a packet that has come at `now` in s.
+
+        Raises:
+            DeviceError: the packet is refused; it has no effect.
+        """
+        number, t, q, desired = unpack(data, self._n)
+        if now - self._heard > PATIENCE:
+            self._sender, self._last = None, (-1, float("-inf"))
+        if self._sender not in (None, sender):
+            raise DeviceError(
+                f"{sender} is a second sender; {self._sender} is followed until it has been silent for {PATIENCE:g} s"
+            )
+        if number <= self._last[0]:
+            raise DeviceError(f"the number {number} is not above the last one, {self._last[0]}")
+        if not t > self._last[1]:
+            raise DeviceError(f"the clock went back from {self._last[1]:g} s to {t:g} s")
+        self._sender, self._last, self._heard = sender, (number, t), now
+        self.accepted += 1
+        counts = (number, self.accepted, self.refused, 0, 0)
+        wanted = q if desired is None else desired
+        self._state = State(Level.PEDAL_DN, False, number, t, *counts, q, wanted, np.zeros_like(q))
+
+    @property
+    def newest(self) -> State | None:
+        """The newest state, after reading all packets that have come; None before the first one."""
+        with contextlib.suppress(BlockingIOError):
+            for _ in range(_MOST):
+                data, sender = self._socket.recvfrom(1 << 16)
+                try:
+                    self.read(data, sender, time.monotonic())
+                except DeviceError as error:
+                    self.refused, self.reason = self.refused + 1, str(error)
+        return self._state
+
+    @property
+    def answers(self) -> bool:
+        """Whether a packet has come within `PATIENCE`."""
+        return time.monotonic() - self._heard < PATIENCE
+
+    @property
+    def problem(self) -> str:
+        """Why the last packet was refused, while none is accepted; "" if none was refused."""
+        return f"packets are refused: {self.reason}" if self.reason and not self.answers else ""
+
+    def close(self) -> None:
+        """Close the port."""
+        self._socket.close()

@@ -1,0 +1,33 @@
+"""The states of a machine as signals of a World: a device, so that its session can be replayed without the machine."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from twin.core.spatial import Array
+from twin.simulation.machine.states import State
+from twin.simulation.world import Block, Signals
+
+ANSWERS, LEVEL, SEQUENCE, TICK = range(4)
+"""Places in `<robot>.run`: 1 if the machine answers; its run level; last packet and tick as in its state."""
+
+
+class MachineStates(Block):
+    """Writes `<robot>.measured` and `<robot>.desired` (n,), joints of the newest state, and `<robot>.run` (4,)."""
+
+    def __init__(self, robot: str, q: Array) -> None:
+        """Start at joint values q (n,), with a machine that does not answer."""
+        self._measured, self._desired, self._run = (f"{robot}.{n}" for n in ("measured", "desired", "run"))
+        self._state: State | None = None
+        self.outputs = {self._measured: q, self._desired: q, self._run: np.zeros(4)}
+
+    def give(self, state: State | None) -> None:
+        """Take the newest state, for the next tick; None: the machine does not answer, and its last state stays."""
+        self._state = state
+
+    def step(self, signals: Signals, t: float, dt: float) -> dict[str, ArrayLike]:
+        """Write the newest state."""
+        if (s := self._state) is None:
+            return {self._run: signals[self._run] * (0, 1, 1, 1)}
+        return {self._measured: s.q, self._desired: s.wanted, self._run: [1.0, s.level, s.sequence, s.tick]}

@@ -1,0 +1,86 @@
+"""A simulated trainee at the console of a machine: teleoperates, rehearses, judges, and replays on the machine."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from twin.core.spatial import Array
+from twin.simulation.controllers.trainer import MODE, Mode, Phase
+from twin.simulation.devices.surgeon_hands import SurgeonHands
+
+_STROKE = 0.045
+"""Length in m of a stroke of a hand."""
+
+_WAIT, _REST = 150.0, 0.6
+"""Longest time in s for a replay; pause in s between two steps of the exercise."""
+
+
+class Trainee(SurgeonHands):
+    """Both hands make the same strokes; a device that also writes `pedals.training`.
+
+    The exercise: closed triangles by teleoperation; an open motion in the model alone; its judgement; its replay on the
+    machine; and a second replay from where the first has ended, which has to be refused. It ends with teleoperation.
+
+    Attributes:
+        doing, done: what the trainee does now, and the fraction of the exercise.
+    """
+
+    def __init__(self, machine: str, triangles: int, **console: Any) -> None:
+        """Prepare the exercise.
+
+        Args:
+            machine: name of the machine, whose phase the trainee sees.
+            triangles: number of triangles by teleoperation.
+            console: arguments of `SurgeonHands`.
+        """
+        self._machine, self._triangles, self._mode = machine, triangles, Mode.TELEOPERATE
+        self.doing, self.done = "teleoperate", 0.0
+        super().__init__(**console)
+
+    def _said(self, k: int) -> dict[str, ArrayLike]:
+        return super()._said(k) | {MODE: float(self._mode)}
+
+    def _work(self) -> Iterator[None]:
+        yield from self._rest(0.5)
+        yield from self._show()
+        for k in range(self._triangles):
+            self.done = 0.6 * k / self._triangles
+            yield from self._move_back()
+            a, b = self._ways()
+            for way in (a, b, -(a + b)):
+                yield from self._both(way)
+        yield from self._move_back()
+        yield from self._ask(Mode.REHEARSE)
+        for way in self._ways():
+            yield from self._both(way)
+        yield from self._ask(Mode.JUDGE)
+        for _ in range(2):
+            yield from self._ask(Mode.REPLAY)
+            yield from self._until(Phase.DONE, Phase.STOPPED)
+            yield from self._ask(Mode.TELEOPERATE)
+
+    def _ways(self) -> tuple[Array, Array]:
+        """Return two displacements (3,) of a hand in m, at a large angle to each other."""
+        way = self._rng.normal(size=3)
+        way /= np.linalg.norm(way)
+        aside = np.cross(way, self._rng.normal(size=3))
+        return _STROKE * way, _STROKE * aside / np.linalg.norm(aside)
+
+    def _both(self, way: Array) -> Iterator[None]:
+        ways: Mapping[str, Array] = dict.fromkeys(self.arms, way)
+        yield from self._stroke(ways, _REST)
+
+    def _ask(self, mode: Mode) -> Iterator[None]:
+        self._mode, self.doing = mode, mode.name.lower()
+        self.done = max(self.done, {Mode.REHEARSE: 0.6, Mode.JUDGE: 0.75, Mode.REPLAY: 0.8}.get(mode, 0.0))
+        yield from self._rest(_REST)
+
+    def _until(self, *phases: Phase) -> Iterator[None]:
+        for _ in range(round(_WAIT / self.dt)):
+            if self._signals[f"{self._machine}.phase"][0] in phases:
+                return
+            yield

@@ -1,0 +1,57 @@
+"""The scripted hand of an operator: it leads the tool along a motion, scaled down, by packets of whole micrometres."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from twin.core.spatial import Array
+from twin.simulation.machine.itp import pack
+from twin.simulation.machine.plant import TICK
+from twin.simulation.machine.settings import Settings
+
+_RADIUS, _RADIAN = 0.012, 0.2
+"""Radius of the circle in m, and time in s for one radian: 60 mm/s. ASSUMED."""
+
+_REACH = 0.06
+"""Amplitude of the wandering hand in m. ASSUMED."""
+
+_MICRO = 1e-6
+
+Motion = Callable[[float], Array]
+"""Position (3,) of the hand in m at a time in s; 0 at time 0."""
+
+
+def circle(t: float) -> Array:
+    """Return the position of a hand that moves in a circle at 60 mm/s."""
+    a = t / _RADIAN
+    return _RADIUS * np.array([np.sin(a), 1 - np.cos(a), 0.0])
+
+
+def wander(seed: int) -> Motion:
+    """Return a motion along all three axes, each a sum of three sines of 0.05 to 0.4 Hz with drawn phases."""
+    rng = np.random.default_rng(seed)
+    rates, phases = 2 * np.pi * rng.uniform(0.05, 0.4, (3, 3)), rng.uniform(0, 2 * np.pi, (3, 3))
+
+    def motion(t: float) -> Array:
+        return _REACH / 3 * (np.sin(rates * t + phases) - np.sin(phases)).sum(axis=1)
+
+    return motion
+
+
+class Hand:
+    """Makes one packet a tick; what is rounded in one packet is sent in the next."""
+
+    def __init__(self, settings: Settings, scale: float, motion: Motion = circle) -> None:
+        """Define the machine's side of the network, the motion scale from hand to tool, and the motion."""
+        self._arm, self._version = settings.arm, settings.packet_version
+        self._scale, self._motion, self._t = scale, motion, 0.0
+        self._sent = np.zeros(3)
+
+    def packet(self, sequence: int, pace: float = 1.0, pedal: bool = True) -> bytes:
+        """Return the next packet; `pace` 1 is the normal speed, and the hand stands while the pedal is up."""
+        self._t += pace * TICK if pedal else 0.0
+        step = np.round(self._scale / _MICRO * self._motion(self._t) - self._sent)
+        self._sent += step
+        return pack(sequence, self._arm, np.array([*step, 1, 0, 0, 0, 0, float(pedal)]), self._version)

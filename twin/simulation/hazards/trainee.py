@@ -1,0 +1,120 @@
+"""A scripted trainee: what he feels and sees, after which time he acts, and in which order he responds.
+
+The responses are those of the second paper's Table 1 and section 3.2.1. If there is a force in his hand, he slows down;
+if it stays, he releases the pedal. If the arm does not follow, he releases the pedal. Then he troubleshoots, restarts
+the system, and presses the pedal again. If the arm fails a second time, or does not come back, he converts the
+procedure. He reports at the end. This order is ASSUMED; the times are those of the campaign file.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from twin.simulation.machine.levels import Level
+
+Response = Literal["slow down", "release pedal", "troubleshoot", "restart", "convert", "report"]
+
+_SLOW = 0.25
+"""Pace after slowing down, of the normal one. ASSUMED."""
+
+_HOMING = 3.0
+"""Longest time in s that he waits for the arm after a restart. ASSUMED."""
+
+_WATCH = 0.5
+"""Time in s without a new event after which he is content. ASSUMED."""
+
+_LATENCY = 0.1
+"""Time in s after pressing the pedal within which he does not expect the arm to follow. ASSUMED."""
+
+
+@dataclass(frozen=True)
+class Reaction:
+    """Times in s of one trainee: from a force to the hand's action, from a picture to it, and to find the error."""
+
+    haptic: float
+    visual: float
+    troubleshoot: float
+
+
+class Trainee:
+    """Acts on what the machine shows, tick by tick.
+
+    Attributes:
+        pace, pedal: of his hand, see `Hand.packet`.
+        restarts: whether he presses the stop and start buttons in this tick.
+        done: whether the session is over.
+        noticed: time in s of the first force, or of the first stop, that he can notice; None: there was none.
+        responses: time in s of the first response of each kind.
+    """
+
+    def __init__(self, reaction: Reaction) -> None:
+        self._times = reaction
+        self.pace, self.pedal, self.restarts, self.done = 1.0, True, False, False
+        self.noticed: float | None = None
+        self.responses: dict[Response, float] = {}
+        self._next: tuple[float, Response | Literal["decide"]] | None = None
+        self._waits: float | None = None  # since when he waits for the arm after a restart
+        self._works = 0.0  # from when on he expects the arm to follow
+        self._quiet = float("inf")  # when the session ends if nothing happens
+
+    def step(self, t: float, felt: bool, level: Level) -> None:
+        """Look at the machine at t in s: whether there is a force, and the run level that it shows."""
+        self.restarts = False
+        if self._next is not None:
+            if t >= self._next[0]:
+                response, self._next = self._next[1], None
+                self._act(t, response, felt or level != Level.PEDAL_DN)
+        elif self._waits is not None:
+            self._await(t, level)
+        elif t >= self._works and (felt or level != Level.PEDAL_DN):
+            self.noticed = t if self.noticed is None else self.noticed
+            self._next = (t + self._times.haptic, "slow down") if felt else (t + self._times.visual, "release pedal")
+        elif t > self._quiet:
+            self._end(t)
+
+    def _act(self, t: float, response: Response | Literal["decide"], wrong: bool) -> None:
+        if response == "decide":
+            if wrong:
+                self._act(t, "release pedal", wrong)
+            else:
+                self._go_on(t)
+            return
+        again = response in self.responses
+        self.responses.setdefault(response, t)
+        if response == "slow down":
+            self.pace = _SLOW
+            self._next = t + self._times.haptic, "decide"
+        elif response == "release pedal":
+            self.pedal = False
+            self._next = t + self._times.troubleshoot, "troubleshoot"
+        elif response == "troubleshoot":
+            self._act(t, "convert" if again else "restart", wrong)
+        elif response == "restart":
+            self.restarts, self._waits = True, t
+        else:
+            self._end(t)
+
+    def _await(self, t: float, level: Level) -> None:
+        assert self._waits is not None
+        if level == Level.PEDAL_UP:
+            self._go_on(t)
+        elif t - self._waits > (self._times.visual if level == Level.E_STOP else _HOMING):
+            self._act(t, "convert", True)
+
+    def _go_on(self, t: float) -> None:
+        self.pace, self.pedal, self._waits = 1.0, True, None
+        self._works, self._quiet = t + _LATENCY, t + _WATCH
+
+    def _end(self, t: float) -> None:
+        self.done = True
+        self.responses.setdefault("report", t)
+
+
+def drawn(rng: np.random.Generator, means: Sequence[float], spreads: Sequence[float]) -> Reaction:
+    """Return the times of one trainee: normal distributions, cut at a tenth of their means; see `Reaction`."""
+    times = [max(float(rng.normal(m, s)), m / 10) for m, s in zip(means, spreads, strict=True)]
+    return Reaction(*times)

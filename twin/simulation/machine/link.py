@@ -1,0 +1,206 @@
+"""The other side of a machine: packets go to it by UDP, one each millisecond; its states come by TCP.
+
+Two threads do the work, so that the pace of the packets does not depend on the program that makes them: packets that
+arrive together would make the machine jump.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import socket
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from twin.core.errors import DeviceError
+from twin.simulation.machine.plant import TICK
+from twin.simulation.machine.server import HOST
+from twin.simulation.machine.states import State, size, unpack
+
+PATIENCE = 0.5
+"""Time in s without a new state after which the machine counts as gone (ASSUMED)."""
+
+_CONNECT = 5.0
+"""Time in s for the connection."""
+
+_WAITING = 200
+"""Largest number of packets that wait to be sent; of more, the oldest is dropped."""
+
+_BEHIND = 20
+"""Number of waiting packets above which two are sent each millisecond."""
+
+_REFUSED = 50
+"""Number of refused packets without an accepted one after which another master is reported."""
+
+
+@dataclass(frozen=True)
+class Address:
+    """Where a machine is: host, port of packets (UDP) and port of states (TCP)."""
+
+    host: str
+    port: int
+    state_port: int
+
+    @classmethod
+    def parse(cls, text: str) -> Address:
+        """Return the address in "HOST:PORT:STATEPORT" or "PORT:STATEPORT".
+
+        Raises:
+            DeviceError: the text has another form, or a port is not 1 to 65535.
+        """
+        *host, port, states = [""] * (1 - text.count(":")) + text.rsplit(":", 2)
+        if not (port.isdigit() and states.isdigit() and all(host)):
+            raise DeviceError(
+                f"'{text}' is no address of a machine: give HOST:PORT:STATEPORT, as 127.0.0.1:36000:36001"
+            )
+        for p in (int(port), int(states)):
+            if not 0 < p < 65536:
+                raise DeviceError(f"'{text}': the port {p} must be 1 to 65535")
+        return cls(host[0] if host else HOST, int(port), int(states))
+
+
+class StateReader:
+    """Reads the states of a machine in a thread.
+
+    Attributes:
+        newest: the newest state; None before the first one.
+        problem: why no more states are read; "" while they are.
+    """
+
+    def __init__(self, host: str, port: int, n: int, arrived: Callable[[State], object] = lambda state: None) -> None:
+        """Connect to the states of a machine of n joints; `arrived` is called with each, in the thread of the reader.
+
+        Raises:
+            DeviceError: nothing answers there.
+        """
+        self.newest: State | None = None
+        self.problem, self._where, self._n, self._arrived = "", f"{host}:{port}", n, arrived
+        self._heard = time.monotonic()
+        try:
+            self._socket = socket.create_connection((host, port), _CONNECT)
+        except OSError as error:
+            raise DeviceError(
+                f"no machine sends states at {host}:{port}: {error.strerror or error}; start it, as by "
+                f"`twin machine raven_left --state-port {port}`"
+            ) from error
+        self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self._socket.settimeout(PATIENCE)
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread.start()
+
+    @property
+    def answers(self) -> bool:
+        """Whether a state has come within `PATIENCE`."""
+        return not self.problem and self.newest is not None and time.monotonic() - self._heard < PATIENCE
+
+    def press(self, button: str) -> None:
+        """Press the button "start" or "stop" of the machine."""
+        with contextlib.suppress(OSError):
+            self._socket.sendall(button.encode() + b"\n")
+
+    def close(self) -> None:
+        """Close the connection."""
+        with contextlib.suppress(OSError):
+            self._socket.shutdown(socket.SHUT_RDWR)
+        self._thread.join(1.0)
+        self._socket.close()
+
+    def _run(self) -> None:
+        buffer, n = b"", size(self._n)
+        try:
+            while True:
+                try:
+                    more = self._socket.recv(1 << 16)
+                except TimeoutError:
+                    continue
+                if not more:
+                    raise DeviceError("the machine has closed the connection: start it again, and connect again")
+                buffer += more
+                while len(buffer) >= n:
+                    data, buffer = buffer[:n], buffer[n:]
+                    self._read(data)
+        except (DeviceError, OSError) as error:
+            self.problem = f"states from {self._where}: {error}"
+
+    def _read(self, data: bytes) -> None:
+        state, last = unpack(data, self._n), self.newest
+        if last is not None and not (state.t > last.t and state.tick > last.tick):
+            raise DeviceError(
+                f"the clock of the machine went back from {last.t:g} s (tick {last.tick}) to {state.t:g} s "
+                f"(tick {state.tick}): connect again"
+            )
+        self.newest, self._heard = state, time.monotonic()
+        self._arrived(state)
+
+
+class MachineLink:
+    """A master of a machine: sends packets, one each millisecond, and has its newest state.
+
+    Attributes:
+        reader: the states of the machine, and its buttons.
+        sent: number of packets sent so far.
+        dropped: number of packets dropped because too many were waiting.
+    """
+
+    def __init__(self, address: Address, n: int) -> None:
+        """Connect to a machine of n joints.
+
+        Raises:
+            DeviceError: nothing answers there.
+        """
+        self.reader = StateReader(address.host, address.state_port, n)
+        self._address, self._waiting = (address.host, address.port), deque[bytes]()
+        self._udp = socket.socket(type=socket.SOCK_DGRAM)
+        self._ends = threading.Event()
+        self.sent = self.dropped = 0
+        self._before: tuple[int, int] | None = None
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread.start()
+
+    def send(self, packet: bytes) -> None:
+        """Put a packet into the queue of packets."""
+        if len(self._waiting) >= _WAITING:
+            self._waiting.popleft()
+            self.dropped += 1
+        self._waiting.append(packet)
+
+    @property
+    def state(self) -> State | None:
+        """The newest state; None: the machine does not answer."""
+        return self.reader.newest if self.reader.answers else None
+
+    @property
+    def problem(self) -> str:
+        """Why the machine cannot be led; "" if it can."""
+        if self.reader.problem:
+            return self.reader.problem
+        if (state := self.state) is None:
+            return f"no state has come for {PATIENCE:g} s: the machine is stopped or busy"
+        if self._before is None or state.accepted > self._before[0]:
+            self._before = state.accepted, state.refused
+        elif state.refused - self._before[1] > _REFUSED:
+            return (
+                "the machine refuses all packets: another master has it. End the other master; the machine is free "
+                "when that one has been silent for its time-out (5 s)"
+            )
+        return ""
+
+    def close(self) -> None:
+        """End both threads, and close all sockets."""
+        self._ends.set()
+        self._thread.join(1.0)
+        self._udp.close()
+        self.reader.close()
+
+    def _run(self) -> None:
+        due = time.monotonic()
+        while not self._ends.is_set():
+            due = max(due + TICK, time.monotonic() - 10 * TICK)
+            for _ in range(2 if len(self._waiting) > _BEHIND else 1):
+                if self._waiting:
+                    with contextlib.suppress(OSError):
+                        self._udp.sendto(self._waiting.popleft(), self._address)
+                        self.sent += 1
+            time.sleep(max(due - time.monotonic(), 0))

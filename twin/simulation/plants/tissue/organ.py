@@ -1,0 +1,211 @@
+"""One soft organ among those of a MuJoCo model: its nodes, its volume, its contact, the links that may touch it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from scipy.spatial import KDTree
+
+from twin.core.errors import WorldError
+from twin.core.spatial import Array
+from twin.core.units import MM
+from twin.model.surface import inside
+from twin.model.tissue import Tissue
+from twin.simulation.plants.tissue import bed
+from twin.simulation.plants.tissue.volume import Volume
+
+CELLS = 4
+"""Largest number of cells along an axis of a grid; the time of a step grows with the square of their number."""
+
+RADIUS = 0.5 * MM
+"""Radius in m by which a surface is thickened for contact."""
+
+SAMPLE = 5 * MM
+"""Distance in m between the points of a link that are looked for near and inside organs."""
+
+_OTHERS = 1 << 30
+"""Bit of the contact filter of MuJoCo by which organs touch each other. Bit k: links touch organ k."""
+
+
+@dataclass(frozen=True)
+class Touch:
+    """Contact of an organ.
+
+    Attributes:
+        triangle: index of the triangle that is pressed deepest; -1: nothing touches the organ.
+        force: (3,) total force on the organ in N, in the World.
+    """
+
+    triangle: int
+    force: Array
+
+
+NOTHING = Touch(-1, np.zeros(3))
+
+
+class Organ:
+    """An organ of a model: its joints move the nodes along the axes of its grid.
+
+    Attributes:
+        tissue: the organ at rest.
+        nodes: (k, 3) nodes of its grid in the World in m.
+        touch: contact in the last step.
+        hold: what holds an organ that can be operated on; None: it cannot.
+        within: indices of the links that do not touch it because they are inside.
+    """
+
+    def __init__(self, tissue: Tissue, index: int, operable: bool) -> None:
+        """Prepare an organ, before its model is compiled; `index` is its number in the model."""
+        self.tissue, self._index, self._operable = tissue, index, operable
+        self.bit = 1 << index
+        self.fixed = np.zeros(0, int) if operable else tissue.held
+        self._triangles, self._origin = tissue.surface.triangles, tissue.nodes[0]
+        self._R = tissue.T_world_grid[:3, :3]
+        self._volume = Volume(tissue.weights, self._triangles)
+        self._content, self._by_node = self._volume.at(tissue.nodes - self._origin)
+        self._area = self._content ** (2 / 3)
+        self._tree = KDTree(tissue.surface.vertices)
+        corners = tissue.surface.vertices[self._triangles]
+        edge = float(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max())
+        self._reach = 2 * SAMPLE + edge / np.sqrt(3)  # no point of a triangle is further from all of its corners
+        self.nodes, self.touch, self.hold = tissue.nodes, NOTHING, None
+        self.within, self._muted = set[int](), set[int]()
+
+    # -- the model ----------------------------------------------------------------------------------------
+
+    def xml(self, period: float) -> str:
+        """Return the element of MuJoCo."""
+        t, T = self.tissue, self.tissue.T_world_grid
+        quaternion = np.zeros(4)
+        mujoco.mju_mat2Quat(quaternion, np.ascontiguousarray(T[:3, :3]).ravel())
+        return (
+            f'<body name="{t.name}:grid" pos="{_numbers(T[:3, 3])}" quat="{_numbers(quaternion)}">'
+            f'<flexcomp name="{t.name}" type="direct" dim="2" dof="trilinear" cellcount="{_numbers(t.cells)}" '
+            f'mass="{t.density * t.surface.volume!r}" radius="{RADIUS!r}" '
+            f'point="{_numbers(t.local)}" element="{_numbers(self._triangles)}">'
+            f'<elasticity young="{t.young!r}" poisson="{t.poisson!r}" damping="{t.damping!r}"/>'
+            f'<contact selfcollide="none" contype="{_OTHERS}" conaffinity="{_OTHERS | self.bit}" condim="3" '
+            f'friction="{t.friction!r} 0 0" solref="{2 * period!r} 1" solimp="0.95 0.99 0.0005"/>'
+            + (f'<pin id="{_numbers(self.fixed)}"/>' if len(self.fixed) else "")
+            + "</flexcomp></body>"
+        )
+
+    def constrain(self, spec: mujoco.MjSpec) -> None:
+        """Add the constraint of the volume, linear in the joints of the nodes, and what can hold the organ."""
+        t, self._joints = self.tissue, list[str]()
+        tendon = spec.add_tendon(name=f"{t.name}_volume")
+        for index in np.setdiff1d(np.arange(len(t.nodes)), self.fixed).tolist():
+            cells = np.unravel_index(index, [c + 1 for c in t.cells])
+            body = spec.body(f"{t.name}_" + "_".join(map(str, cells)))
+            if body is None:
+                continue  # the cells around this node are empty, and no vertex depends on it
+            factors = (self._by_node[index] @ self._R / self._area).tolist()  # MuJoCo scales the constraint by them
+            for axis, joint, factor in zip("xyz", body.joints, factors, strict=True):
+                joint.name = f"{body.name}_{axis}"
+                self._joints.append(joint.name)
+                tendon.wrap_joint(joint.name, factor)
+        spec.add_equality(
+            name=f"{t.name}_volume", type=mujoco.mjtEq.mjEQ_TENDON, objtype=mujoco.mjtObj.mjOBJ_TENDON,
+            name1=f"{t.name}_volume", solref=[2 * spec.option.timestep, 1.0], solimp=[0.99, 0.999, 1e-4, 0.5, 2.0],
+        )  # fmt: skip
+        if self._operable:
+            bed.add(spec, t.held, self._joints)
+
+    def connect(self, m: mujoco.MjModel, d: mujoco.MjData) -> None:
+        """Find the organ in the compiled model."""
+        self._m, self._d = m, d
+        first = m.flex_nodeadr[self._index]
+        nodes = m.flex_nodebodyid[first : first + m.flex_nodenum[self._index]]
+        self._free = np.flatnonzero(m.body_dofnum[nodes])
+        self.qpos = np.array([m.joint(name).qposadr[0] for name in self._joints], int)
+        self.dofs = np.array([m.joint(name).dofadr[0] for name in self._joints], int)
+        self._equality = m.equality(f"{self.tissue.name}_volume").id
+        start = m.tendon_adr[m.tendon(f"{self.tissue.name}_volume").id]
+        self._wraps = slice(start, start + len(self._joints))
+        if self._operable:
+            self.hold = bed.Hold(m, d, self.tissue.held, self.dofs, self._free, self._R)
+
+    # -- a step ---------------------------------------------------------------------------------------------
+
+    def begin(self) -> None:
+        """Set the constraint to the volume and its derivatives with respect to the joints at the latest nodes."""
+        content, by_node = self._volume.at(self.nodes - self._origin)
+        coefficients = (by_node[self._free] @ self._R).ravel() / self._area
+        change = (content - self._content) / self._area
+        self._m.wrap_prm[self._wraps] = coefficients
+        self._m.eq_data[self._equality, 0] = coefficients @ self._d.qpos[self.qpos] - change
+
+    def end(self) -> None:
+        """Remove what the constraint leaves, because it is linear within a step: one step of Newton's method."""
+        self.read()
+        content, by_node = self._volume.at(self.nodes - self._origin)
+        change = (by_node[self._free] @ self._R).ravel()
+        self._d.qpos[self.qpos] -= change * ((content - self._content) / (change @ change))
+        self.read()
+
+    def read(self) -> None:
+        """Compute the nodes from the joint values."""
+        self.nodes = self.tissue.nodes.copy()
+        self.nodes[self._free] += self._d.qpos[self.qpos].reshape(-1, 3) @ self._R.T
+
+    # -- links ----------------------------------------------------------------------------------------------
+
+    def _near(self, points: Array, corners: Array, T: Array) -> Array:
+        """Return those points of a link at T_world_link, in the World, that are in the box around the organ or beside.
+
+        Args:
+            points: (n, 3) points of the link in its frame in m.
+            corners: (8, 3) corners of the box around them.
+            T: its pose.
+        """
+        low, high = self.nodes.min(axis=0) - 2 * SAMPLE, self.nodes.max(axis=0) + 2 * SAMPLE
+        at = corners @ T[:3, :3].T + T[:3, 3]
+        if (at.min(axis=0) > high).any() or (at.max(axis=0) < low).any():
+            return np.zeros((0, 3))
+        at = points @ T[:3, :3].T + T[:3, 3]
+        return at[((at > low) & (at < high)).all(axis=1)]
+
+    def approached(self, points: Array, corners: Array, T: Array) -> bool:
+        """Return whether a link is near enough to touch the organ, which is at rest."""
+        near = self._near(points, corners, T)
+        return len(near) > 0 and float(self._tree.query(near)[0].min()) < self._reach
+
+    def contains(self, points: Array, corners: Array, T: Array) -> bool:
+        """Return whether a point of a link is inside the organ."""
+        near = self._near(points, corners, T)
+        return len(near) > 0 and bool(inside(near, self.tissue.weights @ self.nodes, self._triangles).any())
+
+    def look(self, k: int, is_inside: bool) -> bool:
+        """Note whether link k is inside; return whether it may touch the organ."""
+        (self.within.add if is_inside else self.within.discard)(k)
+        return self.may_touch(k)
+
+    def mute(self, links: Sequence[int], on: bool) -> None:
+        """Let links not touch the organ while jaws hold it (`on`), or touch it again."""
+        (self._muted.update if on else self._muted.difference_update)(links)
+
+    def may_touch(self, k: int) -> bool:
+        """Return whether link k touches the organ when they meet."""
+        return k not in self.within and k not in self._muted
+
+
+def require_valid(t: Tissue) -> None:
+    """Refuse a number for which organs were not tested."""
+    for what, value, low, high, unit in (
+        ("Young's modulus", t.young, 100.0, 1e6, "Pa"),
+        ("Poisson's ratio", t.poisson, 0.0, 0.49, ""),
+        ("damping", t.damping, 0.0, 1.0, "s"),
+        ("density", t.density, 100.0, 5000.0, "kg/m3"),
+        ("friction", t.friction, 0.0, 2.0, ""),
+        ("number of cells", min(t.cells), 1, CELLS, "along an axis"),
+        ("number of cells", max(t.cells), 1, CELLS, "along an axis"),
+    ):
+        if not low <= value <= high:
+            raise WorldError(f"tissue '{t.name}': {what} is {value:g}; it must be {low:g} to {high:g} {unit}".rstrip())
+
+
+def _numbers(values: np.ndarray | Sequence[float]) -> str:
+    return " ".join(f"{x!r}" for x in np.asarray(values).ravel().tolist())

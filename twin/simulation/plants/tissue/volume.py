@@ -1,0 +1,31 @@
+"""The volume of an organ as a function of the nodes of its grid."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from twin.core.spatial import Array, Index
+
+
+class Volume:
+    """The volume of a surface as a polynomial of third degree in the nodes of its grid.
+
+    The volume is the sum of det(a, b, c) / 6 over the triangles, and each corner is a weighted sum of nodes.
+    """
+
+    def __init__(self, weights: Array, triangles: Index) -> None:
+        n = weights.shape[1]
+        sums = np.zeros((n, n * n))
+        for part in np.array_split(triangles, max(1, len(triangles) // 256)):
+            a, b, c = (weights[part[:, k]] for k in range(3))
+            sums += a.T @ (b[:, :, None] * c[:, None, :]).reshape(len(part), n * n)
+        cube = sums.reshape(n, n, n) / 6
+        cube = cube + cube.transpose(2, 0, 1) + cube.transpose(1, 2, 0)  # a determinant is the same in cyclic order
+        self._j, self._k = np.triu_indices(n, 1)
+        self._factors = cube[:, self._j, self._k] - cube[:, self._k, self._j]
+
+    def at(self, nodes: Array) -> tuple[float, Array]:
+        """Return the volume in m3 at nodes (k, 3), and its derivatives (k, 3) with respect to them in m2."""
+        (ax, ay, az), (bx, by, bz) = nodes[self._j].T, nodes[self._k].T
+        by_node = self._factors @ np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=1)
+        return float(np.vdot(nodes, by_node)) / 3, by_node

@@ -1,0 +1,127 @@
+"""Run a World with a simulated trainee and a real machine, in real time, and write its session."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from pathlib import Path
+
+from twin.core.errors import DeviceError
+from twin.core.units import DEG
+from twin.model.mechanism import Mechanism
+from twin.model.scene import Scene
+from twin.simulation import console_scene
+from twin.simulation.console_scene import PEDALS, Member
+from twin.simulation.devices.machine_states import MachineStates
+from twin.simulation.devices.together import Together
+from twin.simulation.devices.trainee import Trainee
+from twin.simulation.machine.exchange import Exchange
+from twin.simulation.machine.levels import Level
+from twin.simulation.machine.link import MachineLink
+from twin.simulation.machine.machine import Parts
+from twin.simulation.machine.outbox import Outbox
+from twin.simulation.session.condition import Condition
+from twin.simulation.session.file import SessionWriter
+from twin.simulation.session.run import Keep, Progress, Ran, eyes, head_of, kept
+from twin.simulation.session.tape import Tape
+
+_CHUNK = 100
+"""Number of ticks between two writes."""
+
+_OWED = 0.1
+"""Largest delay in s that the World makes up for; after a longer one, it goes on from there."""
+
+_HOME = 20.0
+"""Longest time in s until the machine is at home."""
+
+
+def train(
+    scene: Scene,
+    members: Mapping[str, Member],
+    parts: Mapping[str, Parts],
+    links: Mapping[str, MachineLink],
+    path: Path,
+    *,
+    seed: int = 0,
+    triangles: int = 2,
+    scale: float | None = None,
+    props: Mechanism | None = None,
+    progress: Progress,
+) -> Ran:
+    """Let a trainee teleoperate, rehearse and replay, and write the session.
+
+    Args:
+        scene: a scene with machines.
+        members: robots by the names of their places.
+        parts: what the machines are made of.
+        links: connections to the machines.
+        path: the session file.
+        seed: random seed of the trainee; states of the machine differ from run to run all the same.
+        triangles: number of triangles by teleoperation.
+        scale: motion scale; None: that of the console.
+        props: mechanism of the props.
+        progress: called with what is done, and the fraction of it.
+
+    Raises:
+        DeviceError: a machine does not answer, is not ready, or has another master.
+        OutputError: the file cannot be written.
+    """
+    table = console_scene.console_of(scene)
+    for name, link in links.items():
+        ready(name, link)
+    camera = scene.cameras[table.camera]
+    console = {"device": PEDALS, "arms": eyes(scene, members), "camera": camera.robot, "view": camera.view_deg * DEG}
+    trainee = Trainee(next(iter(links)), triangles, **console, scale=scale or table.scale, seed=seed)
+    states = {n: MachineStates(n, parts[n].home) for n in links}
+    device, outbox, tape = Together([trainee, *states.values()]), Outbox(parts), Tape()
+    world = console_scene.world(
+        scene, members, device, records=False, watch=[outbox, tape], props=props, haptics=True, parts=parts
+    )
+    exchange, condition = Exchange(links, states, outbox), Condition(haptics=True)
+    writer = SessionWriter(path, head_of(scene, members, world, device, None, seed, props, condition))
+    keep, begin = Keep(world, kept(world)), time.monotonic()
+    try:
+        while not world.ended and not writer.full:
+            wait = begin + world.t - time.monotonic()
+            if wait > 0:
+                time.sleep(wait)
+            elif wait < -_OWED:
+                begin -= wait
+            exchange.receive()
+            world.step()
+            exchange.send()
+            if world.tick % _CHUNK == 0 or world.ended:
+                rows = tape.take()
+                if len(rows):
+                    writer.add(rows)
+                    keep.add(rows)
+                for name, link in links.items():
+                    if link.problem:
+                        raise DeviceError(f"{name}: {link.problem}")
+                progress(trainee.doing, trainee.done)
+        writer.close()
+    finally:
+        writer.abandon()
+    return Ran(keep.recording(), keep.ticks, world.dt, condition=condition)
+
+
+def ready(name: str, link: MachineLink, patience: float = _HOME) -> None:
+    """Press the start button of a machine in E_STOP, and wait until it is at home.
+
+    Raises:
+        DeviceError: the machine does not answer, or is not at home within `patience` s.
+    """
+    end, pressed = time.monotonic() + patience, False
+    while time.monotonic() < end:
+        state = link.state
+        if state is not None and state.level >= Level.PEDAL_UP:
+            return
+        if state is not None and state.level == Level.E_STOP and not pressed:
+            link.reader.press("start")
+            pressed = True
+        if link.reader.problem:
+            break
+        time.sleep(0.01)
+    state = link.state
+    why = link.problem or (f"it is in {state.level.name}" if state is not None else "")
+    raise DeviceError(f"{name}: the machine is not ready: {why}. Stop it, and start it again with --start")

@@ -1,0 +1,187 @@
+"""Measures of a session with machines: the deviation between machine and model, and the result of a rehearsal."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from twin.core.findings import Finding, disagreement, warning
+from twin.core.quantity import mm
+from twin.core.spatial import Array
+from twin.core.units import MM
+from twin.kinematics import Kinematics
+from twin.model.trainer import MODEL, TrainerTable
+from twin.simulation import machine_scene
+from twin.simulation.controllers.trainer import Phase, Why, told
+from twin.simulation.devices.machine_states import ANSWERS, LEVEL
+from twin.simulation.machine.levels import Level
+from twin.simulation.session import movement
+from twin.simulation.world import Recording
+
+_LAG = 0.3
+"""Longest time in s by which a replay on the machine may come later than its record."""
+
+_NAMES = {
+    Phase.TELEOPERATE: "teleoperation",
+    Phase.REHEARSE: "rehearsal in the model",
+    Phase.JUDGED: "judged",
+    Phase.REPLAY: "replay on the machine",
+    Phase.DONE: "replayed",
+    Phase.STOPPED: "refused or stopped",
+}
+
+
+@dataclass(frozen=True)
+class Step:
+    """A part of a session in one phase of the trainer.
+
+    Attributes:
+        phase: the phase.
+        begin, end: times in s.
+        deviation: largest distance in m of the tips of machine and model; nan while the model moves alone.
+        record: largest distance in m of the machine's tip from the rehearsed path; nan outside of replays.
+        text: why a record was refused or a replay stopped; "" otherwise.
+    """
+
+    phase: Phase
+    begin: float
+    end: float
+    deviation: float
+    record: float
+    text: str
+
+
+@dataclass(frozen=True)
+class Training:
+    """One machine of a session.
+
+    Attributes:
+        robot: its name.
+        t: (k,) times in s.
+        deviation: (k,) distance in m of the tips of machine and model; nan while the model moves alone.
+        limit: deviation in m above which there is a cue.
+        steps: the phases in order.
+        cue: largest force of the cue in N, and time in s with a cue.
+        stops: number of times that the machine went to E_STOP.
+        silent: time in s in which the machine did not answer, after its first state.
+    """
+
+    robot: str
+    t: Array
+    deviation: Array
+    limit: float
+    steps: tuple[Step, ...]
+    cue: tuple[float, float]
+    stops: int
+    silent: float
+
+    @property
+    def led(self) -> float:
+        """Largest deviation in m by teleoperation; nan without any."""
+        return max((s.deviation for s in self.steps if s.phase == Phase.TELEOPERATE), default=float("nan"))
+
+    def rows(self) -> Iterator[tuple[str, ...]]:
+        """Yield phase, duration, deviation, distance from the record, and why it ended, as text."""
+        for s in self.steps:
+            shown = ("-" if np.isnan(x) else f"{x / MM:.2f} mm" for x in (s.deviation, s.record))
+            yield (_NAMES[s.phase], f"{s.end - s.begin:.1f} s", *shown, s.text or "-")
+
+    def findings(self) -> Iterator[Finding]:
+        """Yield a cue, stops and silence of the machine, and a replay that was stopped on it."""
+        if self.cue[0] > 0:
+            yield warning(
+                "training.cue",
+                self.robot,
+                f"the cue was felt for {self.cue[1]:.2f} s, at most {self.cue[0]:.2f} N: largest deviation",
+                mm(float(np.nanmax(self.deviation))),
+                mm(self.limit),
+                word="limit",
+            )
+        if self.stops:
+            yield disagreement("training.stopped", self.robot, f"the machine went to E_STOP {self.stops} times")
+        if self.silent > 0:
+            yield warning("training.silent", self.robot, f"the machine did not answer for {self.silent:.2f} s")
+        for s in self.steps:
+            if s.phase == Phase.STOPPED and s.text.startswith("the replay"):
+                yield disagreement("training.replay", self.robot, s.text, when=f"{s.begin:.1f} s")
+
+    def content(self) -> dict[str, Any]:
+        """Return plain data; keys end with their unit."""
+        return {
+            "robot": self.robot,
+            "cue_limit_mm": self.limit / MM,
+            "cue_largest_n": self.cue[0],
+            "cue_s": self.cue[1],
+            "stops": self.stops,
+            "silent_s": self.silent,
+            "steps": [
+                {
+                    "phase": s.phase.name.lower(),
+                    "begin_s": s.begin,
+                    "end_s": s.end,
+                    "deviation_mm": _number(s.deviation / MM),
+                    "from_record_mm": _number(s.record / MM),
+                    "why": s.text or None,
+                }
+                for s in self.steps
+            ],
+        }
+
+
+def _number(x: float) -> float | None:
+    return None if np.isnan(x) else x
+
+
+def measure(kept: Recording, table: TrainerTable, robot: str, kin: Kinematics) -> Training:
+    """Return the measures of a machine from the kept signals of a session; `kin` are its equations."""
+    phase, t = kept[f"{robot}.phase"], kept.t
+    run, force = kept[f"{robot}.run"], np.linalg.norm(kept[f"{robot}.cue"], axis=1)
+    alone = np.isin(phase[:, 0], (Phase.REHEARSE, Phase.JUDGED))
+    deviation = np.where(alone, np.nan, kept[f"{robot}.deviation"][:, 0])
+    tip, model = (kin.forward_many(kept[f"{n}.q"])[:, :3, 3] for n in (robot, robot + MODEL))
+    steps, rehearsed, bounds = [], None, machine_scene.bounds(table)
+    edges = [0, *(np.flatnonzero(np.any(np.diff(phase[:, :2], axis=0) != 0, axis=1)) + 1).tolist(), len(t)]
+    for a, b in itertools.pairwise(edges):
+        what, why, value = phase[a]
+        record = float("nan")
+        if what == Phase.REHEARSE:
+            rehearsed = model[a:b]
+        elif what == Phase.REPLAY and rehearsed is not None:
+            record = _apart(tip[a:b], rehearsed, round(_LAG / kept.dt))
+        part = deviation[a:b]
+        largest = float("nan") if np.isnan(part).all() else float(np.nanmax(part))
+        text = told(Why(int(why)), float(value), bounds, robot)
+        steps.append(Step(Phase(int(what)), float(t[a]), float(t[a] + (b - a) * kept.dt), largest, record, text))
+    answers = run[:, ANSWERS] > 0.5
+    first = int(np.argmax(answers)) if answers.any() else len(t)
+    stopped = (run[first:, LEVEL] == Level.E_STOP) & answers[first:]
+    return Training(
+        robot,
+        t,
+        deviation,
+        table.cue.tol_mm * MM,
+        tuple(steps),
+        (float(force.max(initial=0.0)), float(np.sum(force > 0) * kept.dt)),
+        len(list(movement.runs(stopped))),
+        float(np.sum(~answers[first:]) * kept.dt),
+    )
+
+
+def _apart(path: Array, record: Array, most: int) -> float:
+    """Return the largest distance of a path (k, 3) from a record (n, 3), at the best delay of at most `most` samples.
+
+    Both begin at rest, and rest at their ends.
+    """
+    first = [int(np.argmax(np.linalg.norm(p - p[0], axis=1) > 1e-4)) for p in (record, path)]
+    record = record[first[0] :]
+    found = []
+    for lag in range(-most, most + 1):
+        begin = max(first[1] + lag, 0)
+        n = min(len(record), len(path) - begin)
+        if n > 0:
+            found.append(float(np.linalg.norm(path[begin : begin + n] - record[:n], axis=1).max()))
+    return min(found, default=float("nan"))

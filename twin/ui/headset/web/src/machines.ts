@@ -1,0 +1,193 @@
+/** Machines beside their models: which is solid, how far their tips and joints are apart, and the trainer's buttons. */
+
+import type { App } from './app';
+import type { MachinesInfo, MachinesState, MachineState, Message } from './protocol';
+
+/** Seconds of the curve, its size in pixels, and the smallest range in m. */
+const SECONDS = 12;
+const [WIDE, HIGH] = [184, 84];
+const SMALLEST = 0.001;
+const DEG = Math.PI / 180;
+
+const PHASES: Record<MachineState['phase'], string> = {
+  teleoperate: 'The hand leads machine and model.',
+  rehearse: 'The hand leads the model; the machine holds.',
+  judged: 'The record is judged good: run it on the machine.',
+  replay: 'The machine and the model repeat the record.',
+  done: 'The machine has repeated the record.',
+  stopped: 'Stopped.',
+  follow: 'Machine solid; its desired joints as ghost.',
+};
+
+/** Buttons of the trainer: mode, label, hint. */
+const MODES = [
+  ['teleoperate', 'Engage', 'The hand leads the machine and its model'],
+  ['rehearse', 'Rehearse', 'Disengage the machine; the hand leads the model, and the motion is recorded'],
+  ['judge', 'Judge', 'End the rehearsal, and judge its speed and reach'],
+  ['replay', 'Run', 'Re-engage the machine: it repeats the record, with checks of speed and deviation'],
+] as const;
+
+const make = <K extends keyof HTMLElementTagNameMap>(tag: K, id = '', text = ''): HTMLElementTagNameMap[K] => {
+  const node = document.createElement(tag);
+  if (id) node.dataset['id'] = id;
+  if (text) node.textContent = text;
+  return node;
+};
+
+export class Machines {
+  private readonly board = make('section', 'machines');
+  private readonly level = make('p', 'machine-level');
+  private readonly said = make('p', 'machine-said');
+  private readonly curve = make('canvas', 'deviation-curve');
+  private readonly joints = make('p', 'deviation-joints');
+  private readonly buttons = new Map<string, HTMLButtonElement>();
+  private readonly names: string[];
+  private points: { t: number; tips: number[] }[] = [];
+  private state: MachinesState | null = null;
+  private dressed = '';
+  private around = '';
+  private drawn = -1;
+
+  constructor(
+    parent: HTMLElement,
+    private readonly app: App,
+    private readonly info: MachinesInfo,
+  ) {
+    this.names = Object.keys(info.models);
+    this.board.className = 'score machines';
+    this.board.setAttribute('aria-label', 'Machine and model');
+    this.curve.width = 2 * WIDE;
+    this.curve.height = 2 * HIGH;
+    this.curve.setAttribute('role', 'img');
+    this.curve.setAttribute('aria-label', 'Distance of the tips of machine and model over time');
+    this.board.append(make('h2', '', 'Machine and model'), this.level, this.curve, this.joints, this.said);
+    if (info.trains) this.board.append(this.row());
+    parent.append(this.board);
+  }
+
+  private row(): HTMLElement {
+    const row = make('div');
+    row.className = 'row';
+    for (const [mode, label, hint] of MODES) row.append(this.button(mode, label, hint, () => this.ask(mode)));
+    row.append(
+      this.button('machine-start', 'Start', 'Press the start button of the machine: it moves to home', () => this.app.ask('button', { button: 'start' })),
+      this.button('machine-stop', 'Stop', 'Press the stop button of the machine', () => this.app.ask('button', { button: 'stop' })),
+    );
+    return row;
+  }
+
+  private ask(mode: string): void {
+    if (mode === 'replay') this.app.console?.pens.use();
+    this.app.ask('training', { mode });
+  }
+
+  private button(id: string, label: string, hint: string, press: () => void): HTMLButtonElement {
+    const button = make('button', id, label);
+    button.title = hint;
+    button.onclick = press;
+    this.buttons.set(id, button);
+    return button;
+  }
+
+  hear(message: Message): void {
+    if (message.type === 'state' && message.machines) {
+      this.state = message.machines;
+      // the page keeps the hands during a replay: silence would stop it
+      if (Object.values(message.machines.robots).some((r) => r.phase === 'replay')) this.app.console?.pens.use();
+    }
+    if (message.type !== 'deviations') return;
+    this.points.push({ t: message.time, tips: this.names.map((n) => message.robots[n]?.tip ?? 0) });
+    while (this.points.length && (this.points[0] as { t: number }).t < message.time - SECONDS) this.points.shift();
+    this.joints.textContent = this.names.map((n) => this.largest(n, message.robots[n]?.joints ?? [])).join('\n');
+  }
+
+  /** Return the joint with the largest difference, as text. */
+  private largest(name: string, off: readonly number[]): string {
+    const joints = this.info.joints[name] ?? [];
+    let [best, size, text] = ['', -1, ''];
+    joints.forEach(([joint, angle], i) => {
+      const value = off[i] ?? 0;
+      const shown = angle ? Math.abs(value) / DEG : Math.abs(value) * 1000;
+      if (shown > size) [best, size, text] = [joint, shown, `${shown.toFixed(2)}${angle ? '°' : ' mm'}`];
+    });
+    return `Largest joint difference: ${best} ${text}`;
+  }
+
+  /** Show state and curve; called with the other controls. */
+  refresh(): void {
+    this.place();
+    const { state } = this;
+    if (!state) return;
+    this.board.dataset['view'] = state.view;
+    this.dress(state.view);
+    const robots = this.names.map((n) => [n, state.robots[n]] as const);
+    this.level.textContent = robots.map(([n, r]) => `${n}: ${r?.level ?? 'does not answer'}`).join('\n') +
+      (this.info.trains ? `\nView: ${state.view === 'real' ? 'machine solid, model ghost' : 'model solid, machine ghost'} (tap the camera pedal)` : '');
+    const one = robots[0]?.[1];
+    const bad = robots.map(([, r]) => r?.problem ?? r?.why ?? '').find((t) => t) ?? '';
+    this.said.textContent = bad || (one ? PHASES[one.phase] : '');
+    this.said.dataset['tone'] = bad ? 'bad' : '';
+    for (const [mode] of MODES) {
+      const button = this.buttons.get(mode);
+      if (button) button.setAttribute('aria-pressed', String(state.mode === mode));
+    }
+    this.draw();
+  }
+
+  /** Make the arms solid and the others ghosts. */
+  private dress(view: MachinesState['view']): void {
+    const loaded = this.app.members.filter((m) => m.robot).length;
+    const now = `${view} ${loaded}`;
+    if (now === this.dressed) return;
+    this.dressed = now;
+    for (const [machine, model] of Object.entries(this.info.models))
+      for (const { model: about, robot } of this.app.members)
+        if (about.info?.name === machine || about.info?.name === model)
+          robot?.veil((about.info.name === model) === (view === 'real'));
+    this.app.world.dirty = true;
+  }
+
+  private place(): void {
+    const low = document.querySelector('header')?.getBoundingClientRect().bottom ?? 0;
+    const top = `${Math.round(low) + 10}px`;
+    if (top !== this.around) this.around = this.board.style.top = top;
+  }
+
+  private draw(): void {
+    const last = this.points.at(-1);
+    if (!last || last.t === this.drawn) return;
+    this.drawn = last.t;
+    const pen = this.curve.getContext('2d') as CanvasRenderingContext2D;
+    const { limit } = this.info;
+    const top = 1.15 * Math.max(SMALLEST, limit ?? 0, ...this.points.flatMap((p) => p.tips));
+    const [x, y] = [(t: number) => (1 - (last.t - t) / SECONDS) * WIDE, (v: number) => HIGH - 1 - (v / top) * (HIGH - 2)];
+    pen.setTransform(2, 0, 0, 2, 0, 0);
+    pen.clearRect(0, 0, WIDE, HIGH);
+    pen.font = '11px sans-serif';
+    pen.lineWidth = 1;
+    pen.strokeStyle = pen.fillStyle = '#5a6b80';
+    pen.strokeRect(0.5, 0.5, WIDE - 1, HIGH - 1);
+    if (limit) {
+      pen.setLineDash([4, 3]);
+      pen.strokeStyle = '#d62f2f';
+      pen.beginPath();
+      pen.moveTo(0, y(limit));
+      pen.lineTo(WIDE, y(limit));
+      pen.stroke();
+      pen.setLineDash([]);
+      pen.fillText(`cue above ${(1000 * limit).toFixed(0)} mm`, 5, y(limit) > HIGH / 2 ? y(limit) - 4 : y(limit) + 12);
+    }
+    pen.lineWidth = 1.6;
+    this.names.forEach((_, i) => {
+      pen.strokeStyle = ['#0a66c2', '#c7741b'][i % 2] as string;
+      pen.beginPath();
+      for (const p of this.points) pen.lineTo(x(p.t), y(p.tips[i] ?? 0));
+      pen.stroke();
+    });
+    pen.fillStyle = '#1b2a3d';
+    pen.textAlign = 'right';
+    pen.fillText(`tips ${last.tips.map((v) => `${(1000 * v).toFixed(2)} mm`).join(', ')}`, WIDE - 6, 13);
+    pen.textAlign = 'left';
+    pen.fillText(`${SECONDS} s`, 5, HIGH - 5);
+  }
+}

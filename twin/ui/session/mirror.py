@@ -1,0 +1,101 @@
+"""A twin that mirrors a machine: the measured joints as a solid robot, the desired joints as a ghost."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Protocol
+
+import numpy as np
+
+from twin.api import Robot
+from twin.core.spatial import Array
+from twin.kinematics.closed_loops.placing import LinkPoses
+from twin.model.trainer import MODEL
+from twin.simulation.devices.machine_states import ANSWERS, LEVEL, MachineStates
+from twin.simulation.machine.levels import Level
+from twin.simulation.machine.states import State
+from twin.simulation.world import Block, Placed, Signals, World
+
+_TICK = 1 / 60
+"""Duration in s of a tick of the World."""
+
+
+class Source(Protocol):
+    """Source of the states of a machine: `StateReader` or `JointPackets`."""
+
+    @property
+    def newest(self) -> State | None: ...  # noqa: D102
+    @property
+    def answers(self) -> bool: ...  # noqa: D102
+    @property
+    def problem(self) -> str: ...  # noqa: D102
+    def close(self) -> None: ...  # noqa: D102
+
+
+class _Shown(Block):
+    """Reads `<robot>.measured` and `<robot>.desired`; writes `<robot>.q`, `<robot>_model.q` and `<robot>.apart`."""
+
+    def __init__(self, robot: str, q: Array) -> None:
+        self._measured, self._desired = f"{robot}.measured", f"{robot}.desired"
+        self._q, self._ghost, self._apart = f"{robot}.q", f"{robot}{MODEL}.q", f"{robot}.apart"
+        self.outputs = {self._q: q, self._ghost: q, self._apart: np.zeros(len(q))}
+
+    def step(self, signals: Signals, t: float, dt: float) -> Mapping[str, Array]:
+        q, desired = signals.now[self._measured], signals.now[self._desired]
+        return {self._q: q, self._ghost: desired, self._apart: desired - q}
+
+
+class Mirror:
+    """A World with one robot that follows a machine.
+
+    Attributes:
+        robot: the robot.
+        name, ghost: names in the World of the robot at the measured joints, and of the robot at the desired joints.
+        world: the World.
+    """
+
+    def __init__(self, robot: Robot, source: Source) -> None:
+        """Start in the posture home."""
+        self.robot, self._source = robot, source
+        self.name, self.ghost = robot.name, robot.name + MODEL
+        q = np.array(robot.mechanism.posture("home"), float)
+        self._states, self._links = MachineStates(self.name, q), LinkPoses(robot.loops)
+        self.world = World(
+            robots=[Placed(n, robot.mechanism, np.eye(4), self._links) for n in (self.name, self.ghost)],
+            devices=[self._states],
+            plants=[_Shown(self.name, q)],
+            dt=_TICK,
+            records=False,
+        )
+        tool = robot.mechanism.frame(robot.mechanism.tool)
+        self._tool = tool.body, tool.T_body_frame
+        self.links = self.world.link_poses()
+
+    def step(self) -> None:
+        """Set the robots to the newest state of the machine."""
+        state = self._source.newest
+        self._states.give(state if self._source.answers else None)
+        self.world.step()
+        self.links = self.world.link_poses()
+
+    @property
+    def deviation(self) -> dict[str, Any]:
+        """Distance of both tips in m (`tip`), and desired minus measured joints (n,) in rad or m (`joints`)."""
+        body, T = self._tool
+        tips = [(self.links[n][body] @ T)[:3, 3] for n in (self.name, self.ghost)]
+        return {"tip": float(np.linalg.norm(tips[1] - tips[0])), "joints": self.world.signals[f"{self.name}.apart"]}
+
+    @property
+    def level(self) -> str | None:
+        """Run level of the machine; None: the machine does not answer."""
+        run = self.world.signals[f"{self.name}.run"]
+        return Level(int(run[LEVEL])).name if run[ANSWERS] > 0.5 else None
+
+    @property
+    def problem(self) -> str:
+        """Reason why the robot does not follow the machine; "" while the robot follows."""
+        return self._source.problem or ("" if self.level else "no state of the machine arrives: start the machine")
+
+    def close(self) -> None:
+        """End the connection."""
+        self._source.close()
