@@ -17,6 +17,7 @@ from twin.core.units import DEG
 from twin.simulation.dynamics import inertia
 from twin.simulation.dynamics.arm import arm
 from twin.simulation.machine import settings
+from twin.simulation.machine.following import follow
 from twin.simulation.machine.motion import motion
 from twin.simulation.machine.plant import TICK, Physics, Plant
 from twin.simulation.machine.servo import Servo, compensation, holding
@@ -98,6 +99,20 @@ def test_a_joint_sticks_below_its_coulomb_friction_and_slips_above(left, made, s
             plant.advance(model.mechanism.motor_efforts(held + part * coulomb * [1, 0, 0, 0, 0, 0, 0]))
         assert (abs(plant.q[0] - HOME[0]) > 1e-4) == moves
         assert (np.abs(plant.qd).max() > 1e-9) == moves
+
+
+def test_a_planned_motion_is_followed_by_the_motors_and_a_jump_is_not(left, made, software):
+    model, plant = left[1], made.another(Physics.of(left[1], software.coulomb(left[1].mechanism)))
+    t = np.arange(801) * TICK
+    part, rate = (1 - np.cos(np.pi * t / t[-1])) / 2, np.pi / t[-1] / 2 * np.sin(np.pi * t / t[-1])
+    way = np.array([0.1, -0.1, 0.02, 0.2, 0.1, 0.1, 0.0])
+    seen = follow(model, software, HOME + part[:, None] * way, rate[:, None] * way, plant)
+    assert seen.stop == ""
+    assert len(seen.q) > len(t)
+    assert 1e-5 < seen.error.max() < 0.03
+    assert np.abs(seen.q[-1] - HOME - way).max() < 0.02
+    jump = follow(model, software, HOME + (t[:, None] > 0.1) * 10 * way, 0 * rate[:, None] * way, plant)
+    assert jump.stop or jump.error.max() > 0.5
 
 
 def test_coulomb_friction_takes_the_energy_that_it_states(left, made, software):

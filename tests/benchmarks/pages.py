@@ -16,7 +16,7 @@ from typing import Any
 
 from race import Row, Table
 
-from twin.codegen import machine
+from twin.core import machine
 
 RECORD = Path(__file__).with_name("recorded.json")
 FALL = 0.4

@@ -130,7 +130,8 @@ class Search:
     def _useful(self, q: Array) -> np.ndarray:
         """Return (k,) bool: whether a path through q (k, n) can be shorter than the path of `inform`."""
         x, ends = q * self._space.weights, self._q[:2] * self._space.weights
-        return sum(np.linalg.norm(x - end, axis=1) for end in ends) <= self._most
+        way = np.linalg.norm(x - ends[0], axis=1) + np.linalg.norm(x - ends[1], axis=1)
+        return way <= self._most
 
     def block(self, corners: Array) -> bool:
         """Exclude the connections along a path that are not free when tested whole; return whether there are any."""
@@ -210,7 +211,7 @@ class Search:
         rows = np.array(new)
         self.checks += len(new)
         for pair, free in zip(new, self._space.free_each(self._q[rows[:, 0]], self._q[rows[:, 1]]), strict=True):
-            self._known[pair] = self._known[pair[::-1]] = bool(free)
+            self._known[pair] = self._known[pair[1], pair[0]] = bool(free)
 
 
 def neighbours(x: Array, radius: float) -> list[np.ndarray]:

@@ -191,7 +191,7 @@ def _kept(kind: str, triangles: Array, make: Callable[[], dict[str, np.ndarray]]
     an error.
     """
     digest = hashlib.sha256(f"{kind} {_VERSION} {triangles.shape}\n".encode())
-    digest.update(np.ascontiguousarray(triangles, np.float64))
+    digest.update(np.ascontiguousarray(triangles, np.float64).data)
     folder, name = cache_folder("distances"), f"{digest.hexdigest()}.npz"
     with contextlib.suppress(OSError, ValueError, KeyError, EOFError, BadZipFile):
         # numpy would not close a damaged file

@@ -10,6 +10,7 @@ from __future__ import annotations
 import ctypes
 from functools import cache
 from itertools import product
+from typing import Any
 
 import numpy as np
 from llvmlite import ir
@@ -37,7 +38,8 @@ class _Writer:
     """Writes expressions of doubles; a thin layer over llvmlite's builder."""
 
     def __init__(self, builder: ir.IRBuilder, module: ir.Module) -> None:
-        self.b, self._module = builder, module
+        self.b: Any = builder  # llvmlite does not state what its methods return
+        self._module = module
 
     def intrinsic(self, name: str, *values: ir.Value) -> ir.Value:
         kind = ir.FunctionType(_DOUBLE, [_DOUBLE] * len(values))
@@ -82,8 +84,8 @@ def _text() -> str:
         function.append_basic_block(n)
         for n in ("entry", "item", "body", "ball", "opened", "skipped", "leaf", "inner", "stored", "done")
     )
-    b = ir.IRBuilder(entry)
-    w = _Writer(b, module)
+    w = _Writer(ir.IRBuilder(entry), module)
+    b = w.b
     names = ("poses", "states", "pairs", "enough", "reject", "fine", "table", "grids", "values", "balls")
     data = {name: w.at(given, i, _POINTER) for i, name in enumerate(names)}
     lows, highs = w.at(results, 0, _POINTER), w.at(results, 1, _POINTER)
