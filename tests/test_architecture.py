@@ -191,6 +191,7 @@ LONGEST = {
     "model/mechanism.py:_check": "one check after another of what a mechanism must hold, each with its message",
     "planning/plan.py:_assemble": "collects the samples and spans of all phases, and builds one trajectory of them",
     "codegen/emit.py:call": "one case for each CasADi instruction",
+    "reference/lookup.py:_text": "one loop as basic blocks of machine code, in the order in which they run",
 }
 """The longest functions, by lines of code without docstring, and why each is not cut."""
 

@@ -273,6 +273,7 @@ def test_a_surgeon_who_gives_up_has_missed_the_task(davinci, monkeypatch):
     found = operate_console(davinci, "camera")
     assert found.verdict == "disagree"
     assert [f.code for f in found.findings if f.severity == "disagreement"] == ["task.missed"]
+    assert found.word == "The endoscope is not aligned"
     assert found.ran.missed == ("camera",)
     assert abs(found.aligned.seen - found.aligned.angle) < 0.05 * DEG  # 10 degrees askew, and measured
 

@@ -114,7 +114,7 @@ def test_the_documentation_shows_every_message_code_flag_and_limit():
         assert number in words, number
     for number in (f"divided by {scene_frame.LEVELS}", f"at most {scene_frame.VERTICES} vertices"):
         assert number in words, number
-    of_robot = re.search(r"`robot` may stand in (.*?)\. Where", words)[1]
+    of_robot = re.search(r"((?:`\w+`(?:, | and )?)+) may have a `robot`", words)[1]
     assert set(re.findall(r"`(\w+)`", of_robot)) == {
         m.model_fields["type"].annotation.__args__[0] for m in get_args(wire.OfRobot)
     }

@@ -152,6 +152,7 @@ def test_slippery_rings_stay_where_they_are(davinci):
     found = operate_console(scene, seed=1)
     assert found.verdict == "disagree"
     assert found.board.transferred == 0
+    assert found.word == "Not all rings are on their pegs"
     assert [f.where for f in found.findings if f.code == "task.missed"] == ["ring1", "ring2"]
 
 

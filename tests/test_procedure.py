@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ import twin
 from made import organs as made
 from test_tissue_scene import changed
 from twin.api import procedure as api_procedure
-from twin.api.procedure import replay_procedure
+from twin.api.procedure import ProcedureSession, replay_procedure
 from twin.cli import main
 from twin.core.errors import DescriptionError, TwinError, WorldError
 from twin.core.units import MM
@@ -26,6 +27,7 @@ from twin.simulation.plants.tissue import Organs, Sight, Tool
 from twin.simulation.plants.tissue.tubes import Held, Tube
 from twin.simulation.session import procedure_checks, procedure_run
 from twin.simulation.session.file import CHUNK, NAME
+from twin.simulation.session.run import Difference
 from twin.simulation.session.tape import Tape
 from twin.simulation.world import Recording
 
@@ -312,6 +314,23 @@ def test_procedure_that_is_done_passes_all_checks(vsrs):
 )
 def test_each_fault_fails_its_check(vsrs, changes, checks):
     assert failed(signals(vsrs, **changes)) == checks
+
+
+@pytest.mark.parametrize(
+    ("changes", "differs", "word"),
+    [
+        ({}, False, "All stages are done"),
+        ({}, True, "The replay gives different bytes"),
+        ({"cystic_duct__cut": 0, "gallbladder__freed": 0}, False, "Not finished: 5 of 7 checks are passed"),
+        ({"liver__depth": 0.009}, False, "1 of 7 checks is failed"),
+    ],
+)
+def test_report_is_headed_by_what_was_done(vsrs, changes, differs, word):
+    difference = Difference(0.0, 1.0, "pa10.q", 0.1) if differs else None
+    ran = SimpleNamespace(difference=difference)
+    found = ProcedureSession(vsrs, vsrs.tasks["cholecystectomy"], "", None, "", ran, made.abdomen()[1])
+    found.__dict__["measures"] = signals(vsrs, **changes)
+    assert found.word == word
 
 
 # -- in the World --------------------------------------------------------------------------------------------

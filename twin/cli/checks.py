@@ -56,7 +56,7 @@ def selftest(args: argparse.Namespace) -> int:
             if name not in FAMILIES:
                 raise TwinError(f"--family: {unknown('family', name, FAMILIES)}")
         families = tuple(f for f in FAMILIES if f in asked)
-    name = Path(args.robot).resolve().name if Path(args.robot).is_dir() else args.robot
+    name = Path(args.robot).resolve().stem
     folder = show.folder(args, name)
     with show.progress(args.quiet or args.json) as progress:
         score = run(

@@ -35,4 +35,4 @@ class Adaptive:
         """Return the limit (k,) in m in each tick, for the tips (k, 3) of the model in m."""
         speeds = np.linalg.norm(np.diff(tips, axis=0, prepend=tips[:1]), axis=1) / TICK
         share = TICK / (_SMOOTH + TICK)
-        return self.floor + self.lead * lfilter([share], [1, share - 1], speeds)
+        return self.floor + self.lead * np.asarray(lfilter([share], [1, share - 1], speeds))

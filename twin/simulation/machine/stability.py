@@ -60,4 +60,4 @@ def _tick(arm: Arm, settings: Settings, q: Array) -> Array:
     rate = np.linalg.solve(
         M + TICK * np.diag(dynamics.friction), np.hstack([none, M, none, none]) + TICK * A.T @ torque
     )
-    return np.vstack([np.hstack([one, none, none, none]) + TICK * rate, rate, w, s])
+    return np.vstack([np.hstack([one, none, none, none]) + TICK * rate, rate, w, s]).astype(float)

@@ -47,7 +47,7 @@ def figure(found: Trends) -> Figure:
         for i, row in enumerate(found.stuck):
             ax = out.add_subplot(grid[1 + i])
             y = found.curves[row.counts]
-            t, y = thin(TICK * np.arange(1, len(y) + 1), np.maximum(y, _LEAST))
+            t, y = thin(TICK * np.arange(1.0, len(y) + 1), np.maximum(y, _LEAST))
             ax.plot(t, y, color=PALETTE[0], linewidth=0.9)
             ax.axhline(3.0, color=INK, linewidth=0.8, linestyle="--")
             ax.set_yscale("log")
