@@ -283,7 +283,7 @@ def test_pose_out_of_reach_is_refused(robot, T_home):
 
 
 def test_the_first_pose_that_is_none_is_named(robot, T_home):
-    with pytest.raises(KinematicsError, match=r"^pose 2 \(of 0 \.\. 2\): .*Check that it is a rigid pose"):
+    with pytest.raises(KinematicsError, match=r"^pose 2 \(of 0 \.\. 2\): .*Check that the pose is rigid"):
         robot.inverse(np.array([T_home, T_home, 2 * T_home]))
 
 
