@@ -304,9 +304,9 @@ def test_the_same_motion_gives_the_same_bytes(psm):
 
 def test_bad_objects_are_named(psm):
     mechanism, kin = psm
-    with pytest.raises(WorldError, match=r"object 'ring': friction is -0.1; it must be at least 0"):
+    with pytest.raises(WorldError, match=r"object 'ring': friction is -0.1; it must be finite and at least 0"):
         Contact([replace(RING, friction=-0.1)])
-    with pytest.raises(WorldError, match=r"object 'ring': mass is 0; it must be at least 1e-06"):
+    with pytest.raises(WorldError, match=r"object 'ring': mass is 0; it must be finite and at least 1e-06"):
         Contact([replace(RING, mass=0.0)])
     with pytest.raises(WorldError, match=r"object 'ring': its size is \(0.1, 0.0\); each length must be above 0"):
         Contact([replace(RING, size=(0.1, 0.0))])

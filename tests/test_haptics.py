@@ -266,10 +266,10 @@ def test_the_needed_damping_without_a_filter_is_that_of_colgate(monkeypatch):
         ({"device_damping": np.nan}, r"damping of the device is nan N s/m; it must be finite and above 0"),
         (
             {"damping": 30.0},
-            r"600 N/m and 30 N s/m at ticks of 1 ms needs a device with a damping of at least 3.12 N s/m; "
-            r"2 N s/m is given: lower the damping to at most 18.09 N s/m, or use shorter ticks",
+            r"damping of the device is 2 N s/m; a surface with 600 N/m and 30 N s/m at ticks of 1 ms needs at least "
+            r"3.12 N s/m. Lower the damping to at most 18.09 N s/m, or use shorter ticks",
         ),
-        ({"stiffness": 9000.0}, r"9000 N/m .* at least 5.44 N s/m; 2 N s/m is given: lower the stiffness"),
+        ({"stiffness": 9000.0}, r"is 2 N s/m; a surface with 9000 N/m .* at least 5.44 N s/m. Lower the stiffness"),
     ],
 )
 def test_bad_numbers_are_named(change, said):

@@ -286,7 +286,7 @@ def test_bad_settings_are_named_with_their_line(tmp_path, scene, members, props)
         with pytest.raises(DescriptionError, match=said):
             load_scene(tmp_path / "scene.toml")
     table = scene.haptics.model_copy(update={"damping_ns_m": 40.0})
-    with pytest.raises(WorldError, match=r"lower the damping to at most 18\.09 N s/m"):
+    with pytest.raises(WorldError, match=r"Lower the damping to at most 18\.09 N s/m"):
         console_scene.world(replace(scene, haptics=table), members, Hands(lambda t: None), props=props, haptics=True)
 
 

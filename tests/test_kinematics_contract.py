@@ -60,7 +60,9 @@ def test_users_formula_loads_like_a_built_in_one(tmp_path):
         assert kin.joints == ("q1", "q2")
     # Two joints cannot give any pose: the left inverse says so instead of dropping the rest.
     T[2, 3] = 0.1
-    with pytest.raises(KinematicsError, match=r"no values of x, y describe this pose \(error 0\.1\)"):
+    with pytest.raises(
+        KinematicsError, match=r"no values of x, y give this pose \(norm of the difference of the matrices 0\.1\)"
+    ):
         kin.inverse(T)
     assert np.isnan(kin.inverse_many(T[None])).all()
 

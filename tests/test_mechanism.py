@@ -223,7 +223,7 @@ WRONG = {
     ),
     "active ball": (
         lambda: mechanism(J1, J2, replace(J3, type="spherical", active=True)),
-        "m: joint 'j3' is active, but a spherical joint has no single coordinate to drive",
+        "m: active joint 'j3' must have one coordinate; a spherical joint does not",
     ),
     "two bodies of one name": (
         lambda: mechanism(*CHAIN, bodies="base a b c a"),

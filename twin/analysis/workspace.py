@@ -254,7 +254,7 @@ def judge(robot: Robot, grid: Grid) -> Kernel:
 
 
 def chunks(grid: Grid, size: int = CHUNK) -> Iterator[tuple[int, int]]:
-    """Yield (first, last + 1) position index of each chunk of about `size` poses."""
+    """Yield (first position, last position + 1) of chunks of about `size` poses."""
     many = max(1, size // grid.turns)
     for first in range(0, grid.positions, many):
         yield first, min(first + many, grid.positions)

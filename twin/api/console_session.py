@@ -353,7 +353,7 @@ class ConsoleSession(Result):
     def write(self, folder: Path) -> None:
         """Write session.csv, session.mcap and, for each robot, <robot>/<kind>.glb and <robot>/tracks/session.*.
 
-        For movable objects, write objects/ with the same formats, and a USD stage with the motion.
+        For movable objects, write a GLB, tracks and a USD stage with the motion to objects/.
         """
         from twin.exchange.write.glb import write_glb
         from twin.exchange.write.tracks import write_tracks

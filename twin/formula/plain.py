@@ -102,7 +102,7 @@ def plain_formula(
 def _in_order(
     points: _Rows | None, inverse: _Rows | None, forward: _Rows | None, joints: Sequence[str], first: bool, path: Path
 ) -> tuple[Equation, ...]:
-    """Return the equations in the order of their execution; with `first`, the inverse uses the named points."""
+    """Return the equations in execution order; if `first`, the points come first and the inverse uses them."""
     named = points.outputs if points else ()
     order: tuple[tuple[_Rows | None, Stage, tuple[str, ...], str], ...] = (
         (points, "inverse" if first else "helper", named, "named points"),

@@ -396,7 +396,7 @@ def _check(m: Mechanism) -> None:
             if limits is not None and not limits[0] < limits[1]:
                 fail(f"joint '{joint.name}': {label} {limits[0]:g} .. {limits[1]:g} are not ordered")
         if joint.active and len(joint.free_axes) != 1:
-            fail(f"joint '{joint.name}' is active, but a {joint.type} joint has no single coordinate to drive")
+            fail(f"active joint '{joint.name}' must have one coordinate; a {joint.type} joint does not")
     active, joints, own = ([j.name for j in js] for js in (m.active, m.joints, (j for j in m.joints if j.drive)))
     for *_, text in faults(m.actuators, m.transmissions, active, joints, own):
         fail(text)

@@ -199,7 +199,7 @@ def _jump(contract: ClutchReport) -> list[Finding]:
             "jumps; it must not move",
             mm(contract.jump),
             mm(0.0),
-            "--clutch corrected keeps the offset until the pedal is pressed again",
+            "use --clutch corrected: it keeps the offset until the next press",
         )
     ]
 

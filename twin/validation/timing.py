@@ -124,7 +124,7 @@ def _clock(trajectory: Trajectory) -> Iterator[Finding]:
 
 @dataclass(frozen=True)
 class _Moving:
-    """A joint, or the moved frame in one phase (its position or its rotation), with the sampled motion.
+    """Sampled motion of a joint, or of the moved frame's position or rotation in one phase.
 
     Attributes:
         what: the quantity whose speed is stated, for messages.

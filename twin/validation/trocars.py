@@ -55,7 +55,7 @@ def as_written(case: Case) -> list[Finding]:
                 f"the motion on the stage has trocar '{name}' at ({at}) mm; distance from the trocar of the protocol",
                 mm(off),
                 mm(SINGLE),
-                "bake it again with `twin build`",
+                "run `twin build` again",
             )
         )
     return out

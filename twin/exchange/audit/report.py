@@ -248,7 +248,7 @@ class Ledger:
 
     @property
     def findings(self) -> list[Finding]:
-        """Return the findings; findings beyond `MOST` of a code are only counted."""
+        """Return at most `MOST` findings of a code; the last one counts the rest."""
         out = list(self.found)
         for code, count in self._count.items():
             if count > MOST:

@@ -74,7 +74,7 @@ def read_csv(path: Path, ledger: Ledger) -> Content:
             data[key.strip()] = _parsed(value.strip())
     rows = list(csv.reader(io.StringIO("\n".join(lines))))
     if not is_track(data) or len(rows) < 2:
-        raise ReadError("it has no header line, or no lines of numbers")
+        raise ReadError("it has no schema, no header or no numbers")
     header, body = rows[0], rows[1:]
     try:
         numbers = np.array(body, float)

@@ -103,7 +103,7 @@ def rotation(angles: Array, order: RotationOrder) -> Array:
 def angles_of(R: Array, order: RotationOrder, near: Array) -> Array:
     """Return the angles (3,) in rad of R (3, 3), about the axes of `order`, that are nearest to `near` (3,).
 
-    A phase is linear in the angles: a difference of a full turn in the angles would rotate the tool by a full turn. If
+    The angles change linearly in a phase: a difference of 2 pi would rotate the tool by a full turn. If
     the middle angle is a right angle, the first angle is taken from `near`.
     """
     a, b, c = spatial.euler_angles(R, order, near[0])

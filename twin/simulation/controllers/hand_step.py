@@ -114,7 +114,7 @@ def _has_jumped(last: ca.SX, hand: ca.SX, pace: Pace) -> ca.SX:
 
 
 def _apart(T: ca.SX, other: ca.SX) -> ca.SX:
-    """Return |R1 - R2|^2 (Frobenius norm), which is 4 (1 - cos angle): faster than a matrix logarithm."""
+    """Return 4 (1 - cos angle) as |R1 - R2|^2 (Frobenius): faster than with a matrix logarithm."""
     return ca.sumsqr(ca.vec(other[:3, :3] - T[:3, :3]))
 
 

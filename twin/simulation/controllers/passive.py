@@ -74,9 +74,9 @@ def require_passive(stiffness: float, damping: float, largest: float, device_dam
         most = damping * (device_damping - alone) / (needed - alone) if damping and device_damping > alone else 0.0
         lower = f"damping to at most {math.floor(100 * most) / 100:g} N s/m" if most > 0 else "stiffness"
         raise WorldError(
-            f"haptics: a surface with {stiffness:g} N/m and {damping:g} N s/m at ticks of {dt * 1e3:g} ms needs a "
-            f"device with a damping of at least {needed:.3g} N s/m; {device_damping:g} N s/m is given: lower the "
-            f"{lower}, or use shorter ticks"
+            f"haptics: the damping of the device is {device_damping:g} N s/m; a surface with {stiffness:g} N/m and "
+            f"{damping:g} N s/m at ticks of {dt * 1e3:g} ms needs at least {needed:.3g} N s/m. Lower the {lower}, or "
+            "use shorter ticks"
         )
 
 

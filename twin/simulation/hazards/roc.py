@@ -47,7 +47,7 @@ class Roc:
 
 
 def dangerous(row: Mapping[str, Any]) -> bool:
-    """Return whether the fault of a session led to harm, or to a stop before."""
+    """Return whether the fault of a session caused harm, or a stop."""
     return row["kind"] != FREE and (row["harm"] is not None or row["stop"] is not None)
 
 

@@ -98,7 +98,7 @@ class Hazards(Result):
         table: the campaign file.
         expected: number of sessions of the campaign.
         rows: one mapping per session that was done, as in the log, in the order of its index.
-        assumed: numbers of machine, trainee and detection that are ASSUMED, with their reasons.
+        assumed: a line for each ASSUMED number of machine, trainee or detection, with reason.
     """
 
     kind = "hazards"

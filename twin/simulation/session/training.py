@@ -42,7 +42,7 @@ class Step:
     Attributes:
         phase: the phase.
         begin, end: times in s.
-        deviation: largest distance in m of the tips of machine and model; nan while the model moves alone.
+        deviation: maximum distance in m between machine tip and model tip; nan if only the model moves.
         record: largest distance in m of the machine's tip from the rehearsed path; nan outside of replays.
         text: why a record was refused or a replay stopped; "" otherwise.
     """

@@ -96,7 +96,7 @@ def _title(robot: Robot, protocol: str) -> str:
 
 
 def _variants(desk: Desk) -> list[str]:
-    """Return the values that the message `variant` accepts: names, and "equation=variant" for unused variants."""
+    """Return the values that the message `variant` accepts: name and "equation=name" of each unused variant."""
     if desk.kin is None:
         return []
     own = desk.kin.variants

@@ -40,7 +40,7 @@ _DEFAULT_PRIM = Kind("stage.default_prim", "disagreement", "set defaultPrim to t
 _FRAME_RATE = Kind(
     "stage.frame_rate", "disagreement", "author both entries with the same value", word="framesPerSecond"
 )
-_MIRRORED = Kind("stage.mirrored", "disagreement", "mirror the points of the mesh and reverse its faces")
+_MIRRORED = Kind("stage.mirrored", "disagreement", "mirror the points instead; reverse the vertex order")
 _XFORM_RESET = Kind(
     "stage.xform_reset", "warning", "remove !resetXformStack! and author the pose relative to the parent"
 )
@@ -91,7 +91,7 @@ def check_units(scene: Scene) -> Iterator[Finding]:
                 "warning" if authored else "disagreement",
                 code,
                 "/",
-                f"{name} {said}; USD references do not convert units: parts in another unit get a wrong size",
+                f"{name} {said}; USD references do not convert units: parts in another unit get wrong values",
                 Quantity(value),
                 1.0,
                 f"author {name} = 1 and convert the numbers",

@@ -368,7 +368,7 @@ class Search:
         return out, complete
 
     def _moving(self, k: Key, singles: list[Candidate]) -> list[tuple[Step, list[Edit]]]:
-        """Return the edits of one token that change a row, grouped by the equation in which they are tried."""
+        """Return the one-token edits that change row `k`, grouped by the equation in which they are tried."""
         mine = self.judge.step(k[0])
         called = {(h.source.path, h.source.name) for h in self.judge.helpers(mine)}
         blind = not np.isfinite(self.raw[k]).all()  # without a value, the effect of a single edit may be invisible

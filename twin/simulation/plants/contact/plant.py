@@ -77,7 +77,9 @@ class Contact(Block):
         for item in objects:
             for what, value, low in (("mass", item.mass, 1e-6), ("friction", item.friction, 0.0)):
                 if not (value >= low and np.isfinite(value)):
-                    raise WorldError(f"object '{item.name}': {what} is {value:g}; it must be at least {low:g}")
+                    raise WorldError(
+                        f"object '{item.name}': {what} is {value:g}; it must be finite and at least {low:g}"
+                    )
             if not all(s > 0 for s in item.size):
                 raise WorldError(f"object '{item.name}': its size is {item.size}; each length must be above 0")
         self._objects, self._grippers, self.period = tuple(objects), tuple(grippers), period
