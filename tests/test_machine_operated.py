@@ -85,8 +85,8 @@ def test_a_machine_ends_with_the_program_that_started_it():
 
 
 def test_a_robot_that_is_no_machine():
-    with pytest.raises(DeviceError, match=r"the machine of pa10 has not started: .*machine.toml"):
-        ChildMachine("pa10")
+    with pytest.raises(DeviceError, match=r"the machine of lapbot has not started: .*machine.toml"):
+        ChildMachine("lapbot")
 
 
 def test_a_twin_follows_a_machine_process():
