@@ -123,9 +123,9 @@ class Grid:
         start: (3,) first node in m.
         cell: edge of a cell in m.
         low, high: (3,) corners of the bounding box of the surface in m.
-        error: in m, largest difference between the distance of a node from the surface and its value, where the value
-            is below `known`; elsewhere the value may be smaller by more.
+        error: in m, maximum of (distance of a node from the surface - its value) if the value is below `known`.
         known: in m, see `error`.
+        far: in m, the same maximum for the other nodes.
     """
 
     values: np.ndarray

@@ -6,12 +6,12 @@ The equations are (1) platform points, (2) inverse model and (3) lengths of the 
 Y towards rail 3, and X out of the portal towards the patient. The tool frame is at the centroid of the three ball
 centres, z_p points up from the platform, and the rotation is R = Rz(psi) Ry(theta) Rx(phi).
 
-Every printed row is one assignment with the symbols of the paper. The odd and even rows of eq. (2) refer to each
-other (q1 is on both sides of its row); they are written in this form, and the compiler solves them.
+Every printed row is one assignment with the symbols of the paper. In eq. (2), q1 is on both sides of its row and depends
+on q2, and q2 depends on q1; the other pairs are alike. The compiler solves them.
 
 Limb i is rotated about its rail (direction e_a) by alpha_i; e_r points from the rail to the ball; t = e_a x e_r.
-From its carriage, the bar has the direction sin(beta) e_r - sigma cos(beta) e_a. From its carriage, the strut has the
-direction sin(beta) e_r + sigma cos(beta) e_a. Here sigma is +1, -1, +1 for limbs 1, 2, 3.
+The bar points from its carriage along sin(beta) e_r - sigma cos(beta) e_a, the strut from its carriage along
+sin(beta) e_r + sigma cos(beta) e_a. Here sigma is +1, -1, +1 for limbs 1, 2, 3.
 """
 
 from __future__ import annotations

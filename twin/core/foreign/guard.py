@@ -27,7 +27,7 @@ most(resource.RLIMIT_CORE, 0)
 most(resource.RLIMIT_CPU, int(sys.argv[1]))
 most(resource.RLIMIT_DATA, int(sys.argv[2]))
 def over(what, value, limit):
-    sys.exit(f"over {what}: {value:,}; the limit is {limit:,}")
+    sys.exit(f"over at least {value:,} {what}; the limit is {limit:,}")
 """
 
 _PROGRAMS = {
@@ -40,12 +40,12 @@ for path in sys.argv[3:]:
     for prim in stage.Traverse(Usd.TraverseInstanceProxies()):
         count += 1
         if count > most_prims:
-            over("prims, at least", count, most_prims)
+            over("prims", count, most_prims)
         if prim.GetPath().pathElementCount > most_depth:
-            over("depth of its prims, at least", prim.GetPath().pathElementCount, most_depth)
+            over("levels of prims", prim.GetPath().pathElementCount, most_depth)
         bodies += prim.HasAPI("PhysicsRigidBodyAPI") or prim.IsA("PhysicsJoint")
         if bodies > 2 * {BODIES}:
-            over("bodies and joints, at least", bodies, 2 * {BODIES})
+            over("bodies and joints", bodies, 2 * {BODIES})
         if prim.IsA("Mesh"):
             prim.GetAttribute("points").Get(), prim.GetAttribute("faceVertexIndices").Get()
 """,

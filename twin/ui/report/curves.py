@@ -14,7 +14,7 @@ POINTS = 2000
 
 
 def thin(t: Array, y: Array, points: int = POINTS) -> tuple[Array, Array]:
-    """Return (t, y) with at most `points` samples of a curve: minimum and maximum of each of many intervals.
+    """Return (t, y) with at most `points` samples of a curve: the minimum and the maximum of each interval.
 
     The first and last sample, the overall extremes and gaps (NaN) are kept, so that the plot looks the same. t (k,) are
     increasing times; y (k,) is NaN without a value. `points` is at least 16.

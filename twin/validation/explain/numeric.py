@@ -99,7 +99,7 @@ def _elementwise(op: np.ufunc, count: int = 1) -> Callable:
 
     def apply(*args: Any) -> Any:
         if len(args) != count:
-            raise TypeError(f"{op.__name__} takes {count} arguments, not {len(args)}")
+            raise TypeError(f"{op.__name__} got {len(args)} arguments, not {count}")
         return op(*args)
 
     return apply
