@@ -64,10 +64,9 @@ WATCH = """
     return drawn;
   };
   const socket = app.line.socket, hear = socket.onmessage;
-  // Frames are read here as they come, since the page reads the newest one only when it draws.
+  // Frames are read here as they come, before the page, which may draw them at once.
   socket.onmessage = (e) => {
-    hear(e);
-    if (typeof e.data === 'string') return;
+    if (typeof e.data === 'string') return hear(e);
     const view = new DataView(e.data), q = [];
     for (let at = 32, i = view.getUint16(24, true); i > 0; i--) {
       const links = view.getUint16(at + 24, true), joints = view.getUint16(at + 26, true);
@@ -78,6 +77,7 @@ WATCH = """
     bench.newest = q.join();
     const step = bench.now;
     if (step?.sent && !step.came && bench.newest !== bench.rest) step.came = performance.now();
+    hear(e);
   };
   bench.ready = () => bench.same > 0 && seen() === bench.newest;
   bench.begin = () => { bench.rest = bench.newest; bench.now = {} };
