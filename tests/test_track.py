@@ -433,8 +433,8 @@ def test_unknown_friction_is_wrong_in_the_model_only(arm):
 @pytest.mark.parametrize(
     ("change", "conditions", "said"),
     [
-        ({"q": np.zeros((3, 6))}, {}, "q must be"),
-        ({"qdd": np.full((3, 7), np.nan)}, {}, "qdd must be"),
+        ({"q": np.zeros((3, 6))}, {}, r"q \(3, 6\) must be 3 rows of 7"),
+        ({"qdd": np.full((3, 7), np.nan)}, {}, r"qdd \(3, 7\) must be 3 rows of 7 finite numbers"),
         ({"t": np.array([0, 0.001, 0.003])}, {}, "not one tick of 1 ms"),
         ({}, {"rate": 500.0}, "not one tick of 2 ms"),
         ({}, {"w": 0.0}, "must be above 0"),

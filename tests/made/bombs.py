@@ -218,7 +218,7 @@ def usda_whose_references_multiply(folder: Path) -> Path:
     return folder / "0.usda"
 
 
-@bomb(AUDIT, "over at least")
+@bomb(AUDIT, " prims; the limit")
 def usda_whose_instances_multiply(folder: Path) -> Path:
     rows = ['#usda 1.0\ndef "a0" {\ndef "leaf" {}\n}\n']
     for level in range(1, 8):
