@@ -85,7 +85,7 @@ def test_a_machine_ends_with_the_program_that_started_it():
 
 
 def test_a_robot_that_is_no_machine():
-    with pytest.raises(DeviceError, match=r"the machine of lapbot has not started: .*machine.toml"):
+    with pytest.raises(DeviceError, match=r"the machine of lapbot has not started: .*inertia.toml: the file does not exist"):
         ChildMachine("lapbot")
 
 
