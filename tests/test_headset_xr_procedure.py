@@ -11,7 +11,7 @@ from made.player import Player
 from test_headset_xr_console import EYES, Tracked
 from twin.core.units import MM
 
-pytestmark = pytest.mark.browser
+pytestmark = pytest.mark.long
 
 SEE = """
 window.player = {
