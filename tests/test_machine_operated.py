@@ -85,7 +85,8 @@ def test_a_machine_ends_with_the_program_that_started_it():
 
 
 def test_a_robot_that_is_no_machine():
-    with pytest.raises(DeviceError, match=r"the machine of lapbot has not started: .*inertia.toml: the file does not exist"):
+    said = r"the machine of lapbot has not started: .*inertia.toml: the file does not exist"
+    with pytest.raises(DeviceError, match=said):
         ChildMachine("lapbot")
 
 
