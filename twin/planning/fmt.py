@@ -167,7 +167,7 @@ class Search:
         """Grow a tree between the samples `ends`; return the rows of the path, None if there is none, and its size.
 
         `near` are the neighbours of each sample, `way` the costs of the connections. Tests of many connections together
-        are much faster than one after the other, so those that the next nodes of the front will probably need are
+        are much faster than single ones, so those that the next nodes of the front will probably need are
         added.
         """
         count = len(near)
