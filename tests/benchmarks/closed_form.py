@@ -36,7 +36,7 @@ class Work:
     """Poses in reach, and the functions of the formula."""
 
     def __init__(self, effort: Effort) -> None:
-        self.count = effort.of(1_000_000, 200_000)
+        self.count = effort.of(1_000_000, 4_096)  # the short form fits into the cache: neighbours take memory bandwidth
         robot = twin.load("sils")
         self.kin = robot.kinematics()
         rng = np.random.default_rng(0)
@@ -223,7 +223,7 @@ def coordinates(work: Work, effort: Effort) -> Table:
         call()
         rows.append(Contender("CasADi's generated C, gcc -O3, 1 thread", call, n, off(joints.T)))
     few = x[:, : effort.of(5000, 500)]
-    block = effort.of(100_000, 20_000)
+    block = effort.of(100_000, work.count)
     rows.append(Contender("numpy, whole arrays", lambda: whole_numpy(x), n, 0.0))
     rows.append(Contender("numpy, blocks of 2048", lambda: in_blocks(x), n, off(in_blocks(x))))
     if installed(table, "numba", "numba"):
@@ -280,7 +280,7 @@ def poses(work: Work, effort: Effort) -> Table:
         rows.append(Contender("hand-written SIMD C, no angles, no misfit", less, n, off(q), watched=False))
     Ts = np.ascontiguousarray(x.T.reshape(-1, 4, 4))
     rows.append(Contender("twin: Kinematics.inverse_many(Ts)", lambda: work.kin.inverse_many(Ts), n))
-    block = effort.of(50_000, 10_000)
+    block = effort.of(50_000, work.count)
     mapped = by_map(work.of_pose, x, block)
     rows.append(Contender("casadi map", mapped, block, off(np.array(mapped())), bar=100.0))
     table.notes.append(
