@@ -357,15 +357,18 @@ def test_an_arm_that_is_put_somewhere_stands_there(parts):
 
 
 def test_the_scene_has_a_model_beside_each_machine(scene):
-    assert [p.name for p in scene.models] == ["raven_left_model"]
+    assert [p.name for p in scene.models] == ["raven_left_model", "raven_right_model"]
     assert {p.name for p in scene.parameters} >= {"trainer start", "trainer deviation", "trainer cue limit"}
+
+
+BOTH = 'robots = ["raven_left", "raven_right"]'
 
 
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ('robots = ["raven_left"]', 'robots = ["ecm"]', r"scene.toml:\d+: .*there is no robot of a hand 'ecm'"),
-        ('robots = ["raven_left"]', 'robots = ["raven_left", "raven_left"]', "'raven_left' is there twice"),
+        (BOTH, 'robots = ["ecm"]', r"scene.toml:\d+: .*there is no robot of a hand 'ecm'"),
+        (BOTH, 'robots = ["raven_left", "raven_left"]', "'raven_left' is there twice"),
         ("start_mm = 2", "start_mm = 0", "start_mm"),
         ('name = "ecm"\nrobot', 'name = "raven_left_model"\nrobot', "the model's name"),
     ],

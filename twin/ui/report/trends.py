@@ -46,7 +46,7 @@ def figure(found: Trends) -> Figure:
         ax.legend(loc="upper left")
         for i, row in enumerate(found.stuck):
             ax = out.add_subplot(grid[1 + i])
-            y = found.curves[row.counts]
+            y = found.curves[row.hand, row.counts]
             t, y = thin(TICK * np.arange(1.0, len(y) + 1), np.maximum(y, _LEAST))
             ax.plot(t, y, color=PALETTE[0], linewidth=0.9)
             ax.axhline(3.0, color=INK, linewidth=0.8, linestyle="--")
@@ -55,7 +55,10 @@ def figure(found: Trends) -> Figure:
             ax.set_ylim(_LEAST, 300)
             ax.set_yticks([0.01, 1, 100], ["0.01", "1", "100"])
             end = "no stop" if row.stopped is None else f"stopped at fault {row.stopped}"
-            text = f"{found.motor} stuck at {row.counts:.0f} counts: jumps above 1 mm: {row.jumps}, {end}"
+            end += ", as in the paper" if row in found.as_published else ""
+            text = (
+                f"hand {row.hand}, {found.motor} stuck at {row.counts:.0f} counts: jumps above 1 mm: {row.jumps}, {end}"
+            )
             ax.set_title(text, loc="left", fontsize=8.5)
             ax.set_ylabel("mm")
         ax.set_xlabel("time [s]; fault every 8 s for 300 ms; dashed: 3 mm")
