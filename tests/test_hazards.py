@@ -18,6 +18,7 @@ import pytest
 import twin
 from twin.api.hazards import FILE, Share, campaign_file, hazards, outcomes
 from twin.api.machine import machine_parts
+from twin.cli import main
 from twin.core.errors import DescriptionError, OutputError
 from twin.simulation.hazards.attacked import Arena, Session
 from twin.simulation.hazards.campaign import FREE, load
@@ -122,6 +123,15 @@ def test_a_wrong_campaign_is_refused(parts, tmp_path, before, after, message):
     (tmp_path / "mine.toml").write_text(text.replace(before, after, 1))
     with pytest.raises(DescriptionError, match=message):
         load(tmp_path / "mine.toml", parts.places)
+
+
+def test_an_unknown_target_ends_the_command_before_anything_is_written(tmp_path, capsys):
+    text = TABLE.read_text().replace('targets = [["grasp"]]', 'targets = [["grsap"]]', 1)
+    (tmp_path / "mine.toml").write_text(text)
+    out = tmp_path / "out"
+    assert main(["hazards", "raven_left", "--campaign", str(tmp_path / "mine.toml"), "--out", str(out), "--quiet"]) == 2
+    assert "target of packet 'grsap'. Did you mean 'grasp'" in capsys.readouterr().err
+    assert not (out / FILE).exists()
 
 
 def test_an_unknown_campaign_is_named(parts):

@@ -215,8 +215,8 @@ def text_of(found):
 @pytest.mark.parametrize(
     ("prepare", "expected"),
     [
-        (lambda d: None, "there is no record: rehearse first"),
-        (lambda d: d.rehearse(fastest=0.09), "the record was not judged good"),
+        (lambda d: None, "there is no record of arm: rehearse first"),
+        (lambda d: d.rehearse(fastest=0.09), "the record of arm was not judged good"),
         (
             lambda d: (d.rehearse(), d.set("arm.measured", d.q[0] + 0.04, 0)),
             r"arm is \d\.\d mm from where the record begins \(limit 2\): lead it to the start by teleoperation, or re",

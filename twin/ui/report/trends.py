@@ -9,7 +9,7 @@ import numpy as np
 from twin.simulation.hazards.trends import PUBLISHED, Trends
 from twin.simulation.machine.plant import TICK
 from twin.ui.report.curves import thin
-from twin.ui.report.style import INK, PALETTE, WIDTH, styled
+from twin.ui.report.style import INK, PALETTE, sheet, styled
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -21,15 +21,11 @@ _LEAST = 1e-2
 def figure(found: Trends) -> Figure:
     """Return a figure with the deviation by motion scale beside the paper's, and a panel for each stuck value."""
     with styled():
-        from matplotlib.figure import Figure
-
         n = len(found.stuck)
         height = 3.9 + 1.25 * n
-        out = Figure(figsize=(WIDTH, height))
+        out = sheet(f"{found.robot}: the paper's experiments with an ASSUMED plant: trends, not numbers", height)
         grid = out.add_gridspec(n + 1, 1, height_ratios=[2.7, *[1.1] * n])
         out.subplots_adjust(left=0.09, right=0.98, top=1 - 0.62 / height, bottom=0.5 / height, hspace=0.55)
-        title = f"{found.robot}: the paper's experiments with an ASSUMED plant: trends, not numbers"
-        out.text(0.012, 1 - 0.24 / height, title, fontsize=11, fontweight="bold", va="center")
         ax = out.add_subplot(grid[0])
         x = np.array([r.scale for r in found.scales])
         mean, spread = np.array([r.mean for r in found.scales]), np.array([r.spread for r in found.scales])
