@@ -176,7 +176,10 @@ class Organ:
     def contains(self, points: Array, corners: Array, T: Array) -> bool:
         """Return whether a point of a link is inside the organ."""
         near = self._near(points, corners, T)
-        return len(near) > 0 and bool(inside(near, self.tissue.weights @ self.nodes, self._triangles).any())
+        if not len(near):
+            return False
+        vertices = self.tissue.weights @ self.nodes
+        return any(inside(p, vertices, self._triangles)[0] for p in near)  # most links inside show it by the first ones
 
     def look(self, k: int, is_inside: bool) -> bool:
         """Note whether link k is inside; return whether it may touch the organ."""

@@ -228,24 +228,27 @@ class Organs:
     def _touch(self) -> None:
         """Read the contacts of the last step."""
         m, d = self._model, self._data
-        force, local = np.zeros((len(self.tissues), 3)), np.zeros(6)
-        deepest: dict[int, tuple[float, int, int]] = {}
-        for k, contact in enumerate(d.contact[: d.ncon]):
-            mujoco.mj_contactForce(m, d, k, local)
-            F, dist = local[:3] @ contact.frame.reshape(3, 3), float(contact.dist)
-            for side, flex in enumerate(contact.flex.tolist()):
-                if flex >= 0:
-                    force[flex] += F if side else -F  # MuJoCo gives the force on the second one
-                    if flex not in deepest or dist < deepest[flex][0]:
-                        deepest[flex] = dist, int(contact.elem[side]), int(contact.vert[side])
-        for k, organ in enumerate(self._organs.values()):
+        for organ in self._organs.values():
             organ.touch = NOTHING
-            if k in deepest:
-                _, element, vertex = deepest[k]
-                triangles = organ.tissue.surface.triangles
-                if element < 0:
-                    element = int(np.argmax((triangles == vertex).any(axis=1)))
-                organ.touch = Touch(element, force[k])
+        if not d.ncon:
+            return
+        local, contact = np.zeros((d.ncon, 6)), d.contact
+        for k, row in enumerate(local):
+            mujoco.mj_contactForce(m, d, k, row)
+        F = np.einsum("ki,kij->kj", local[:, :3], contact.frame.reshape(-1, 3, 3))
+        flex, dist, elements, corners = contact.flex, contact.dist, contact.elem, contact.vert
+        for index, organ in enumerate(self._organs.values()):
+            here = flex == index
+            which = np.flatnonzero(here.any(axis=1))
+            if not len(which):
+                continue
+            k = which[np.argmin(dist[which])]
+            side = int(np.argmax(here[k]))
+            triangles, element = organ.tissue.surface.triangles, int(elements[k, side])
+            if element < 0:
+                element = int(np.argmax((triangles == corners[k, side]).any(axis=1)))
+            # MuJoCo gives the force on the second one
+            organ.touch = Touch(element, F[here[:, 1]].sum(axis=0) - F[here[:, 0]].sum(axis=0))
 
     # -- links --------------------------------------------------------------------------------------------
 
