@@ -16,7 +16,7 @@ from twin.model.body import Body
 from twin.model.surface import inside
 from twin.model.tissue import Tissue
 from twin.simulation.plants.contact.shapes import add_part
-from twin.simulation.plants.tissue.organ import NOTHING, RADIUS, SAMPLE, Organ, Touch, require_valid
+from twin.simulation.plants.tissue.organ import MOST, NOTHING, RADIUS, SAMPLE, Organ, Touch, require_valid
 
 PERIOD = 8e-3
 """Time in s between two steps."""
@@ -41,6 +41,10 @@ _ITERATIONS = 400
 """Largest number of iterations of MuJoCo's solvers; at its 100, that of the stiffness ended at a relative residual of
 1.02e-8 instead of 1e-8 for a gallbladder half out of its bed."""
 
+_CROSSED = 3 * RADIUS
+"""Surfaces of two organs cross if a contact is deeper than this in m: both are thickened by `RADIUS`, and contact holds
+them apart within 0.2 mm. Where surfaces cross, forces of contact would hold the organs in each other."""
+
 _PREFIX = "link:"
 """Prefix of the names of links in MuJoCo."""
 
@@ -62,13 +66,15 @@ class Organs:
     """The organs, stepped for given poses of the links. They touch the links and each other.
 
     They are not stepped while all are at rest, as long as no link moves near one. A link that jumps into an organ, by
-    more than 20 mm within a step, does not touch this organ until it is outside again.
+    more than 20 mm within a step, does not touch this organ until it is outside again. Neither do two organs whose
+    surfaces cross, because an instrument has pressed one through the other, until they are apart.
 
     Attributes:
         tissues: the organs.
         tools: the links.
         period: time in s between two steps.
         operable: the organ that can be grasped and freed, or None.
+        crossed: the pairs of organs (numbers) whose surfaces cross.
     """
 
     def __init__(
@@ -95,6 +101,9 @@ class Organs:
         self.tissues, self.tools, self.period = tuple(tissues), tuple(tools), period
         for t in tissues:
             require_valid(t)
+        if len(tissues) > MOST:
+            raise WorldError(f"there are {len(tissues)} organs; at most {MOST} are simulated")
+        self.crossed = set[tuple[int, int]]()
         self._organs = {t.name: Organ(t, k, t.name == held) for k, t in enumerate(tissues)}
         self.operable = self._organs[held] if held else None
         self._samples = [_samples(tool) for tool in tools]
@@ -182,6 +191,8 @@ class Organs:
                 organ.hold.reset()
             organ.touch = NOTHING
             organ.read()
+        for pair in tuple(self.crossed):
+            self._let_meet(pair, True)
         self._rests = True
 
     def step(self, poses: Sequence[Array]) -> bool:
@@ -192,6 +203,7 @@ class Organs:
         for k in jumped:
             d.qpos[self._qpos[7 * k : 7 * k + 7]] = self._wanted[7 * k : 7 * k + 7]
         self._look(jumped)
+        self._part()
         self._steps += 1
         led = any(organ.hold is not None and organ.hold.begin(organ.tissue.nodes) for organ in organs)
         if self._rests and not led and not (moved and self._approached()):
@@ -205,6 +217,7 @@ class Organs:
         for organ in organs:
             organ.begin()
         mujoco.mj_step(m, d)
+        self._require_finite()
         for organ in organs:
             if organ.hold is not None:
                 organ.hold.end()
@@ -217,6 +230,16 @@ class Organs:
             for organ in organs:
                 organ.end()
         return not all(map(np.array_equal, (organ.nodes for organ in organs), last))
+
+    def _require_finite(self) -> None:
+        """Refuse a state that is not finite, which MuJoCo replaces by rest with a mere warning."""
+        w = mujoco.mjtWarning
+        if any(self._data.warning[k].number for k in (w.mjWARN_BADQPOS, w.mjWARN_BADQVEL, w.mjWARN_BADQACC)):
+            names = ", ".join(f"'{t.name}'" for t in self.tissues)
+            raise WorldError(
+                f"the simulation of the organs {names} became unstable in step {self._steps} of {self.period * 1e3:g} "
+                "ms; move the instruments more slowly, or give the organs a smaller Young's modulus"
+            )
 
     def _still(self) -> bool:
         if not len(self._soft):
@@ -237,6 +260,8 @@ class Organs:
             mujoco.mj_contactForce(m, d, k, row)
         F = np.einsum("ki,kij->kj", local[:, :3], contact.frame.reshape(-1, 3, 3))
         flex, dist, elements, corners = contact.flex, contact.dist, contact.elem, contact.vert
+        for pair in {(min(x), max(x)) for x in flex[(flex >= 0).all(axis=1) & (dist < -_CROSSED)].tolist()}:
+            self._let_meet(pair, False)
         for index, organ in enumerate(self._organs.values()):
             here = flex == index
             which = np.flatnonzero(here.any(axis=1))
@@ -249,6 +274,30 @@ class Organs:
                 element = int(np.argmax((triangles == corners[k, side]).any(axis=1)))
             # MuJoCo gives the force on the second one
             organ.touch = Touch(element, F[here[:, 1]].sum(axis=0) - F[here[:, 0]].sum(axis=0))
+
+    # -- organs that cross ---------------------------------------------------------------------------------
+
+    def _let_meet(self, pair: tuple[int, int], on: bool) -> None:
+        """Let two organs touch each other (`on`), or pass through each other."""
+        (self.crossed.discard if on else self.crossed.add)(pair)
+        first, second = pair
+        bit = self._organs[self.tissues[first].name].other_bit
+        if on:
+            self._model.flex_conaffinity[second] |= bit
+        else:
+            self._model.flex_conaffinity[second] &= ~bit
+
+    def _part(self) -> None:
+        """Let organs that have crossed touch each other again if they are apart."""
+        if not self.crossed or self._steps % _LOOK:
+            return
+        m, d, pairs = self._model, self._data, tuple(self.crossed)
+        for pair in pairs:
+            self._let_meet(pair, True)
+        mujoco.mj_fwdPosition(m, d)
+        meet = {(min(x), max(x)) for x in d.contact.flex[: d.ncon].tolist()}
+        for pair in meet.intersection(pairs):
+            self._let_meet(pair, False)
 
     # -- links --------------------------------------------------------------------------------------------
 
