@@ -153,6 +153,15 @@ class Organ:
         self.nodes = self.tissue.nodes.copy()
         self.nodes[self._free] += self._d.qpos[self.qpos].reshape(-1, 3) @ self._R.T
 
+    @property
+    def compression(self) -> float:
+        """Smallest ratio of the volume of material at the surface to that at rest; below 0, it is inside out.
+
+        The whole keeps its volume, but MuJoCo's elasticity does not keep that of a small part.
+        """
+        (ax, ay, az), (bx, by, bz), (cx, cy, cz) = (self.tissue.gradients @ self.nodes).transpose(0, 2, 1)
+        return float((ax * (by * cz - bz * cy) + ay * (bz * cx - bx * cz) + az * (bx * cy - by * cx)).min())
+
     # -- links ----------------------------------------------------------------------------------------------
 
     def _near(self, points: Array, corners: Array, T: Array) -> Array:

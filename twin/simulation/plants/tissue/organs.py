@@ -45,6 +45,10 @@ _CROSSED = 3 * RADIUS
 """Surfaces of two organs cross if a contact is deeper than this in m: both are thickened by `RADIUS`, and contact holds
 them apart within 0.2 mm. Where surfaces cross, forces of contact would hold the organs in each other."""
 
+_PIERCED = 0.2
+"""Compression of an organ, see `Organ.compression`, at which a link that touches it goes into it; ASSUMED. MuJoCo's
+elasticity does not resist it: a cell is turned inside out by a finite force."""
+
 _PREFIX = "link:"
 """Prefix of the names of links in MuJoCo."""
 
@@ -118,6 +122,9 @@ class Organs:
         self._qpos = np.array([j.qposadr[0] + i for j in free for i in range(7)], int)
         self._dofs = np.array([j.dofadr[0] + i for j in free for i in range(6)], int)
         self._geoms = [np.flatnonzero(m.geom_bodyid == m.body(_PREFIX + tool.name).id) for tool in tools]
+        self._link_of = np.zeros(m.ngeom, int)
+        for k, geoms in enumerate(self._geoms):
+            self._link_of[geoms] = k
         self._wanted, self._v, self._all = np.zeros(len(self._qpos)), np.zeros(m.nv), d.qpos.copy()
         self._steps, self._poses = 0, [np.array(T, float) for T in poses]
         self._place(poses)
@@ -267,6 +274,7 @@ class Organs:
             which = np.flatnonzero(here.any(axis=1))
             if not len(which):
                 continue
+            self._look_through(index, organ)
             k = which[np.argmin(dist[which])]
             side = int(np.argmax(here[k]))
             triangles, element = organ.tissue.surface.triangles, int(elements[k, side])
@@ -326,6 +334,25 @@ class Organs:
         for organ in self._organs.values():
             for k in {*jumped, *(organ.within if self._steps % _LOOK == 0 else ())}:
                 self._look_at(organ, k)
+
+    def _look_through(self, index: int, organ: Organ) -> None:
+        """Treat links that have pressed too far into an organ, or over which its surface has jumped, as inside."""
+        contact = self._data.contact
+        at = np.flatnonzero((contact.flex[:, 1] == index) & (contact.geom[:, 0] >= 0) & (contact.elem[:, 1] >= 0))
+        if not len(at):
+            return
+        links = self._link_of[contact.geom[at, 0]]
+        if organ.compression >= _PIERCED:
+            corners = organ.tissue.surface.triangles[contact.elem[at, 1]] + self._model.flex_vertadr[index]
+            a, b, c = (self._data.flexvert_xpos[corners[:, k]] for k in range(3))
+            outwards = np.cross(b - a, c - a)
+            outwards /= np.linalg.norm(outwards, axis=1, keepdims=True) + 1e-30
+            # a contact's normal points from the link to the organ; behind the surface, that is outwards
+            behind = np.einsum("ij,ij->i", contact.frame[at, :3], outwards) * -contact.dist[at]
+            links = np.flatnonzero(np.bincount(links, behind) > 0)
+        for k in {*links.tolist()}:
+            organ.look(k, True)
+            self._let_touch(organ, k)
 
     def _look_at(self, organ: Organ, k: int) -> None:
         organ.look(k, organ.contains(self._samples[k], self._corners[k], self._poses[k]))
