@@ -49,6 +49,10 @@ _PIERCED = 0.2
 """Compression of an organ, see `Organ.compression`, at which a link that touches it goes into it; ASSUMED. MuJoCo's
 elasticity does not resist it: a cell is turned inside out by a finite force."""
 
+_BEFORE = 0.3
+"""A link is before a surface if the normals of its contacts are at least this much along those of the surface, in the
+mean. It is 0.5 to 1 where a link presses, and less than 0.1 where the surface has jumped over it."""
+
 _PREFIX = "link:"
 """Prefix of the names of links in MuJoCo."""
 
@@ -347,9 +351,10 @@ class Organs:
             a, b, c = (self._data.flexvert_xpos[corners[:, k]] for k in range(3))
             outwards = np.cross(b - a, c - a)
             outwards /= np.linalg.norm(outwards, axis=1, keepdims=True) + 1e-30
-            # a contact's normal points from the link to the organ; behind the surface, that is outwards
-            behind = np.einsum("ij,ij->i", contact.frame[at, :3], outwards) * -contact.dist[at]
-            links = np.flatnonzero(np.bincount(links, behind) > 0)
+            # a contact's normal points from the link to the organ: inwards, if the link is before the surface
+            inwards, weights = -np.einsum("ij,ij->i", contact.frame[at, :3], outwards), -contact.dist[at]
+            least = _BEFORE * np.bincount(links, weights, len(self.tools))
+            links = links[(np.bincount(links, inwards * weights, len(self.tools)) < least)[links]]
         for k in {*links.tolist()}:
             organ.look(k, True)
             self._let_touch(organ, k)
