@@ -291,7 +291,8 @@ class Run:
     @property
     def trace(self) -> Trace:
         """What the machine did so far."""
-        return Trace(*map(np.array, self._rows), self.machine)
+        q, measured, levels, read = map(np.array, self._rows)
+        return Trace(q, measured, levels, read, self.machine)
 
 
 def trace(
