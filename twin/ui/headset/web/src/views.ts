@@ -61,6 +61,8 @@ export class Views {
   private readonly label = document.createElement('span');
   private readonly heading = document.createElement('span');
   private drawn = -Infinity;
+  /** Whether the last picture had the small view; the next one has not, or no picture would count for the quality. */
+  private both = false;
   private shadows = false;
 
   constructor(
@@ -207,7 +209,8 @@ export class Views {
     const now = performance.now();
     // Shadows of the room are not visible in the cavity.
     this.shadows ||= renderer.shadowMap.needsUpdate;
-    const due = now - this.drawn > (pace.slow && now - moved < PAUSE ? LONG_REST : REST);
+    const due = !this.both && now - this.drawn > (pace.slow && now - moved < PAUSE ? LONG_REST : REST);
+    this.both = due;
     if (small === 'scope' || due) {
       if (due) pace.except();
       this.drawn = now;

@@ -114,7 +114,10 @@ export class World {
     const canvas = this.renderer.domElement;
     const [w, h] = [canvas.clientWidth || 1, canvas.clientHeight || 1];
     const canvasSize = this.renderer.getSize(new Vector2());
-    if (canvasSize.x !== w || canvasSize.y !== h) this.renderer.setSize(w, h, false); // this clears the canvas
+    if (canvasSize.x !== w || canvasSize.y !== h) {
+      this.renderer.setSize(w, h, false); // this clears the canvas
+      this.pace.forget();
+    }
     // The middle of the picture is the middle of the area without controls.
     this.camera.setViewOffset(w, h, this.covered.right / 2, this.covered.bottom / 2, w, h);
     this.dirty = true;
