@@ -400,7 +400,7 @@ def _trials(add: Add) -> None:
         "  twin operate davinci --seed 3       a surgeon with two hands, clutch and camera at a scene's console\n"
         "  twin operate davinci --task pegboard      rings from pegs to pegs, held by friction\n"
         "  twin operate vsrs --task cholecystectomy  a gallbladder taken out in five stages\n"
-        "  twin operate raven --trials 3       a machine by teleoperation, then a motion rehearsed in its model",
+        "  twin operate raven --trials 3       machines by teleoperation, then a motion rehearsed in their models",
     )
     sub.robot("a built-in robot, the path of a robot folder, or a scene with a task")
     sub.protocol()

@@ -102,7 +102,9 @@ def show_page(
     return 0
 
 
-def _write(load: Callable[[viser.ViserServer, dict[str, Any]], Page], title: str, port: int, args: Any) -> int:
+def _write(
+    load: Callable[[viser.ViserServer, dict[str, Any]], Page], title: str, port: int, args: argparse.Namespace
+) -> int:
     """Write a recording as a page in a file."""
     from twin.ui.door.gate import Gate
     from twin.ui.viewer.front import Front
