@@ -146,6 +146,18 @@ def bends():
     return [*found, still]
 
 
+@functools.cache
+def abdomen_bends():
+    """The organs of the scene and its wall while a rod presses each of them for 2 s at 60 Hz."""
+    rods = Rods(abdomen())
+    poses = [rods.poses(0.02 * np.sin(np.pi * k / 120) ** 2) for k in range(121)]
+    tools = [Tool(t.name, rod(SHORT)) for t in rods.tissues]
+    found = tissue_scene.followed(rods.tissues, tools, [np.stack(Ts) for Ts in zip(*poses, strict=True)], 1 / 60)
+    assert [b.name for b in found] == ["liver", "gallbladder", "stomach", "wall"]
+    assert min(np.abs(b.nodes - b.nodes[0]).max() for b in found) > 5 * MM
+    return found
+
+
 def at_time(bend, t):
     """Return the vertices at a time in s, between two simulated ones by straight lines."""
     s = np.clip(t * 60, 0, len(bend.times) - 1)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from pxr import Usd, UsdGeom
 
 from made import organs as made
 from twin.exchange.write.glb import bends_glb
@@ -15,22 +16,31 @@ TIMES = (0.0, 0.25, 0.5, 0.7, 1.0, 1.5)
 """Times of frames: Blender shows no time between two of them in USD."""
 
 
+@pytest.fixture(scope="module", params=[made.bends, made.abdomen_bends], ids=["small", "abdomen"])
+def bends(request):
+    """Two small bodies; liver, gallbladder, stomach and abdominal wall of the scene."""
+    return request.param()
+
+
 @pytest.fixture(scope="module")
-def files(tmp_path_factory):
+def files(bends, tmp_path_factory):
     folder = tmp_path_factory.mktemp("bends")
-    (folder / "organs.glb").write_bytes(bends_glb("organs", made.bends()))
-    write_bends("organs", made.bends(), folder / "organs.usdc")
+    (folder / "organs.glb").write_bytes(bends_glb("organs", bends))
+    write_bends("organs", bends, folder / "organs.usdc")
     return folder
 
 
-def judge(printed, file, figures):
+def judge(printed, bends, file, figures):
     worst = 0.0
-    for bend in made.bends():
+    assert sorted(printed["meshes"]) == sorted(b.name for b in bends)
+    for bend in bends:
         for t, flat in zip(TIMES, printed["meshes"][bend.name], strict=True):
             seen, there = np.reshape(flat, (-1, 3)), made.at_time(bend, t)
             assert seen.shape == there.shape, bend.name
             worst = max(worst, float(np.abs(seen - there).max()))
-    figures.add(printed["version"], "organs", file.name, worst, float("nan"), f"{len(TIMES)} times")
+    figures.add(
+        printed["version"], ", ".join(b.name for b in bends), file.name, worst, float("nan"), f"{len(TIMES)} times"
+    )
     assert worst < LIMIT
 
 
@@ -39,8 +49,16 @@ def at():
 
 
 @pytest.mark.witness("node")
-def test_three_plays_the_vertices(files, foreign, figures):
-    judge(foreign.read("node", "read_bends.mjs", files / "organs.glb", at()), files / "organs.glb", figures)
+def test_three_plays_the_vertices(files, bends, foreign, figures):
+    judge(foreign.read("node", "read_bends.mjs", files / "organs.glb", at()), bends, files / "organs.glb", figures)
+
+
+def test_openusd_plays_the_vertices(files, bends, figures):
+    stage = Usd.Stage.Open(str(files / "organs.usdc"))
+    points = {b.name: UsdGeom.Mesh(stage.GetPrimAtPath(f"/organs/{b.name}")).GetPointsAttr() for b in bends}
+    meshes = {n: [np.array(p.Get(t * stage.GetTimeCodesPerSecond()), float) for t in TIMES] for n, p in points.items()}
+    version = "OpenUSD " + ".".join(map(str, Usd.GetVersion()[1:]))
+    judge({"version": version, "meshes": meshes}, bends, files / "organs.usdc", figures)
 
 
 @pytest.mark.witness("node")
@@ -51,5 +69,5 @@ def test_khronos_finds_nothing_in_deformables(files, foreign):
 
 @pytest.mark.witness("bpy")
 @pytest.mark.parametrize("name", ["organs.glb", "organs.usdc"])
-def test_blender_plays_the_vertices(files, foreign, figures, name):
-    judge(foreign.read("bpy", "read_bends.py", files / name, at()), files / name, figures)
+def test_blender_plays_the_vertices(files, bends, foreign, figures, name):
+    judge(foreign.read("bpy", "read_bends.py", files / name, at()), bends, files / name, figures)

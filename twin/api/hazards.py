@@ -7,7 +7,7 @@ import os
 import time
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
-from functools import partial
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,6 +16,8 @@ from twin.api.robot import Progress, Robot, load, silent
 from twin.core.errors import TwinError
 
 if TYPE_CHECKING:
+    from twin.simulation.hazards.attacked import Arena
+    from twin.simulation.hazards.campaign import Campaign
     from twin.simulation.hazards.summary import Hazards
     from twin.simulation.hazards.trends import Trends
     from twin.simulation.machine.machine import Parts
@@ -93,25 +95,32 @@ def hazards(
     run = {"mode": s.mode, "overdrive": s.overdrive, "released": s.released.model_dump()}
     log = Log(folder / FILE, {"log": "twin-hazards", "version": 2, "robot": robot.name, "campaign": digest, **run})
     left = [i for i in range(len(plan)) if i not in log.rows][: len(plan) if sessions is None else sessions]
-    count = max(1, min(processes or os.cpu_count() or 1, len(left)))
-    streams: list[Stream[dict[str, Any]]] = []
+    count, many = max(1, min(processes or os.cpu_count() or 1, len(left))), len(left)
+    streams: list[Stream[dict[str, Any]]] = [Stream(outcomes) for _ in range(count if left else 0)]
+
+    def give(stream: Stream[dict[str, Any]]) -> None:
+        """Give a process its next sessions: fewer towards the end, so that all processes end together."""
+        size = -(-len(left) // (2 * count))
+        share, left[:size] = tuple(left[:size]), []
+        stream.start(Share(source or robot.name, str(path.resolve()), share, software))
+
     try:
-        for k in range(count if left else 0):
-            stream: Stream[dict[str, Any]] = Stream(outcomes)
-            streams.append(stream)
-            stream.start(Share(source or robot.name, str(path.resolve()), tuple(left[k::count]), software))
-        running, done = set(range(len(streams))), 0
+        for stream in streams:
+            give(stream)
+        running, done = list(streams), 0
         while running:
-            for k in sorted(running):
-                rows, state = streams[k].poll()
+            for stream in list(running):
+                rows, state = stream.poll()
                 for row in rows:
                     log.add(row)
                     done += 1
-                    progress(f"session {row['index']}", done / len(left))
+                    progress(f"session {row['index']}", done / many)
                 if state:
                     raise TwinError(f"a process of the campaign failed: {state}")
-                if state == "":
-                    running.discard(k)
+                if state == "" and left:
+                    give(stream)
+                elif state == "":
+                    running.remove(stream)
             time.sleep(_POLL)
     finally:
         for stream in streams:
@@ -128,12 +137,9 @@ def hazards(
 
 def outcomes(share: Share) -> Iterator[dict[str, Any]]:
     """Yield the line of each session of a share; this runs in a separate process."""
-    from twin.simulation.hazards.attacked import Arena, Session
-    from twin.simulation.hazards.campaign import load as load_campaign
+    from twin.simulation.hazards.attacked import Session
 
-    parts = share.software.parts(load(share.robot))
-    plan = load_campaign(Path(share.campaign), parts.places)
-    arena = Arena(parts, plan.adaptive)
+    plan, arena = _arena(share.robot, share.campaign, share.software)
     for index in share.indices:
         drawn = plan.draw(index)
         session = Session(
@@ -143,6 +149,17 @@ def outcomes(share: Share) -> Iterator[dict[str, Any]]:
         trained = found.noticeable and index < plan.table.trained
         response = arena.respond(session, plan.reaction(index)) if trained else None
         yield asdict(drawn) | asdict(found) | {"response": None if response is None else asdict(response)}
+
+
+@lru_cache(maxsize=1)
+def _arena(robot: str, campaign: str, software: Software) -> tuple[Campaign, Arena]:
+    """Return what all shares of a process have in common; compiled robot and runs of the model are kept."""
+    from twin.simulation.hazards.attacked import Arena
+    from twin.simulation.hazards.campaign import load as load_campaign
+
+    parts = software.parts(load(robot))
+    plan = load_campaign(Path(campaign), parts.places)
+    return plan, Arena(parts, plan.adaptive)
 
 
 def trends(robot: Robot, *, software: Software = _AS_FILED, progress: Progress = silent) -> Trends:

@@ -70,17 +70,14 @@ def inside(points: Array, vertices: Array, triangles: Index) -> np.ndarray:
     points = np.asarray(points, float).reshape(-1, 3)
     out = np.zeros(len(points), bool)
     near = np.flatnonzero(((points > vertices.min(axis=0)) & (points < vertices.max(axis=0))).all(axis=1))
+    one, two, three = triangles.T
     for k in near.tolist():
-        a, b, c = (vertices[triangles[:, j]] - points[k] for j in range(3))
-        la, lb, lc = (np.linalg.norm(x, axis=1) for x in (a, b, c))
-        up = np.einsum("ij,ij->i", a, np.cross(b, c))
-        down = (
-            la * lb * lc
-            + np.einsum("ij,ij->i", a, b) * lc
-            + np.einsum("ij,ij->i", b, c) * la
-            + np.einsum("ij,ij->i", c, a) * lb
-        )
-        out[k] = np.arctan2(up, down).sum() > np.pi
+        x, y, z = (vertices - points[k]).T
+        r = np.sqrt(x * x + y * y + z * z)
+        (ax, ay, az, la), (bx, by, bz, lb), (cx, cy, cz, lc) = ((x[i], y[i], z[i], r[i]) for i in (one, two, three))
+        up = ax * (by * cz - bz * cy) + ay * (bz * cx - bx * cz) + az * (bx * cy - by * cx)
+        ab, bc, ca = ax * bx + ay * by + az * bz, bx * cx + by * cy + bz * cz, cx * ax + cy * ay + cz * az
+        out[k] = np.arctan2(up, la * lb * lc + ab * lc + bc * la + ca * lb).sum() > np.pi
     return out
 
 

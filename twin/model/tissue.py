@@ -91,16 +91,30 @@ class Tissue:
     @cached_property
     def weights(self) -> Array:
         """Weights (n, k): vertices = weights @ nodes."""
+        return self._interpolated(self.local, None)
+
+    @cached_property
+    def gradients(self) -> Array:
+        """Deformation gradients at the vertices as weights (3, n, k) of the nodes.
+
+        gradients[i] @ nodes is (n, 3): the change of place in the World per m along axis i of the grid at rest.
+        """
+        return np.stack([self._interpolated(self.local, axis) for axis in range(3)])
+
+    def _interpolated(self, local: Array, axis: int | None) -> Array:
+        """Return the weights (n, k) of nodes at points (n, 3) of the grid, or their derivatives along an axis."""
         cells = np.array(self.cells)
-        at = self.local / self.cell
+        at = local / self.cell
         low = np.clip(np.floor(at).astype(int), 0, cells - 1)
         part = at - low
         out = np.zeros((len(at), len(self.nodes)))
         rows = np.arange(len(at))
         for corner in np.ndindex(2, 2, 2):
             i, j, k = (low + corner).T
-            share = np.where(corner, part, 1 - part).prod(axis=1)
-            out[rows, (i * (cells[1] + 1) + j) * (cells[2] + 1) + k] += share
+            shares = np.where(corner, part, 1 - part)
+            if axis is not None:
+                shares[:, axis] = (1 if corner[axis] else -1) / self.cell[axis]
+            out[rows, (i * (cells[1] + 1) + j) * (cells[2] + 1) + k] += shares.prod(axis=1)
         return out
 
     @cached_property

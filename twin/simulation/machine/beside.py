@@ -44,7 +44,7 @@ class Beside:
         back = self.machine.step(t, packets)
         self.model.step(t, packets)
         before, self.tips = self.tips, self._tips()
-        share = self.machine.filter_share
+        share = self.machine.parts.arithmetic.share
         self._speeds = self._speeds + share * ((self.tips - before) / TICK - self._speeds)
         self.joints = self.model.q - self.machine.q
         both = self.machine.level == self.model.level == Level.PEDAL_DN

@@ -45,7 +45,7 @@ class Modelled(Block):
         self._model.stand(q)
         self._forward, self._arm = parts.kin.forward, parts.settings.arm
         self._version = parts.settings.packet_version
-        self._share = self._model.filter_share
+        self._share = parts.arithmetic.share
         self._kept = np.tile(self._model.q, (_KEPT, 1))
         self._sent = self._given = 0
         self._seen, self._dp, self._dv = -1.0, np.zeros(3), np.zeros(3)

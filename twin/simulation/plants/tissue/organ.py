@@ -26,8 +26,9 @@ RADIUS = 0.5 * MM
 SAMPLE = 5 * MM
 """Distance in m between the points of a link that are looked for near and inside organs."""
 
-_OTHERS = 1 << 30
-"""Bit of the contact filter of MuJoCo by which organs touch each other. Bit k: links touch organ k."""
+MOST = 15
+"""Largest number of organs. Bit k of MuJoCo's contact filter: links touch organ k. Bit 15 + k: organ k touches those
+with a larger number that have this bit too."""
 
 
 @dataclass(frozen=True)
@@ -60,7 +61,7 @@ class Organ:
     def __init__(self, tissue: Tissue, index: int, operable: bool) -> None:
         """Prepare an organ, before its model is compiled; `index` is its number in the model."""
         self.tissue, self._index, self._operable = tissue, index, operable
-        self.bit = 1 << index
+        self.bit, self.other_bit = 1 << index, 1 << MOST + index
         self.fixed = np.zeros(0, int) if operable else tissue.held
         self._triangles, self._origin = tissue.surface.triangles, tissue.nodes[0]
         self._R = tissue.T_world_grid[:3, :3]
@@ -79,6 +80,7 @@ class Organ:
     def xml(self, period: float) -> str:
         """Return the element of MuJoCo."""
         t, T = self.tissue, self.tissue.T_world_grid
+        affinity = self.bit | sum(1 << MOST + k for k in range(self._index))
         quaternion = np.zeros(4)
         mujoco.mju_mat2Quat(quaternion, np.ascontiguousarray(T[:3, :3]).ravel())
         return (
@@ -87,7 +89,7 @@ class Organ:
             f'mass="{t.density * t.surface.volume!r}" radius="{RADIUS!r}" '
             f'point="{_numbers(t.local)}" element="{_numbers(self._triangles)}">'
             f'<elasticity young="{t.young!r}" poisson="{t.poisson!r}" damping="{t.damping!r}"/>'
-            f'<contact selfcollide="none" contype="{_OTHERS}" conaffinity="{_OTHERS | self.bit}" condim="3" '
+            f'<contact selfcollide="none" contype="{self.other_bit}" conaffinity="{affinity}" condim="3" '
             f'friction="{t.friction!r} 0 0" solref="{2 * period!r} 1" solimp="0.95 0.99 0.0005"/>'
             + (f'<pin id="{_numbers(self.fixed)}"/>' if len(self.fixed) else "")
             + "</flexcomp></body>"
@@ -151,6 +153,15 @@ class Organ:
         self.nodes = self.tissue.nodes.copy()
         self.nodes[self._free] += self._d.qpos[self.qpos].reshape(-1, 3) @ self._R.T
 
+    @property
+    def compression(self) -> float:
+        """Smallest ratio of the volume of material at the surface to that at rest; below 0, it is inside out.
+
+        The whole keeps its volume, but MuJoCo's elasticity does not keep that of a small part.
+        """
+        (ax, ay, az), (bx, by, bz), (cx, cy, cz) = (self.tissue.gradients @ self.nodes).transpose(0, 2, 1)
+        return float((ax * (by * cz - bz * cy) + ay * (bz * cx - bx * cz) + az * (bx * cy - by * cx)).min())
+
     # -- links ----------------------------------------------------------------------------------------------
 
     def _near(self, points: Array, corners: Array, T: Array) -> Array:
@@ -176,7 +187,10 @@ class Organ:
     def contains(self, points: Array, corners: Array, T: Array) -> bool:
         """Return whether a point of a link is inside the organ."""
         near = self._near(points, corners, T)
-        return len(near) > 0 and bool(inside(near, self.tissue.weights @ self.nodes, self._triangles).any())
+        if not len(near):
+            return False
+        vertices = self.tissue.weights @ self.nodes
+        return any(inside(p, vertices, self._triangles)[0] for p in near)  # most links inside show it by the first ones
 
     def look(self, k: int, is_inside: bool) -> bool:
         """Note whether link k is inside; return whether it may touch the organ."""

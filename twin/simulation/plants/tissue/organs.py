@@ -16,7 +16,7 @@ from twin.model.body import Body
 from twin.model.surface import inside
 from twin.model.tissue import Tissue
 from twin.simulation.plants.contact.shapes import add_part
-from twin.simulation.plants.tissue.organ import NOTHING, RADIUS, SAMPLE, Organ, Touch, require_valid
+from twin.simulation.plants.tissue.organ import MOST, NOTHING, RADIUS, SAMPLE, Organ, Touch, require_valid
 
 PERIOD = 8e-3
 """Time in s between two steps."""
@@ -41,6 +41,18 @@ _ITERATIONS = 400
 """Largest number of iterations of MuJoCo's solvers; at its 100, that of the stiffness ended at a relative residual of
 1.02e-8 instead of 1e-8 for a gallbladder half out of its bed."""
 
+_CROSSED = 3 * RADIUS
+"""Surfaces of two organs cross if a contact is deeper than this in m: both are thickened by `RADIUS`, and contact holds
+them apart within 0.2 mm. Where surfaces cross, forces of contact would hold the organs in each other."""
+
+_PIERCED = 0.2
+"""Compression of an organ, see `Organ.compression`, at which a link that touches it goes into it; ASSUMED. MuJoCo's
+elasticity does not resist it: a cell is turned inside out by a finite force."""
+
+_BEFORE = 0.3
+"""A link is before a surface if the normals of its contacts are at least this much along those of the surface, in the
+mean. It is 0.5 to 1 where a link presses, and less than 0.1 where the surface has jumped over it."""
+
 _PREFIX = "link:"
 """Prefix of the names of links in MuJoCo."""
 
@@ -62,13 +74,15 @@ class Organs:
     """The organs, stepped for given poses of the links. They touch the links and each other.
 
     They are not stepped while all are at rest, as long as no link moves near one. A link that jumps into an organ, by
-    more than 20 mm within a step, does not touch this organ until it is outside again.
+    more than 20 mm within a step, does not touch this organ until it is outside again. Neither do two organs whose
+    surfaces cross, because an instrument has pressed one through the other, until they are apart.
 
     Attributes:
         tissues: the organs.
         tools: the links.
         period: time in s between two steps.
         operable: the organ that can be grasped and freed, or None.
+        crossed: the pairs of organs (numbers) whose surfaces cross.
     """
 
     def __init__(
@@ -95,6 +109,9 @@ class Organs:
         self.tissues, self.tools, self.period = tuple(tissues), tuple(tools), period
         for t in tissues:
             require_valid(t)
+        if len(tissues) > MOST:
+            raise WorldError(f"there are {len(tissues)} organs; at most {MOST} are simulated")
+        self.crossed = set[tuple[int, int]]()
         self._organs = {t.name: Organ(t, k, t.name == held) for k, t in enumerate(tissues)}
         self.operable = self._organs[held] if held else None
         self._samples = [_samples(tool) for tool in tools]
@@ -109,6 +126,9 @@ class Organs:
         self._qpos = np.array([j.qposadr[0] + i for j in free for i in range(7)], int)
         self._dofs = np.array([j.dofadr[0] + i for j in free for i in range(6)], int)
         self._geoms = [np.flatnonzero(m.geom_bodyid == m.body(_PREFIX + tool.name).id) for tool in tools]
+        self._link_of = np.zeros(m.ngeom, int)
+        for k, geoms in enumerate(self._geoms):
+            self._link_of[geoms] = k
         self._wanted, self._v, self._all = np.zeros(len(self._qpos)), np.zeros(m.nv), d.qpos.copy()
         self._steps, self._poses = 0, [np.array(T, float) for T in poses]
         self._place(poses)
@@ -182,6 +202,8 @@ class Organs:
                 organ.hold.reset()
             organ.touch = NOTHING
             organ.read()
+        for pair in tuple(self.crossed):
+            self._let_meet(pair, True)
         self._rests = True
 
     def step(self, poses: Sequence[Array]) -> bool:
@@ -192,6 +214,7 @@ class Organs:
         for k in jumped:
             d.qpos[self._qpos[7 * k : 7 * k + 7]] = self._wanted[7 * k : 7 * k + 7]
         self._look(jumped)
+        self._part()
         self._steps += 1
         led = any(organ.hold is not None and organ.hold.begin(organ.tissue.nodes) for organ in organs)
         if self._rests and not led and not (moved and self._approached()):
@@ -205,6 +228,7 @@ class Organs:
         for organ in organs:
             organ.begin()
         mujoco.mj_step(m, d)
+        self._require_finite()
         for organ in organs:
             if organ.hold is not None:
                 organ.hold.end()
@@ -218,6 +242,16 @@ class Organs:
                 organ.end()
         return not all(map(np.array_equal, (organ.nodes for organ in organs), last))
 
+    def _require_finite(self) -> None:
+        """Refuse a state that is not finite, which MuJoCo replaces by rest with a mere warning."""
+        w = mujoco.mjtWarning
+        if any(self._data.warning[k].number for k in (w.mjWARN_BADQPOS, w.mjWARN_BADQVEL, w.mjWARN_BADQACC)):
+            names = ", ".join(f"'{t.name}'" for t in self.tissues)
+            raise WorldError(
+                f"the simulation of the organs {names} became unstable in step {self._steps} of {self.period * 1e3:g} "
+                "ms; move the instruments more slowly, or give the organs a smaller Young's modulus"
+            )
+
     def _still(self) -> bool:
         if not len(self._soft):
             return True
@@ -228,24 +262,54 @@ class Organs:
     def _touch(self) -> None:
         """Read the contacts of the last step."""
         m, d = self._model, self._data
-        force, local = np.zeros((len(self.tissues), 3)), np.zeros(6)
-        deepest: dict[int, tuple[float, int, int]] = {}
-        for k, contact in enumerate(d.contact[: d.ncon]):
-            mujoco.mj_contactForce(m, d, k, local)
-            F, dist = local[:3] @ contact.frame.reshape(3, 3), float(contact.dist)
-            for side, flex in enumerate(contact.flex.tolist()):
-                if flex >= 0:
-                    force[flex] += F if side else -F  # MuJoCo gives the force on the second one
-                    if flex not in deepest or dist < deepest[flex][0]:
-                        deepest[flex] = dist, int(contact.elem[side]), int(contact.vert[side])
-        for k, organ in enumerate(self._organs.values()):
+        for organ in self._organs.values():
             organ.touch = NOTHING
-            if k in deepest:
-                _, element, vertex = deepest[k]
-                triangles = organ.tissue.surface.triangles
-                if element < 0:
-                    element = int(np.argmax((triangles == vertex).any(axis=1)))
-                organ.touch = Touch(element, force[k])
+        if not d.ncon:
+            return
+        local, contact = np.zeros((d.ncon, 6)), d.contact
+        for k, row in enumerate(local):
+            mujoco.mj_contactForce(m, d, k, row)
+        F = np.einsum("ki,kij->kj", local[:, :3], contact.frame.reshape(-1, 3, 3))
+        flex, dist, elements, corners = contact.flex, contact.dist, contact.elem, contact.vert
+        for pair in {(min(x), max(x)) for x in flex[(flex >= 0).all(axis=1) & (dist < -_CROSSED)].tolist()}:
+            self._let_meet(pair, False)
+        for index, organ in enumerate(self._organs.values()):
+            here = flex == index
+            which = np.flatnonzero(here.any(axis=1))
+            if not len(which):
+                continue
+            self._look_through(index, organ)
+            k = which[np.argmin(dist[which])]
+            side = int(np.argmax(here[k]))
+            triangles, element = organ.tissue.surface.triangles, int(elements[k, side])
+            if element < 0:
+                element = int(np.argmax((triangles == corners[k, side]).any(axis=1)))
+            # MuJoCo gives the force on the second one
+            organ.touch = Touch(element, F[here[:, 1]].sum(axis=0) - F[here[:, 0]].sum(axis=0))
+
+    # -- organs that cross ---------------------------------------------------------------------------------
+
+    def _let_meet(self, pair: tuple[int, int], on: bool) -> None:
+        """Let two organs touch each other (`on`), or pass through each other."""
+        (self.crossed.discard if on else self.crossed.add)(pair)
+        first, second = pair
+        bit = self._organs[self.tissues[first].name].other_bit
+        if on:
+            self._model.flex_conaffinity[second] |= bit
+        else:
+            self._model.flex_conaffinity[second] &= ~bit
+
+    def _part(self) -> None:
+        """Let organs that have crossed touch each other again if they are apart."""
+        if not self.crossed or self._steps % _LOOK:
+            return
+        m, d, pairs = self._model, self._data, tuple(self.crossed)
+        for pair in pairs:
+            self._let_meet(pair, True)
+        mujoco.mj_fwdPosition(m, d)
+        meet = {(min(x), max(x)) for x in d.contact.flex[: d.ncon].tolist()}
+        for pair in meet.intersection(pairs):
+            self._let_meet(pair, False)
 
     # -- links --------------------------------------------------------------------------------------------
 
@@ -274,6 +338,26 @@ class Organs:
         for organ in self._organs.values():
             for k in {*jumped, *(organ.within if self._steps % _LOOK == 0 else ())}:
                 self._look_at(organ, k)
+
+    def _look_through(self, index: int, organ: Organ) -> None:
+        """Treat links that have pressed too far into an organ, or over which its surface has jumped, as inside."""
+        contact = self._data.contact
+        at = np.flatnonzero((contact.flex[:, 1] == index) & (contact.geom[:, 0] >= 0) & (contact.elem[:, 1] >= 0))
+        if not len(at):
+            return
+        links = self._link_of[contact.geom[at, 0]]
+        if organ.compression >= _PIERCED:
+            corners = organ.tissue.surface.triangles[contact.elem[at, 1]] + self._model.flex_vertadr[index]
+            a, b, c = (self._data.flexvert_xpos[corners[:, k]] for k in range(3))
+            outwards = np.cross(b - a, c - a)
+            outwards /= np.linalg.norm(outwards, axis=1, keepdims=True) + 1e-30
+            # a contact's normal points from the link to the organ: inwards, if the link is before the surface
+            inwards, weights = -np.einsum("ij,ij->i", contact.frame[at, :3], outwards), -contact.dist[at]
+            least = _BEFORE * np.bincount(links, weights, len(self.tools))
+            links = links[(np.bincount(links, inwards * weights, len(self.tools)) < least)[links]]
+        for k in {*links.tolist()}:
+            organ.look(k, True)
+            self._let_touch(organ, k)
 
     def _look_at(self, organ: Organ, k: int) -> None:
         organ.look(k, organ.contains(self._samples[k], self._corners[k], self._poses[k]))

@@ -21,8 +21,10 @@ class Volume:
             sums += a.T @ (b[:, :, None] * c[:, None, :]).reshape(len(part), n * n)
         cube = sums.reshape(n, n, n) / 6
         cube = cube + cube.transpose(2, 0, 1) + cube.transpose(1, 2, 0)  # a determinant is the same in cyclic order
-        self._j, self._k = np.triu_indices(n, 1)
-        self._factors = cube[:, self._j, self._k] - cube[:, self._k, self._j]
+        j, k = np.triu_indices(n, 1)
+        factors = cube[:, j, k] - cube[:, k, j]
+        used = factors.any(axis=0)  # two nodes of which no triangle has corners in cells of both have none
+        self._j, self._k, self._factors = j[used], k[used], factors[:, used]
 
     def at(self, nodes: Array) -> tuple[float, Array]:
         """Return the volume in m3 at nodes (k, 3), and its derivatives (k, 3) with respect to them in m2."""
