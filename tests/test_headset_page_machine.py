@@ -82,13 +82,13 @@ def test_the_camera_pedal_changes_which_is_solid(page):
     veiled = "twin.app.members.map((m) => m.robot.veiled)"
     names = page("twin.app.members.map((m) => m.model.info.name)")
     ghosts = lambda: {n for n, on in zip(names, page(veiled), strict=True) if on}  # noqa: E731
-    assert ghosts() == {"raven_left_model"}
+    assert ghosts() == {"raven_left_model", "raven_right_model"}
     for _ in range(2):  # a tap
         page("twin.app.console.toggle('camera')")
         time.sleep(0.1)
     page.until(f"{STATE}.view === 'virtual'", "the other view")
     page.until("twin.app.machines.board.dataset.view === 'virtual'", "the panel shows it")
-    assert ghosts() == {"raven_left"}
+    assert ghosts() == {"raven_left", "raven_right"}
 
 
 TIPS = """

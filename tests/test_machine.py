@@ -204,6 +204,30 @@ def test_a_silent_master_holds_the_arm(parts):
     np.testing.assert_allclose(arm.plant.q[:3], at[:3], atol=1e-4)
 
 
+@pytest.mark.parametrize(
+    ("bad", "sender", "message"),
+    [
+        (lambda k: pack(k + 1, 0, step(x=500), version=7), "master", "the version is 7; it must be 0"),
+        (lambda k: pack(k + 1, 0, step(x=500))[:100], "master", "the length is 100 bytes; it must be 124"),
+        (lambda k: pack(k, 0, step(x=500)), "master", "is not above the last one"),
+        (lambda k: pack(k + 1, 0, step(x=500)), "other", "other is a second master; master has the machine"),
+    ],
+)
+def test_a_machine_that_gets_a_bad_packet_goes_on_as_before(master, bad, sender, message):
+    arm, number = master.arm, master.sequence
+    wanted, accepted = arm.wanted.copy(), arm.receiver.accepted
+    arm.step(master.k * 1e-3, [(bad(number), sender)])
+    master.k += 1
+    assert message in arm.receiver.reason
+    assert (arm.receiver.accepted, arm.receiver.refused, arm.receiver.sequence) == (accepted, 1, number)
+    np.testing.assert_array_equal(arm.wanted, wanted)
+    before = arm.plant.q.copy()
+    for _ in range(20):
+        master.tick(STILL)
+    assert arm.plc.level == Level.PEDAL_DN
+    assert np.abs(arm.plant.q - before).max() < 1e-4
+
+
 def test_a_clock_that_goes_back_stops_the_machine(master):
     master.k -= 10
     master.tick(STILL)

@@ -198,6 +198,8 @@ class Wandered:
     touched: int = 0
     change: float = 0.0
     compression: float = 1.0
+    inverted: int = 0
+    looks: int = 0
     off: float = 0.0
     depth: float = 0.0
     parted: int = 0
@@ -207,15 +209,16 @@ class Wandered:
 
     def __str__(self):
         return (
-            f"contact in {self.touched} steps, change of volume {100 * self.change:.4f} %, volume at the surface "
-            f"{self.compression:.2f} or more, moved by {self.off / MM:.0f} mm or less, rods {self.depth / MM:.1f} mm "
-            f"deep, organs crossed in {self.parted} steps, rods inside in {self.pierced}, "
+            f"contact in {self.touched} steps, change of volume {100 * self.change:.4f} %, "
+            f"inside out at {self.inverted} of {self.looks} looks (volume at the surface {self.compression:.2f}), "
+            f"moved by {self.off / MM:.0f} mm or less, rods {self.depth / MM:.1f} mm deep, "
+            f"organs crossed in {self.parted} steps, rods inside in {self.pierced}, "
             f"{self.left / MM:.4f} mm from rest 3 s later"
         )
 
     def require_sane(self):
         assert self.change < 0.02
-        assert self.compression > 0, "an organ is inside out"
+        assert self.inverted <= 0.01 * self.looks, "a part of an organ stays inside out"
         assert self.off < 150 * MM, "an organ was flung away"
         assert self.depth < 10 * MM, "a rod is in an organ that it touches"
         assert self.left < 0.1 * MM, "an organ does not return to rest"
@@ -234,11 +237,12 @@ def wandered(seed, seconds, period=8e-3):
         found.touched += any(t.triangle >= 0 for t in organs.touches().values())
         found.parted += bool(organs.crossed)
         found.pierced += any(organs.within.values())
-        if k % 10 == 0:
-            for t in tissues:
-                found.change = max(found.change, change(organs, t))
-                found.compression = min(found.compression, compression(organs, t, by_axis[t.name]))
-                found.off = max(found.off, off(organs, t).max())
+        if k % 5 == 0:
+            least = min(compression(organs, t, by_axis[t.name]) for t in tissues)
+            found.compression, found.looks = min(found.compression, least), found.looks + 1
+            found.inverted += least <= 0
+            found.change = max(found.change, *(change(organs, t) for t in tissues))
+            found.off = max(found.off, *(off(organs, t).max() for t in tissues))
         if k % 60 == 0:
             found.depth = max(found.depth, *(depth(organs, t) for t in tissues))
     away = [made.at(0, 0, 3 + k) for k in range(3)]
@@ -316,6 +320,7 @@ def crossed(monkeypatch, parts):
     """Put a block into the one beside it, let both go for 2 s, and return the organs; `parts`: with the rule."""
     if not parts:
         monkeypatch.setattr("twin.simulation.plants.tissue.organs._CROSSED", np.inf)
+        monkeypatch.setattr("twin.simulation.plants.tissue.organs._PIERCED", -np.inf)
     organs = Organs(beside(3 * MM), [Tool("tool", made.rod())], [made.at(0, 0, 0.5)])
     organs.step([made.at(0, 0, 0.07)])
     other = organs._organs["other"]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import os
 import time
+import tomllib
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from functools import lru_cache, partial
@@ -25,6 +26,9 @@ if TYPE_CHECKING:
 
 FILE = "hazards.jsonl"
 """Name of the log in the folder of a campaign."""
+
+TRENDS = "trends"
+"""Name of the file of the paper's experiments in the robot's folder `campaigns`."""
 
 _POLL = 0.05
 """Time in s between two checks of the processes."""
@@ -171,15 +175,22 @@ def trends(robot: Robot, *, software: Software = _AS_FILED, progress: Progress =
         progress: see `Progress`.
 
     Raises:
-        TwinError: see `machine_parts`.
+        TwinError: see `machine_parts`; or the robot's file `campaigns/trends.toml` is missing or malformed.
     """
+    from twin.simulation.hazards.trends import load as load_trends
     from twin.simulation.hazards.trends import trends
 
-    return trends(robot.name, software.parts(robot), progress)
+    table = load_trends(campaign_file(robot, TRENDS))
+    return trends(robot.name, software.parts(robot), table, progress)
 
 
 def campaign_file(robot: Robot, campaign: str | Path) -> Path:
-    """Return the path of a campaign; a name without suffix is a file in the robot's folder `campaigns`."""
+    """Return the path of a campaign; a name without suffix is a file in the robot's folder `campaigns`.
+
+    A file with the key `same_as` alone stands for another file.
+    """
     if Path(campaign).suffix or robot.files is None:
         return Path(campaign)
-    return robot.files.cad / "campaigns" / f"{campaign}.toml"
+    path = robot.files.cad / "campaigns" / f"{campaign}.toml"
+    known = tomllib.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
+    return (path.parent / known["same_as"]).resolve() if list(known) == ["same_as"] else path

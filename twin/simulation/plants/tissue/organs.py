@@ -45,9 +45,9 @@ _CROSSED = 3 * RADIUS
 """Surfaces of two organs cross if a contact is deeper than this in m: both are thickened by `RADIUS`, and contact holds
 them apart within 0.2 mm. Where surfaces cross, forces of contact would hold the organs in each other."""
 
-_PIERCED = 0.2
-"""Compression of an organ, see `Organ.compression`, at which a link that touches it goes into it; ASSUMED. MuJoCo's
-elasticity does not resist it: a cell is turned inside out by a finite force."""
+_PIERCED = 0.3
+"""Compression of an organ, see `Organ.compression`, at which what touches it goes into it; ASSUMED. MuJoCo's elasticity
+does not resist it: a cell is turned inside out by a finite force."""
 
 _BEFORE = 0.3
 """A link is before a surface if the normals of its contacts are at least this much along those of the surface, in the
@@ -230,6 +230,7 @@ class Organs:
         mujoco.mj_step(m, d)
         self._require_finite()
         for organ in organs:
+            organ.read()
             if organ.hold is not None:
                 organ.hold.end()
         self._touch()
@@ -278,7 +279,10 @@ class Organs:
             which = np.flatnonzero(here.any(axis=1))
             if not len(which):
                 continue
-            self._look_through(index, organ)
+            pressed = organ.compression < _PIERCED
+            self._look_through(index, organ, pressed)
+            for pair in {(min(x), max(x)) for x in flex[which].tolist() if pressed and min(x) >= 0}:
+                self._let_meet(pair, False)
             k = which[np.argmin(dist[which])]
             side = int(np.argmax(here[k]))
             triangles, element = organ.tissue.surface.triangles, int(elements[k, side])
@@ -339,14 +343,14 @@ class Organs:
             for k in {*jumped, *(organ.within if self._steps % _LOOK == 0 else ())}:
                 self._look_at(organ, k)
 
-    def _look_through(self, index: int, organ: Organ) -> None:
-        """Treat links that have pressed too far into an organ, or over which its surface has jumped, as inside."""
+    def _look_through(self, index: int, organ: Organ, pressed: bool) -> None:
+        """Treat links as inside an organ if it is `pressed` too far, or if its surface has jumped over them."""
         contact = self._data.contact
         at = np.flatnonzero((contact.flex[:, 1] == index) & (contact.geom[:, 0] >= 0) & (contact.elem[:, 1] >= 0))
         if not len(at):
             return
         links = self._link_of[contact.geom[at, 0]]
-        if organ.compression >= _PIERCED:
+        if not pressed:
             corners = organ.tissue.surface.triangles[contact.elem[at, 1]] + self._model.flex_vertadr[index]
             a, b, c = (self._data.flexvert_xpos[corners[:, k]] for k in range(3))
             outwards = np.cross(b - a, c - a)
