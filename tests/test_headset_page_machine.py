@@ -105,13 +105,23 @@ TIPS = """
 """Whether each tip is in the picture, 20 pixels or more beside everything that covers it."""
 
 
-@pytest.mark.parametrize("size", [(1280, 800), (1024, 768), (390, 844)])
-def test_no_panel_covers_a_tip(page, size):
+BUTTONS = """
+[...document.querySelectorAll('.machines button')].every((button) => {
+  const b = button.getBoundingClientRect();
+  return document.elementFromPoint((b.left + b.right) / 2, (b.top + b.bottom) / 2) === button;
+})
+"""
+"""Whether a press on the middle of each button of the machine meets this button."""
+
+
+@pytest.mark.parametrize("size", [(1280, 800), (1024, 768), (900, 520), (390, 844)])
+def test_no_panel_covers_a_tip_or_a_button(page, size):
     page.page.set_viewport_size({"width": size[0], "height": size[1]})
     try:
         if size[0] < 760:
             page.tab("Console")  # folds the controls
         page.until(f"{TIPS}.every((free) => free)", "both tips are seen", 20)
+        page.until(BUTTONS, "all buttons are free", 20)
     finally:
         page.page.set_viewport_size({"width": 900, "height": 520})
 

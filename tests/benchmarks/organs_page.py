@@ -18,7 +18,7 @@ import os
 import subprocess
 import sys
 import time
-from collections import Counter
+from collections import defaultdict
 from contextlib import suppress
 from pathlib import Path
 
@@ -61,9 +61,9 @@ async def listen(port: int, seconds: float) -> None:
     print(json.dumps(found | {f"p{p}": float(np.percentile(age, p)) for p in (50, 95)}))
 
 
-def used(server: int) -> Counter[str]:
+def used(server: int) -> dict[str, float]:
     """Return the s of processor time that each kind of process has used."""
-    out: Counter[str] = Counter()
+    out: dict[str, float] = defaultdict(float)
     for process in Path("/proc").glob("[0-9]*"):
         with suppress(OSError):
             fields = (process / "stat").read_text().rpartition(")")[2].split()
@@ -79,7 +79,7 @@ def used(server: int) -> Counter[str]:
 
 def main() -> int:
     """Measure, and print what was found."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--seconds", type=float, default=10.0)
     parser.add_argument("--pages", type=int, default=1)
     parser.add_argument("--without-drawing", action="store_true")
@@ -105,7 +105,7 @@ def main() -> int:
                 [*me, "--role", "listen", "--port", str(port), "--seconds", str(args.seconds)],
                 capture_output=True, text=True, check=True,
             )  # fmt: skip
-            passed, taken = time.monotonic() - start, used(server.pid) - before
+            passed, after = time.monotonic() - start, used(server.pid)
             rates = [(p("twin.app.line.frames") - n) / passed for p, n in zip(pages, counts, strict=True)]
     finally:
         server.stdin.close()
@@ -115,7 +115,8 @@ def main() -> int:
     print(f"client: {found['hz']:.1f} Hz, {found['bytes']:.0f} bytes a frame, {rate:.2f} MB/s")
     print(f"age: p50 {found['p50']:.1f} ms, p95 {found['p95']:.1f} ms")
     print(f"pages: {', '.join(f'{r:.1f}' for r in rates)} frames/s received")
-    print("processor: " + ", ".join(f"{k} {100 * v / passed:.0f} %" for k, v in taken.most_common()))
+    shares = {kind: 100 * (after[kind] - before[kind]) / passed for kind in after}
+    print("processor: " + ", ".join(f"{kind} {share:.0f} %" for kind, share in sorted(shares.items())))
     return 0 if found["hz"] >= BAR_HZ and found["p95"] < BAR_MS else 1
 
 

@@ -36,6 +36,7 @@ const make = <K extends keyof HTMLElementTagNameMap>(tag: K, id = '', text = '')
 
 export class Machines {
   private readonly board = make('section', 'machines');
+  private readonly title = make('h2', '', 'Machine and model');
   private readonly level = make('p', 'machine-level');
   private readonly said = make('p', 'machine-said');
   private readonly curve = make('canvas', 'deviation-curve');
@@ -60,7 +61,7 @@ export class Machines {
     this.curve.height = 2 * HIGH;
     this.curve.setAttribute('role', 'img');
     this.curve.setAttribute('aria-label', 'Distance of the tips of machine and model over time');
-    this.board.append(make('h2', '', 'Machine and model'), this.level, this.curve, this.apart, this.said);
+    this.board.append(this.title, this.level, this.curve, this.apart, this.said);
     if (info.trains) this.board.append(this.row());
     parent.append(this.board);
   }
@@ -120,9 +121,8 @@ export class Machines {
 
   /** Show state and curve; called with the other controls. */
   refresh(): void {
-    this.place();
     const { state } = this;
-    if (!state) return;
+    if (!state) return this.place();
     this.board.dataset['view'] = state.view;
     this.dress(state.view);
     const robots = this.names.map((n) => [n, state.robots[n]] as const);
@@ -136,6 +136,7 @@ export class Machines {
       const button = this.buttons.get(mode);
       if (button) button.setAttribute('aria-pressed', String(state.mode === mode));
     }
+    this.place();
     this.draw();
   }
 
@@ -160,8 +161,16 @@ export class Machines {
 
   private place(): void {
     const low = document.querySelector('header')?.getBoundingClientRect().bottom ?? 0;
-    const top = `${Math.round(low) + 10}px`;
-    if (top !== this.around) this.around = this.board.style.top = top;
+    const top = Math.round(low) + 10;
+    const high = (this.app.console?.views.corner.top ?? window.innerHeight) - top - 10;
+    const now = `${top} ${high} ${this.level.textContent} ${this.said.textContent}`;
+    if (now === this.around) return;
+    this.around = now;
+    Object.assign(this.board.style, { top: `${top}px`, maxHeight: `${high}px` });
+    // The buttons and what is said are always seen; the rest only where there is room above the small picture.
+    const spare = [this.apart, this.curve, this.title];
+    for (const part of spare) part.hidden = false;
+    for (const part of spare) part.hidden = this.board.scrollHeight > this.board.clientHeight;
   }
 
   private draw(): void {
