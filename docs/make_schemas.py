@@ -16,6 +16,7 @@ from twin.planning.protocol.tables import ProtocolTable
 from twin.schema import json_schema
 from twin.schema.track import Track
 from twin.simulation.hazards.campaign import CampaignTable
+from twin.simulation.hazards.trends import TrendsTable
 from twin.simulation.machine.settings import Settings
 from twin.simulation.session.file import Head as SessionHead
 from twin.simulation.world.recording import Head
@@ -31,10 +32,11 @@ MODELS: dict[str, type[BaseModel]] = {
     "scene": SceneTable,
     "machine": Settings,
     "campaign": CampaignTable,
+    "trends": TrendsTable,
 }
 """By the name of the file: cad/<robot>/<robot>.toml, trajectories/<robot>/<protocol>.toml, an export's tracks/, the
 first lines of a recording of a World and of a session at a console, cad/<scene>/scene.toml, cad/<robot>/machine.toml,
-cad/<robot>/campaigns/<name>.toml."""
+cad/<robot>/campaigns/<name>.toml, of which trends.toml has the paper's experiments."""
 
 
 def schemas() -> dict[Path, str]:

@@ -95,6 +95,15 @@ def test_operation_is_what_casadi_computes(name, single):
     assert (np.abs(out[good] - expected[good]) / scale).max() <= 1e-12
 
 
+@pytest.mark.parametrize("name", OPERATIONS)
+def test_an_exact_kernel_has_the_last_bit_of_casadi(name):
+    rng = np.random.default_rng(4)
+    X = np.concatenate([np.array(np.meshgrid(ODD, ODD)).reshape(2, -1), rng.normal(size=(2, 300)) * 3], 1)
+    function = ca.Function("f", [ca.vertcat(a, b)], [OPERATIONS[name]])
+    out, expected = both(function, X, single=True, exact=True)
+    np.testing.assert_array_equal(out, expected)
+
+
 def test_operations_are_all_of_casadis_instructions_that_formulas_use():
     for name, expression in OPERATIONS.items():
         f = ca.Function("f", [ca.vertcat(a, b)], [expression])

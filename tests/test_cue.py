@@ -103,4 +103,4 @@ def test_a_stuck_dac_is_felt_when_the_tips_are_3_mm_apart(parts):
     assert felt == int(np.argmax(apart > 3e-3))
     assert force[felt] >= 0.3
     assert 300 < felt < 450
-    assert abs(pair.joints[0]) > 0.01 or pair.machine.reason
+    assert abs(pair.compared.joints[0]) > 0.01 or pair.machine.reason

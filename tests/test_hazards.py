@@ -18,6 +18,7 @@ import pytest
 import twin
 from twin.api.hazards import FILE, Share, campaign_file, hazards, outcomes
 from twin.api.machine import machine_parts
+from twin.cli import main
 from twin.core.errors import DescriptionError, OutputError
 from twin.simulation.hazards.attacked import Arena, Session
 from twin.simulation.hazards.campaign import FREE, load
@@ -27,7 +28,8 @@ from twin.simulation.hazards.log import Log
 from twin.simulation.hazards.roc import curves
 from twin.simulation.hazards.summary import Hazards
 from twin.simulation.hazards.trainee import Reaction
-from twin.simulation.hazards.trends import trends
+from twin.simulation.hazards.trends import HandTable, trends
+from twin.simulation.hazards.trends import load as load_trends
 from twin.simulation.machine.machine import LOCATIONS
 from twin.ui.report.files import write_result
 
@@ -121,6 +123,15 @@ def test_a_wrong_campaign_is_refused(parts, tmp_path, before, after, message):
     (tmp_path / "mine.toml").write_text(text.replace(before, after, 1))
     with pytest.raises(DescriptionError, match=message):
         load(tmp_path / "mine.toml", parts.places)
+
+
+def test_an_unknown_target_ends_the_command_before_anything_is_written(tmp_path, capsys):
+    text = TABLE.read_text().replace('targets = [["grasp"]]', 'targets = [["grsap"]]', 1)
+    (tmp_path / "mine.toml").write_text(text)
+    out = tmp_path / "out"
+    assert main(["hazards", "raven_left", "--campaign", str(tmp_path / "mine.toml"), "--out", str(out), "--quiet"]) == 2
+    assert "target of packet 'grsap'. Did you mean 'grasp'" in capsys.readouterr().err
+    assert not (out / FILE).exists()
 
 
 def test_an_unknown_campaign_is_named(parts):
@@ -290,16 +301,21 @@ def test_the_adaptive_limit_grows_with_the_speed():
 # ------------------------------------------------------------------------------------- the paper's experiments, pages
 
 
-@pytest.fixture
-def brief(monkeypatch):
+TRENDS = TABLE.with_name("trends.toml")
+
+
+@pytest.fixture(scope="module")
+def brief(parts):
     """Short forms of both experiments: one second without a fault, two faults of 300 cycles."""
-    short = {"_FREE": 600, "_EVERY": 700, "_TIMES": 2, "_WATCHED": 300, "_SHARES": (0.0, 1.0), "SCALES": (0.05, 0.2)}
-    for name, value in short.items():
-        monkeypatch.setattr(f"twin.simulation.hazards.trends.{name}", value)
+    table = load_trends(TRENDS)
+    hands = [HandTable(seed=1, shares=[0.0, 1.0])]
+    stuck = table.stuck.model_copy(update={"every": 700, "times": 2, "watched": 300, "hand": hands})
+    short = table.model_copy(update={"free": 600, "scales": [0.05, 0.2], "stuck": stuck})
+    return trends("raven_left", parts, short, lambda text, fraction: None)
 
 
-def test_the_trends_of_the_paper(parts, brief):
-    found = trends("raven_left", parts, lambda text, fraction: None)
+def test_the_trends_of_the_paper(brief):
+    found = brief
     assert found.grows
     assert [r.counts for r in found.stuck] == [0, 2500]
     calm, strong = found.stuck
@@ -307,9 +323,47 @@ def test_the_trends_of_the_paper(parts, brief):
     assert all(p < 3 for p in calm.peaks)
     assert strong.peaks[0] > 5
     assert "trends, not numbers" in next(found.text())
+    assert found.as_published == []
 
 
-def test_the_pages_of_campaign_and_trends(parts, table, brief, tmp_path):
+@pytest.mark.slow
+def test_four_jumps_and_a_stop_at_the_last(parts):
+    """The paper's events, by the run of the file whose arm is fastest at the last fault."""
+    table = load_trends(TRENDS)
+    hands = [HandTable(seed=2, shares=[0.3])]
+    stuck = table.stuck.model_copy(update={"hand": hands})
+    table = table.model_copy(update={"free": 100, "scales": [0.1], "stuck": stuck})
+    found = trends("raven_left", parts, table, lambda text, fraction: None)
+    (row,) = found.as_published
+    assert (row.counts, row.jumps, row.stopped) == (750, 4, 4)
+    assert min(row.peaks) > 5
+    assert "motor_shoulder asks for" in row.check
+    assert any("four jumps and a stop at the last, as in the paper: hand 2" in str(part) for part in found.text())
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "message"),
+    [
+        ("cycles = 300", "cycles = 8000", "8000 cycles are not shorter than the period, 8000 packets"),
+        ("shares = [0.2, 0.25", "shares = [2, 0.25", "shares"),
+        ("scale = 0.10", "scale = 0", "scale"),
+    ],
+)
+def test_wrong_experiments_are_refused(tmp_path, before, after, message):
+    (tmp_path / "mine.toml").write_text(TRENDS.read_text().replace(before, after, 1))
+    with pytest.raises(DescriptionError, match=message):
+        load_trends(tmp_path / "mine.toml")
+    with pytest.raises(DescriptionError, match="the file does not exist"):
+        load_trends(tmp_path / "no.toml")
+
+
+def test_arms_share_one_file():
+    right = twin.load("raven_right")
+    assert campaign_file(right, "table1").samefile(TABLE)
+    assert campaign_file(right, "trends").samefile(TRENDS)
+
+
+def test_the_pages_of_campaign_and_trends(table, brief, tmp_path):
     response = {"noticed": 11, "acted": 300, "responses": ["restart"], "works": True}
     response |= {"response_peak": 3.0, "response_harm": True}
     rows = [row(0, "a", harm=5, jump=5, seen=0.9, response=response), row(1, "b", stop=0), row(2, FREE)]
@@ -327,7 +381,7 @@ def test_the_pages_of_campaign_and_trends(parts, table, brief, tmp_path):
         "adaptive limit or checks",
     ]
     write_result(Hazards("r", table, 3, [], []), tmp_path)  # nothing done yet
-    shown = write_result(trends("raven_left", parts, lambda text, fraction: None), tmp_path)
+    shown = write_result(brief, tmp_path)
     assert shown == ["trends.html", "trends.png"]
 
 

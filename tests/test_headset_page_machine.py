@@ -82,13 +82,38 @@ def test_the_camera_pedal_changes_which_is_solid(page):
     veiled = "twin.app.members.map((m) => m.robot.veiled)"
     names = page("twin.app.members.map((m) => m.model.info.name)")
     ghosts = lambda: {n for n, on in zip(names, page(veiled), strict=True) if on}  # noqa: E731
-    assert ghosts() == {"raven_left_model"}
+    assert ghosts() == {"raven_left_model", "raven_right_model"}
     for _ in range(2):  # a tap
         page("twin.app.console.toggle('camera')")
         time.sleep(0.1)
     page.until(f"{STATE}.view === 'virtual'", "the other view")
     page.until("twin.app.machines.board.dataset.view === 'virtual'", "the panel shows it")
-    assert ghosts() == {"raven_left"}
+    assert ghosts() == {"raven_left", "raven_right"}
+
+
+TIPS = """
+(() => {
+  const covers = [...document.querySelectorAll('header, .side, .foot, .inset, .machines')];
+  const boxes = covers.map((o) => o.getBoundingClientRect()), c = twin.app.console;
+  return ['left', 'right'].map((side) => {
+    const { x, y } = c.views.project(c.tip(side), 'scope');
+    const inside = x > 20 && x < innerWidth - 20 && y > 0 && y < innerHeight;
+    return inside && boxes.every((b) => x < b.left - 20 || x > b.right + 20 || y < b.top - 20 || y > b.bottom + 20);
+  });
+})()
+"""
+"""Whether each tip is in the picture, 20 pixels or more beside everything that covers it."""
+
+
+@pytest.mark.parametrize("size", [(1280, 800), (1024, 768), (390, 844)])
+def test_no_panel_covers_a_tip(page, size):
+    page.page.set_viewport_size({"width": size[0], "height": size[1]})
+    try:
+        if size[0] < 760:
+            page.tab("Console")  # folds the controls
+        page.until(f"{TIPS}.every((free) => free)", "both tips are seen", 20)
+    finally:
+        page.page.set_viewport_size({"width": 900, "height": 520})
 
 
 def test_the_stop_button_stops_the_machine(page):

@@ -46,14 +46,7 @@ def player(page):
 
 def grasp_and_lift(player):
     """Grasp the gallbladder at its end away from the duct, and lift it."""
-    root = player.line(DUCT)[0]
-
-    def end():
-        v = player.vertices("gallbladder")
-        high = v[v[:, 2] > np.quantile(v[:, 2], 0.8)]
-        return high[np.argmax(np.linalg.norm(high - root, axis=1))]
-
-    player.approach("left", end)
+    player.approach("left", lambda: player.fundus(DUCT))
     player.snap("left")
     player.page.until("twin.app.model.console.task.events.some(e => e[2].includes('holds the'))", "it is held")
     player.go(left=player.tip("left") + np.array([-0.010, -0.006, 0.022]))
@@ -191,6 +184,6 @@ def test_a_gamepad_does_the_five_stages(page, player):
     player.go(6e-3, left=port + 0.05 * player.inwards("left", player.tip("left")))
     page.until("twin.app.model.console.task.over !== null", "the end")
     tell("out")
-    print(", ".join(told), page("twin.app.model.console.rate"))
+    print(", ".join(told), "\n", dict(page("twin.app.model.console.task.rows")))
     assert [player.stages()[s] for s in STAGES] == ["done"] * 5
     page.id("result").get_by_text("All checks are passed").wait_for()

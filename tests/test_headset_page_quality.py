@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import time
+
 import pytest
 
 from made import headset_page as headset
@@ -33,6 +35,24 @@ COMPARE = f"""
   return [different / (direct.length / 4), colors.size];
 }})()
 """
+
+
+SIZES = """
+(() => {
+  const gl = twin.app.world.renderer.getContext();
+  window.sizes = [];
+  let last = gl.drawingBufferWidth * gl.drawingBufferHeight;
+  (function look() {
+    requestAnimationFrame(look);  // after the page's own callback, before the display shows the canvas
+    const { drawingBufferWidth: w, drawingBufferHeight: h } = gl, row = new Uint8Array(4 * w);
+    if (w * h === last) return;
+    last = w * h;
+    gl.readPixels(0, h >> 1, w, 1, gl.RGBA, gl.UNSIGNED_BYTE, row);
+    sizes.push(row.some((value) => value > 0));
+  })();
+})()
+"""
+"""Note for each new size of the canvas whether it has a picture when it is shown with this size."""
 
 
 @pytest.fixture(scope="module")
@@ -79,6 +99,19 @@ def test_quality_goes_down_on_a_slow_renderer_and_is_full_at_rest(page):
     mouse.up()
     page.until(f"twin.app.world.renderer.getPixelRatio() === {full} && !twin.app.world.dirty", "a full picture at rest")
     assert page("twin.app.world.pace.slow"), "and motion is again drawn with fewer pixels"
+
+
+def test_the_canvas_is_never_shown_empty(page):
+    page(SIZES)
+    for k in range(24):
+        page(f"(twin.app.world.pace.step({2 + k % 3}), twin.app.world.moved = performance.now(), twin.app.refresh())")
+        if k % 2:
+            page.page.set_viewport_size({"width": 700 - 10 * (k % 5), "height": 450})
+        time.sleep(0.04)
+    page.page.set_viewport_size({"width": 700, "height": 450})
+    seen = page("sizes")
+    assert len(seen) > 15, "quality and window change"
+    assert all(seen)
 
 
 def test_quality_goes_up_when_pictures_are_drawn_fast(page):

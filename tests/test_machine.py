@@ -12,6 +12,7 @@ import twin
 from twin.api.machine import machine, machine_parts
 from twin.core.errors import DeviceError, TwinError, WorldError
 from twin.simulation.hazards.fault import Fault
+from twin.simulation.machine.arithmetic import Arithmetic
 from twin.simulation.machine.itp import PACKET, checksum, pack, unpack
 from twin.simulation.machine.levels import Level, Plc, Reader
 from twin.simulation.machine.machine import Machine
@@ -203,6 +204,30 @@ def test_a_silent_master_holds_the_arm(parts):
     np.testing.assert_allclose(arm.plant.q[:3], at[:3], atol=1e-4)
 
 
+@pytest.mark.parametrize(
+    ("bad", "sender", "message"),
+    [
+        (lambda k: pack(k + 1, 0, step(x=500), version=7), "master", "the version is 7; it must be 0"),
+        (lambda k: pack(k + 1, 0, step(x=500))[:100], "master", "the length is 100 bytes; it must be 124"),
+        (lambda k: pack(k, 0, step(x=500)), "master", "is not above the last one"),
+        (lambda k: pack(k + 1, 0, step(x=500)), "other", "other is a second master; master has the machine"),
+    ],
+)
+def test_a_machine_that_gets_a_bad_packet_goes_on_as_before(master, bad, sender, message):
+    arm, number = master.arm, master.sequence
+    wanted, accepted = arm.wanted.copy(), arm.receiver.accepted
+    arm.step(master.k * 1e-3, [(bad(number), sender)])
+    master.k += 1
+    assert message in arm.receiver.reason
+    assert (arm.receiver.accepted, arm.receiver.refused, arm.receiver.sequence) == (accepted, 1, number)
+    np.testing.assert_array_equal(arm.wanted, wanted)
+    before = arm.plant.q.copy()
+    for _ in range(20):
+        master.tick(STILL)
+    assert arm.plc.level == Level.PEDAL_DN
+    assert np.abs(arm.plant.q - before).max() < 1e-4
+
+
 def test_a_clock_that_goes_back_stops_the_machine(master):
     master.k -= 10
     master.tick(STILL)
@@ -215,7 +240,8 @@ def test_gains_that_oscillate_stop_the_machine(parts):
     """The proportional gain times 40 and no damping: the arm swings until a check stops it, then brakes hold."""
     table = parts.settings
     wild = [m.model_copy(update={"kp": 40 * m.kp, "kd": 0.0}) for m in table.motor]
-    arm = machine(replace(parts, settings=table.model_copy(update={"motor": wild})))
+    known = table.model_copy(update={"motor": wild})
+    arm = machine(replace(parts, settings=known, arithmetic=Arithmetic.of(known, parts.arm.mechanism)))
     master = Master(arm).ready()
     for k in range(4000):
         master.tick(step(x=20 if k // 200 % 2 else -20))
@@ -229,11 +255,29 @@ def test_gains_that_oscillate_stop_the_machine(parts):
     assert np.abs(arm.plant.qd[:3]).max() < 1e-6
 
 
+def test_the_compiled_arithmetic_is_that_of_numpy(parts, rng):
+    """To the last bit: sums of the released control law, rounded one after the other."""
+    a, m = parts.arithmetic, parts.arm.mechanism
+    kp, ki, kd = np.array([[x.kp / x.gear, x.ki / x.gear, x.kd / x.gear] for x in parts.settings.of_motors(m)]).T
+    for _ in range(200):
+        counts, before, w = np.rint(rng.normal(size=7) * 3000), rng.normal(size=7), rng.normal(size=7)
+        motors = counts * a.angle
+        faster = w + a.share * ((motors - before) / 1e-3 - w)
+        np.testing.assert_array_equal(a.sense(counts, before, w), np.append(motors, faster))
+        wanted, old, r, q, qd = rng.normal(size=(5, 7))
+        rates = r + a.share * ((wanted - old) / 1e-3 - r)
+        np.testing.assert_array_equal(a.aim(wanted, old, r, q, qd), [*rates, *(wanted - q), *(rates - qd)])
+        e, de, efforts, s = rng.normal(size=(4, 7))
+        total = s + e * 1e-3
+        asked = np.trunc(((kp * e + ki * total + kd * de) + m.motor_efforts(efforts)) * a.counts)
+        np.testing.assert_array_equal(a.drive(e, de, efforts, s), np.append(total, asked))
+
+
 @pytest.mark.parametrize(("policy", "stops"), [("none", False), ("soft", False), ("hard", True)])
 def test_overdrive(parts, policy, stops):
     """Twice seven commands above the limit in one tick each: more than 10 in the shared counter, for hard only."""
-    servo = Servo(parts.settings, parts.arm.mechanism, "moderate", policy)
-    error = 1.05 * servo.limit / servo.counts / np.array([m.kp / m.gear for m in parts.settings.motor])
+    servo = Servo(parts.settings, parts.arm.mechanism, parts.arithmetic, "moderate", policy)
+    error = 1.05 * servo.limit / parts.arithmetic.counts / np.array([m.kp / m.gear for m in parts.settings.motor])
     rest = np.zeros(7)
     first = servo.counts_of(error, rest, rest)
     assert servo.counted == 7
@@ -246,7 +290,7 @@ def test_overdrive(parts, policy, stops):
 
 
 def test_above_the_stop_limit_every_policy_stops(parts):
-    servo = Servo(parts.settings, parts.arm.mechanism, "advanced", "none")
+    servo = Servo(parts.settings, parts.arm.mechanism, parts.arithmetic, "advanced", "none")
     assert not servo.counts_of(np.array([100, 0, 0, 0, 0, 0, 0.0]), np.zeros(7), np.zeros(7)).any()
     assert "motor_shoulder asks for" in servo.stop
     assert "limit 20000" in servo.stop

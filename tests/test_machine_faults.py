@@ -147,8 +147,8 @@ def test_the_counter_of_violations_is_shared_or_one_for_each_motor(parts):
     stops = {}
     for shared in (True, False):
         known = parts.settings.model_copy(update={"released": tables.Released(shared_counter=shared)})
-        servo = Servo(known, parts.arm.mechanism, "moderate", "hard")
-        error = 1.05 * servo.limit / servo.counts / np.array([m.kp / m.gear for m in known.motor])
+        servo = Servo(known, parts.arm.mechanism, parts.arithmetic, "moderate", "hard")
+        error = 1.05 * servo.limit / parts.arithmetic.counts / np.array([m.kp / m.gear for m in known.motor])
         for _ in range(2):
             servo.counts_of(error, np.zeros(7), np.zeros(7))
         stops[shared] = servo.stop
@@ -195,7 +195,7 @@ def test_the_eigenvalue_is_the_growth_of_the_simulated_arm(parts):
     m, free = parts.arm.mechanism, parts.plant.physics
     plant = parts.plant.another(replace(free, coulomb=np.zeros(7), fall=np.zeros(3)))
     plant.reset(parts.home + np.array([0, 0, 1e-9, 0, 0, 0, 0]))
-    share, before, rates = machine(parts).filter_share, m.motors(plant.q), np.zeros(7)
+    share, before, rates = parts.arithmetic.share, m.motors(plant.q), np.zeros(7)
     size = []
     gains = [(x.kp / x.gear, x.kd / x.gear, x.ki / x.gear) for x in known.of_motors(m)]
     kp, kd, ki = np.array(gains).T

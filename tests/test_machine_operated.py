@@ -34,16 +34,19 @@ def operated(scene):
     return operate_machine(scene, seed=3, triangles=1)
 
 
-def test_a_rehearsed_motion_is_replayed_on_the_machine_and_refused_elsewhere(operated):
-    (machine,) = operated.training
+@pytest.mark.parametrize("name", ["raven_left", "raven_right"])
+def test_a_rehearsed_motion_is_replayed_on_the_machine_and_refused_elsewhere(operated, name):
+    """Both arms are machine processes, which the two hands of one console lead."""
+    machine = {m.robot: m for m in operated.training}[name]
     done = {Phase.REHEARSE, Phase.JUDGED, Phase.REPLAY, Phase.STOPPED}
     steps = {s.phase: s for s in machine.steps if s.phase in done}
     assert set(steps) == done
     assert machine.cue == (0.0, 0.0)
     assert machine.stops == 0
+    assert machine.led > 0
     assert steps[Phase.REPLAY].text == ""
-    assert steps[Phase.REPLAY].deviation < 1e-3
-    assert steps[Phase.REPLAY].record < 2e-3  # the wait between two packets differs on a busy computer
+    assert steps[Phase.REPLAY].deviation < 2e-3  # 0.5 mm with idle processors: waits between packets differ
+    assert steps[Phase.REPLAY].record < 5e-3
     assert "mm from where the record begins (limit 2): lead it to the start" in steps[Phase.STOPPED].text
 
 

@@ -100,7 +100,7 @@ def test_a_right_file_is_read():
         ('name = "a"\njoints = 3', "r.toml:2: joints = 3: a table is expected, not a number"),
         (
             'name = "a"\n[joints.q]\nx = 1',
-            "r.toml:2: joints.q: the key type is missing; allowed: slide, hinge",
+            "r.toml:2: joints.q: the key type is missing; its value must be one of slide, hinge",
         ),
         (
             'name = "a"\n[joints.q]\ntype = "slde"',

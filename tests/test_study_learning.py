@@ -214,7 +214,7 @@ def test_sessions_that_cannot_be_compared_are_refused(four, tmp_path):
     [
         (["a.csv", "b.csv"], "2 subjects are given"),
         (["first=a.session", "b.session"], "'b.session' has no group"),
-        (["=a.session", "b=c.session"], "give NAME=FILE"),
+        (["=a.session", "b=c.session"], "give GROUP=FILE"),
         (["sher", "--out", "x"], "--out is for groups"),
     ],
 )

@@ -215,8 +215,8 @@ def text_of(found):
 @pytest.mark.parametrize(
     ("prepare", "expected"),
     [
-        (lambda d: None, "there is no record: rehearse first"),
-        (lambda d: d.rehearse(fastest=0.09), "the record was not judged good"),
+        (lambda d: None, "there is no record of arm: rehearse first"),
+        (lambda d: d.rehearse(fastest=0.09), "the record of arm was not judged good"),
         (
             lambda d: (d.rehearse(), d.set("arm.measured", d.q[0] + 0.04, 0)),
             r"arm is \d\.\d mm from where the record begins \(limit 2\): lead it to the start by teleoperation, or re",
@@ -357,15 +357,18 @@ def test_an_arm_that_is_put_somewhere_stands_there(parts):
 
 
 def test_the_scene_has_a_model_beside_each_machine(scene):
-    assert [p.name for p in scene.models] == ["raven_left_model"]
+    assert [p.name for p in scene.models] == ["raven_left_model", "raven_right_model"]
     assert {p.name for p in scene.parameters} >= {"trainer start", "trainer deviation", "trainer cue limit"}
+
+
+BOTH = 'robots = ["raven_left", "raven_right"]'
 
 
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ('robots = ["raven_left"]', 'robots = ["ecm"]', r"scene.toml:\d+: .*there is no robot of a hand 'ecm'"),
-        ('robots = ["raven_left"]', 'robots = ["raven_left", "raven_left"]', "'raven_left' is there twice"),
+        (BOTH, 'robots = ["ecm"]', r"scene.toml:\d+: .*there is no robot of a hand 'ecm'"),
+        (BOTH, 'robots = ["raven_left", "raven_left"]', "'raven_left' is there twice"),
         ("start_mm = 2", "start_mm = 0", "start_mm"),
         ('name = "ecm"\nrobot', 'name = "raven_left_model"\nrobot', "the model's name"),
     ],

@@ -1,8 +1,8 @@
-"""How long after a fault the operator feels the cue, beyond physics: a real machine process, and a World beside it.
+"""How long after a fault the operator feels the cue, beyond physics: both machine processes, and a World beside them.
 
     python tests/benchmarks/machine_cue.py [faults]
 
-Each fault holds the shoulder's DAC at 2500 counts for 200 ms. The time is that from the tick of the machine in which
+Each fault holds the left shoulder's DAC at 2500 counts for 200 ms. The time is from the tick of the machine in which
 its tip is first more than 3 mm from the model's, to the tick of the World in which the force on the hand is above 0.
 The clock of the machine is set against that of this computer by the fastest of all its states.
 """
@@ -30,7 +30,7 @@ from twin.simulation.machine.outbox import Outbox
 from twin.simulation.session.machine_run import ready
 from twin.simulation.world import Block
 
-NAME, FIRST, EVERY, LIMIT = "raven_left", 6.0, 5.0, 3e-3
+NAME, BESIDE, FIRST, EVERY, LIMIT = "raven_left", "raven_right", 6.0, 5.0, 3e-3
 
 
 class Circles(Block):
@@ -60,16 +60,18 @@ def main(faults):
     members = {n: Member(r.mechanism, r.kinematics()) for n, r in robots.items()}
     times = [FIRST + EVERY * k for k in range(faults)]
     stuck = [Fault("dac", t, t + 0.2, "overwrite", 2500.0, target=0) for t in times]
-    start = lambda robot: ChildMachine(robot, faults=stuck)  # noqa: E731
+    start = lambda robot: ChildMachine(robot, faults=stuck if robot == NAME else ())  # noqa: E731
     arrived, sent, felt = [], [], []
-    with Machines({NAME: robots[NAME]}, {NAME: NAME}, start=start) as machines:
+    names = (NAME, BESIDE)
+    with Machines({n: robots[n] for n in names}, {n: n for n in names}, start=start) as machines:
         link, parts = machines.links[NAME], machines.parts
         link.reader._arrived = lambda s: arrived.append((time.monotonic(), s))
-        ready(NAME, link)
-        states, outbox = MachineStates(NAME, parts[NAME].home), Outbox(parts)
-        device = Together([Circles(), states])
+        for n in names:
+            ready(n, machines.links[n])
+        states, outbox = {n: MachineStates(n, parts[n].home) for n in names}, Outbox(parts)
+        device = Together([Circles(), *states.values()])
         world = console_scene.world(scene, members, device, records=False, watch=[outbox], haptics=True, parts=parts)
-        exchange, begin, pressed = Exchange(machines.links, {NAME: states}, outbox), time.monotonic(), -1.0
+        exchange, begin, pressed = Exchange(machines.links, states, outbox), time.monotonic(), -1.0
         begun = link.state.t
         while link.state is not None and link.state.t < times[-1] + EVERY:
             wait = begin + world.t - time.monotonic()

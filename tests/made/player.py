@@ -9,22 +9,35 @@ import numpy as np
 from made import headset_page as headset
 from made.console_page import PAD
 
+SEE = """
+window.player = {
+  tip: (side) => twin.app.fields.group.worldToLocal(twin.app.console.tip(side)).toArray(),
+  off: (side, goal) => {
+    const scope = twin.app.console.views.scope, tip = twin.app.console.tip(side), to = tip.clone().fromArray(goal);
+    scope.updateWorldMatrix(true, false);
+    twin.app.fields.group.localToWorld(to);
+    return scope.worldToLocal(to).sub(scope.worldToLocal(tip));
+  },
+};
+"""
+"""Script of a page: where a tip is in the World, and the way to a place in the picture: right, up, towards the lens."""
+
 STEER = (
     PAD
+    + SEE
     + """
 window.pad.connected = true;
 window.steer = {right: null, left: null};
-window.player = {
-  tip: (side) => twin.app.fields.group.worldToLocal(twin.app.console.tip(side)).toArray(),
+Object.assign(player, {
   left: {stick: 0, deeper: 12, nearer: 13, tapped: false, moved: []},
   right: {stick: 2, deeper: 3, nearer: 0, tapped: false, moved: []},
   press: (k, on) => { window.pad.buttons[k] = {pressed: on, value: Number(on)}; },
-};
+});
 (function steer() {
   requestAnimationFrame(steer);
   const c = window.twin?.app?.console;
   if (!c || !c.tip('right')) return;
-  const scope = c.views.scope, group = twin.app.fields.group, full = 0.08 * c.scale;
+  const full = 0.08 * c.scale;
   for (const side of ['right', 'left']) {
     const me = player[side], goal = window.steer[side];
     let way = [0, 0, 0], depth = 0;
@@ -32,12 +45,8 @@ window.player = {
     me.moved.push({number: c.pens.number, p: pen.p.clone()}); // a person feels how far the own hand has moved
     while (me.moved.length > 1 && me.moved[1].number <= heard) me.moved.shift();
     if (goal) {
-      const tip = c.tip(side), to = tip.clone().fromArray(goal);
-      group.localToWorld(to);
-      scope.worldToLocal(tip);
-      scope.worldToLocal(to);
-      tip.addScaledVector(pen.p.clone().sub(me.moved[0].p), c.scale); // of the motion that is not drawn yet
-      const off = to.sub(tip);
+      const off = player.off(side, goal);
+      off.addScaledVector(pen.p.clone().sub(me.moved[0].p), -c.scale); // of the motion that is not drawn yet
       const pace = Math.min(1, twin.app.model.console.rate); // slower hands for a slower World
       me.tapped = !me.tapped;
       depth = Math.abs(off.z) > 8e-3 * pace + 1e-3 || (Math.abs(off.z) > 1e-3 && me.tapped) ? Math.sign(off.z) : 0;
@@ -77,6 +86,12 @@ class Player:
         """Return the centre line (n + 1, 3) of a vessel."""
         rings = self.vertices(vessel).reshape(-1, 2, _SIDES + 1, 3)[:, :, -1]
         return np.vstack([rings[:, 0], rings[-1:, 1]])
+
+    def fundus(self, vessel):
+        """Return the vertex (3,) on top of the gallbladder that is farthest from where a vessel begins."""
+        v = self.vertices("gallbladder")
+        high = v[v[:, 2] > np.quantile(v[:, 2], 0.8)]
+        return high[np.argmax(np.linalg.norm(high - self.line(vessel)[0], axis=1))]
 
     def place(self, vessel, part):
         """Return the point (3,) at a part of the length of a vessel."""

@@ -5,9 +5,10 @@ from __future__ import annotations
 import hashlib
 import os
 import time
+import tomllib
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
-from functools import partial
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,6 +17,8 @@ from twin.api.robot import Progress, Robot, load, silent
 from twin.core.errors import TwinError
 
 if TYPE_CHECKING:
+    from twin.simulation.hazards.attacked import Arena
+    from twin.simulation.hazards.campaign import Campaign
     from twin.simulation.hazards.summary import Hazards
     from twin.simulation.hazards.trends import Trends
     from twin.simulation.machine.machine import Parts
@@ -23,6 +26,9 @@ if TYPE_CHECKING:
 
 FILE = "hazards.jsonl"
 """Name of the log in the folder of a campaign."""
+
+TRENDS = "trends"
+"""Name of the file of the paper's experiments in the robot's folder `campaigns`."""
 
 _POLL = 0.05
 """Time in s between two checks of the processes."""
@@ -93,25 +99,32 @@ def hazards(
     run = {"mode": s.mode, "overdrive": s.overdrive, "released": s.released.model_dump()}
     log = Log(folder / FILE, {"log": "twin-hazards", "version": 2, "robot": robot.name, "campaign": digest, **run})
     left = [i for i in range(len(plan)) if i not in log.rows][: len(plan) if sessions is None else sessions]
-    count = max(1, min(processes or os.cpu_count() or 1, len(left)))
-    streams: list[Stream[dict[str, Any]]] = []
+    count, many = max(1, min(processes or os.cpu_count() or 1, len(left))), len(left)
+    streams: list[Stream[dict[str, Any]]] = [Stream(outcomes) for _ in range(count if left else 0)]
+
+    def give(stream: Stream[dict[str, Any]]) -> None:
+        """Give a process its next sessions: fewer towards the end, so that all processes end together."""
+        size = -(-len(left) // (2 * count))
+        share, left[:size] = tuple(left[:size]), []
+        stream.start(Share(source or robot.name, str(path.resolve()), share, software))
+
     try:
-        for k in range(count if left else 0):
-            stream: Stream[dict[str, Any]] = Stream(outcomes)
-            streams.append(stream)
-            stream.start(Share(source or robot.name, str(path.resolve()), tuple(left[k::count]), software))
-        running, done = set(range(len(streams))), 0
+        for stream in streams:
+            give(stream)
+        running, done = list(streams), 0
         while running:
-            for k in sorted(running):
-                rows, state = streams[k].poll()
+            for stream in list(running):
+                rows, state = stream.poll()
                 for row in rows:
                     log.add(row)
                     done += 1
-                    progress(f"session {row['index']}", done / len(left))
+                    progress(f"session {row['index']}", done / many)
                 if state:
                     raise TwinError(f"a process of the campaign failed: {state}")
-                if state == "":
-                    running.discard(k)
+                if state == "" and left:
+                    give(stream)
+                elif state == "":
+                    running.remove(stream)
             time.sleep(_POLL)
     finally:
         for stream in streams:
@@ -128,12 +141,9 @@ def hazards(
 
 def outcomes(share: Share) -> Iterator[dict[str, Any]]:
     """Yield the line of each session of a share; this runs in a separate process."""
-    from twin.simulation.hazards.attacked import Arena, Session
-    from twin.simulation.hazards.campaign import load as load_campaign
+    from twin.simulation.hazards.attacked import Session
 
-    parts = share.software.parts(load(share.robot))
-    plan = load_campaign(Path(share.campaign), parts.places)
-    arena = Arena(parts, plan.adaptive)
+    plan, arena = _arena(share.robot, share.campaign, share.software)
     for index in share.indices:
         drawn = plan.draw(index)
         session = Session(
@@ -145,6 +155,17 @@ def outcomes(share: Share) -> Iterator[dict[str, Any]]:
         yield asdict(drawn) | asdict(found) | {"response": None if response is None else asdict(response)}
 
 
+@lru_cache(maxsize=1)
+def _arena(robot: str, campaign: str, software: Software) -> tuple[Campaign, Arena]:
+    """Return what all shares of a process have in common; compiled robot and runs of the model are kept."""
+    from twin.simulation.hazards.attacked import Arena
+    from twin.simulation.hazards.campaign import load as load_campaign
+
+    parts = software.parts(load(robot))
+    plan = load_campaign(Path(campaign), parts.places)
+    return plan, Arena(parts, plan.adaptive)
+
+
 def trends(robot: Robot, *, software: Software = _AS_FILED, progress: Progress = silent) -> Trends:
     """Run the second paper's experiments: deviation by motion scale, and a motor that is stuck every 8 s.
 
@@ -154,15 +175,22 @@ def trends(robot: Robot, *, software: Software = _AS_FILED, progress: Progress =
         progress: see `Progress`.
 
     Raises:
-        TwinError: see `machine_parts`.
+        TwinError: see `machine_parts`; or the robot's file `campaigns/trends.toml` is missing or malformed.
     """
+    from twin.simulation.hazards.trends import load as load_trends
     from twin.simulation.hazards.trends import trends
 
-    return trends(robot.name, software.parts(robot), progress)
+    table = load_trends(campaign_file(robot, TRENDS))
+    return trends(robot.name, software.parts(robot), table, progress)
 
 
 def campaign_file(robot: Robot, campaign: str | Path) -> Path:
-    """Return the path of a campaign; a name without suffix is a file in the robot's folder `campaigns`."""
+    """Return the path of a campaign; a name without suffix is a file in the robot's folder `campaigns`.
+
+    A file with the key `same_as` alone stands for another file.
+    """
     if Path(campaign).suffix or robot.files is None:
         return Path(campaign)
-    return robot.files.cad / "campaigns" / f"{campaign}.toml"
+    path = robot.files.cad / "campaigns" / f"{campaign}.toml"
+    known = tomllib.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
+    return (path.parent / known["same_as"]).resolve() if list(known) == ["same_as"] else path

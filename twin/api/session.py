@@ -99,7 +99,7 @@ def operate_machine(
     from twin.simulation.session import machine_run
 
     if scene.trainer is None:
-        raise TwinError(f"scene '{scene.name}' has no machines: add the table [trainer] to {scene.file.name}")
+        raise TwinError(f"scene '{scene.name}' has no machines: add a section [trainer] to {scene.file.name}")
     _require_scale(scale)
     if triangles < 1:
         raise TwinError(f"--trials {triangles}: the number of triangles must be at least 1")

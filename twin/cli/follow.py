@@ -4,13 +4,10 @@ from __future__ import annotations
 
 import argparse
 import asyncio
-import signal
-import threading
-import webbrowser
 from typing import TYPE_CHECKING
 
 from twin import api
-from twin.cli.address import Address, free_port
+from twin.cli.address import free_port
 from twin.core.errors import TwinError
 
 if TYPE_CHECKING:
@@ -60,27 +57,8 @@ def _mirror(robot: Robot, args: argparse.Namespace) -> Mirror:
 
 def _view(args: argparse.Namespace, port: int, mirror: Mirror) -> int:
     """Show the twin in a page of viser."""
-    from twin.ui.door.gate import Gate
+    from twin.cli.view import show_page
     from twin.ui.viewer.mirror import MirrorFront
-    from twin.ui.viewer.server import serve, stop
 
-    title = f"twin · {mirror.name}"
-    address = Address(args.host, port, False, mirror.name, "every connected client can look")
-    gate = Gate(args.host, port, False, address.say)
-    server, stopping, front = serve(title, args.host, port, gate), threading.Event(), None
-    signal.signal(signal.SIGINT, lambda *_: stopping.set())
-    try:
-        if not gate.open:
-            address.say("")
-            if not args.no_browser:
-                threading.Thread(target=webbrowser.open, args=(address.url,), daemon=True).start()
-        front = MirrorFront(title, mirror, server, stopping)
-        front.run()
-    finally:
-        signal.signal(signal.SIGINT, signal.default_int_handler)
-        if front is not None:
-            front.close()
-        else:
-            stop(server)
-    print()
-    return 0
+    advice, title = "every connected client can look", f"twin · {mirror.name}"
+    return show_page(args, mirror.name, port, advice, lambda server, end, _: MirrorFront(title, mirror, server, end))

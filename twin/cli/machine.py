@@ -49,7 +49,7 @@ def of_scene(scene: Scene, robots: Mapping[str, Robot], given: Sequence[str] | N
     where = running(given)
     if scene.trainer is None:
         if where:
-            raise TwinError(f"--machine: scene '{scene.name}' has no machines: add the table [trainer]")
+            raise TwinError(f"--machine: scene '{scene.name}' has no machines: add a section [trainer] to its file")
         return None
     started = [n for n in scene.trainer.robots if n not in where]
     if started:

@@ -24,7 +24,7 @@ def study(args: argparse.Namespace) -> int:
     from twin.validation.ranks import Ranks
 
     if not isinstance(found, Ranks):
-        raise TwinError("--out is for groups of users (a CSV file) or of sessions (NAME=FILE)")
+        raise TwinError("--out is for groups of users (a CSV file) or of sessions (GROUP=FILE)")
     return show.store(found, args, folder, ["users.csv"])
 
 
@@ -33,20 +33,20 @@ def _found(args: argparse.Namespace) -> Result:
     if not named:
         if len(args.subject) > 1:
             raise TwinError(
-                f"{len(args.subject)} subjects are given; give one, or groups of sessions as NAME=FILE: "
+                f"{len(args.subject)} subjects are given; give one, or groups of sessions as GROUP=FILE: "
                 f"first={args.subject[0]} last={args.subject[1]}"
             )
         return published.study(args.subject[0])
     if len(named) < len(args.subject):
         other = next(s for s in args.subject if s not in named)
-        raise TwinError(f"'{other}' has no group: give every session as NAME=FILE, such as first={other}")
+        raise TwinError(f"'{other}' has no group: give every session as GROUP=FILE, such as first={other}")
     from twin.api.learning import study_sessions
 
     groups: dict[str, list[str]] = {}
     for text in named:
         group, _, file = text.partition("=")
         if not group or not file:
-            raise TwinError(f"'{text}': give NAME=FILE, such as first=a.session")
+            raise TwinError(f"'{text}': give GROUP=FILE, such as first=a.session")
         groups.setdefault(group, []).append(file)
     with show.progress(args.quiet or args.json) as progress:
         return study_sessions(groups, progress)

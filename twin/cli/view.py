@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from twin.model.scene import Scene
     from twin.ui.viewer.console import ConsoleFront
     from twin.ui.viewer.front import Front
+    from twin.ui.viewer.loop import Loop
     from twin.ui.viewer.watch import WatchFront
 
     Page = Front | ConsoleFront | WatchFront
@@ -39,8 +40,38 @@ def view(args: argparse.Namespace) -> int:
     title, load = _what(args)
     if args.html is not None:
         assets.require_writable(Path(args.html).parent)
-    from twin.ui.door.gate import Gate
+    if args.html is not None:
+        return _write(load, title, port, args)
     from twin.ui.viewer.front import Front
+
+    def open_page(server: viser.ViserServer, stopping: threading.Event, local: bool) -> Page:
+        from twin.cli.terminal import Terminal
+
+        front = load(server, {"stopping": stopping, "local": local, "terminal": Terminal.here() if local else None})
+        if isinstance(front, Front):
+            front.load_soon()
+        return front
+
+    return show_page(args, title, port, _ADVICE, open_page)
+
+
+def show_page(
+    args: argparse.Namespace,
+    title: str,
+    port: int,
+    advice: str,
+    open_page: Callable[[viser.ViserServer, threading.Event, bool], Loop],
+) -> int:
+    """Show a page of viser until Ctrl-C.
+
+    Args:
+        args: options `host` and `no_browser`.
+        title: what is shown.
+        port: the port.
+        advice: what connected clients can do.
+        open_page: opens the page on a server, with an event that ends it, and whether only this computer can connect.
+    """
+    from twin.ui.door.gate import Gate
     from twin.ui.viewer.server import serve, stop
 
     front, stopping = None, threading.Event()
@@ -50,26 +81,16 @@ def view(args: argparse.Namespace) -> int:
         stopping.set()
         signal.signal(signal.SIGINT, signal.default_int_handler)
 
-    if args.html is None:
-        signal.signal(signal.SIGINT, end)
-    address = Address(args.host, port, False, title, _ADVICE)
-    gate = Gate(args.host, port, False, address.say if args.html is None else lambda token: None)
+    signal.signal(signal.SIGINT, end)
+    address = Address(args.host, port, False, title, advice)
+    gate = Gate(args.host, port, False, address.say)
     server = serve(f"twin · {title}", args.host, port, gate)
     try:
-        if args.html is not None:
-            front = load(server, {})
-            assert isinstance(front, Front)
-            return _page(front, Path(args.html), args.quiet)
         if not gate.open:
             address.say("")
             if not args.no_browser:  # the browser starts while the CAD is read
                 threading.Thread(target=webbrowser.open, args=(address.url,), daemon=True).start()
-        from twin.cli.terminal import Terminal
-
-        terminal = None if gate.open else Terminal.here()
-        front = load(server, {"stopping": stopping, "local": not gate.open, "terminal": terminal})
-        if isinstance(front, Front):
-            front.load_soon()
+        front = open_page(server, stopping, not gate.open)
         front.run()
     finally:
         signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -79,6 +100,24 @@ def view(args: argparse.Namespace) -> int:
             stop(server)
     print()
     return 0
+
+
+def _write(load: Callable[[viser.ViserServer, dict[str, Any]], Page], title: str, port: int, args: Any) -> int:
+    """Write a recording as a page in a file."""
+    from twin.ui.door.gate import Gate
+    from twin.ui.viewer.front import Front
+    from twin.ui.viewer.server import serve, stop
+
+    front, server = None, serve(f"twin · {title}", args.host, port, Gate(args.host, port, False, lambda token: None))
+    try:
+        front = load(server, {})
+        assert isinstance(front, Front)
+        return _page(front, Path(args.html), args.quiet)
+    finally:
+        if front is not None:
+            front.close()
+        else:
+            stop(server)
 
 
 def _what(

@@ -4,6 +4,9 @@ Each instruction of a function becomes a line that operates on a vector of `widt
 functions would process one lane at a time and be ten times slower. Therefore sine and cosine are written inline without
 branches, and the other functions are replaced as in `lower`. NaN and infinity follow IEEE 754, so that unreachable
 poses remain NaN. A product and a sum may be fused, which avoids a rounding.
+
+An exact kernel, of one lane, does none of this. It rounds after each operation and calls the functions of the C
+library, so that its numbers are those of CasADi's interpreter to the last bit.
 """
 
 from __future__ import annotations
@@ -17,11 +20,17 @@ import casadi as ca
 from twin.codegen.lower import lowered
 
 _ARITHMETIC = {
-    ca.OP_ADD: "fadd contract",
-    ca.OP_SUB: "fsub contract",
-    ca.OP_MUL: "fmul contract",
+    ca.OP_ADD: "fadd",
+    ca.OP_SUB: "fsub",
+    ca.OP_MUL: "fmul",
     ca.OP_DIV: "fdiv",
 }
+_LIBRARY = {
+    **{ca.OP_SIN: "sin", ca.OP_COS: "cos", ca.OP_TAN: "tan", ca.OP_ASIN: "asin", ca.OP_ACOS: "acos"},
+    **{ca.OP_ATAN: "atan", ca.OP_ATAN2: "atan2", ca.OP_HYPOT: "hypot"},
+}
+"""Functions of the C library that an exact kernel calls."""
+
 _COMPARED = {ca.OP_LT: "olt", ca.OP_LE: "ole", ca.OP_EQ: "oeq", ca.OP_NE: "une"}
 _INTRINSIC = {
     **{ca.OP_SQRT: "sqrt", ca.OP_FABS: "fabs", ca.OP_FLOOR: "floor", ca.OP_CEIL: "ceil", ca.OP_COPYSIGN: "copysign"},
@@ -79,8 +88,9 @@ class Stage:
 class _Writer:
     """Writer of the lines of an LLVM function that operates on vectors of `width` lanes."""
 
-    def __init__(self, width: int) -> None:
-        self.width = width
+    def __init__(self, width: int, exact: bool = False) -> None:
+        self.width, self.exact = width, exact
+        self.contract = "" if exact else "contract "
         self.V, self.B, self.I = (f"<{width} x {t}>" if width > 1 else t for t in ("double", "i1", "i64"))
         self.suffix = f"v{width}f64" if width > 1 else "f64"
         self.lines: list[str] = []
@@ -108,6 +118,10 @@ class _Writer:
     def intrinsic(self, name: str, *arguments: str) -> str:
         self.declared.add(f"declare {self.V} @llvm.{name}.{self.suffix}({', '.join([self.V] * len(arguments))})")
         return self.put(f"call {self.V} @llvm.{name}.{self.suffix}({', '.join(f'{self.V} {a}' for a in arguments)})")
+
+    def library(self, name: str, *arguments: str) -> str:
+        self.declared.add(f"declare double @{name}({', '.join(['double'] * len(arguments))}) nounwind memory(none)")
+        return self.put(f"call double @{name}({', '.join(f'double {a}' for a in arguments)})")
 
     def choose(self, condition: str, a: str, b: str) -> str:
         return self.put(f"select {self.B} {condition}, {self.V} {a}, {self.V} {b}")
@@ -149,7 +163,9 @@ class _Writer:
                 fixed[at[o[0]]] = number
                 continue
             a = [at[j] for j in i]
-            if op == ca.OP_DIV and _invertible(fixed.get(a[1], 0.0)):
+            if self.exact and op in _LIBRARY:
+                done = self.library(_LIBRARY[op], *a)
+            elif op == ca.OP_DIV and not self.exact and _invertible(fixed.get(a[1], 0.0)):
                 # A division takes as long as ten products, but its rounding error is half a unit smaller.
                 done = self.put(f"fmul contract {V} {a[0]}, {self.constant(1 / fixed[a[1]])}")
             elif op == ca.OP_DIV and reciprocals:
@@ -157,9 +173,9 @@ class _Writer:
                     inverse[a[1]] = self.put(f"fdiv {V} {one}, {a[1]}")
                 done = self.put(f"fmul contract {V} {a[0]}, {inverse[a[1]]}")
             elif op in _ARITHMETIC:
-                done = self.put(f"{_ARITHMETIC[op]} {V} {a[0]}, {a[1]}")
+                done = self.put(f"{_ARITHMETIC[op]} {'' if op == ca.OP_DIV else self.contract}{V} {a[0]}, {a[1]}")
             elif op in (ca.OP_SQ, ca.OP_TWICE):
-                done = self.put(f"{'fmul' if op == ca.OP_SQ else 'fadd'} contract {V} {a[0]}, {a[0]}")
+                done = self.put(f"{'fmul' if op == ca.OP_SQ else 'fadd'} {self.contract}{V} {a[0]}, {a[0]}")
             elif op == ca.OP_NEG:
                 done = self.put(f"fneg {V} {a[0]}")
             elif op == ca.OP_INV:
@@ -250,6 +266,7 @@ def emit(
     width: int,
     carried: Mapping[str, int],
     backwards: bool = False,
+    exact: bool = False,
 ) -> tuple[str, dict[str, int]]:
     """Return the LLVM assembly of `void kernel(i64 begin, i64 end, double **in, double **out, double *carry)`.
 
@@ -261,6 +278,7 @@ def emit(
         carried: count of numbers, by name, of arguments that are results of the previous sample. `carry` contains
             their initial values and, after the call, their final values.
         backwards: whether the loop runs from the last sample to the first sample.
+        exact: whether the numbers are those of CasADi to the last bit; for a width of 1.
 
     Returns:
         (text, count of numbers per sample of each output, by name).
@@ -268,7 +286,7 @@ def emit(
     Raises:
         ValueError: an operation is not supported, or a function is not an SX function.
     """
-    w = _Writer(width)
+    w = _Writer(width, exact)
     V = w.V
     head: list[str] = []
     known: dict[str, list[str]] = {n: [f"%c.{n}.{i}" for i in range(k)] for n, k in carried.items()}

@@ -65,7 +65,8 @@ class Kinematics(Compiled):
         out = self.program.inverse.one(T.ravel())
         q, misfit = out[:-1], out.item(-1)
         if seed is not None and np.shape(seed) == q.shape:
-            q[self.auxiliary] = np.asarray(seed)[self.auxiliary]
+            for i, _, _, _ in self.extra_joints:
+                q[i] = seed[i]  # pyright: ignore[reportIndexIssue]
         if not misfit <= POSE_TOL:
             raise KinematicsError(
                 f"{self.formula.name}: no values of {', '.join(self.formula.coordinates.names)} give this pose "

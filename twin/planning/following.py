@@ -177,7 +177,7 @@ class Follower:
         try:
             _, Ts = self._carrier.carry(line(self.q, goal)(np.linspace(0.0, 1.0, _STATIONS)), self._state)
         except AssemblyError as error:
-            raise ProtocolError(f"{where}: no path to its goal was found with closed loops: {error}") from error
+            raise ProtocolError(f"{where}: found no path to the goal that keeps the loops closed: {error}") from error
         return way(path.phase, self._kinematics, (self.q, goal), Ts[[0, -1]], where, self._progress)
 
     def _led_to(self, path: PhasePath, name: str, where: str) -> Array:

@@ -142,7 +142,7 @@ def _problem(item: Any, keys: Keys, value: Any, nodes: list[dict], data: Any) ->
     if kind == "union_tag_not_found":
         tag = context["discriminator"].strip("'")
         tags = [v for n in nodes for v in _choices(n.get("properties", {}).get(tag, {}))]
-        return f"the key {tag} is missing; allowed: {', '.join(tags)}"
+        return f"the key {tag} is missing; its value must be one of {', '.join(tags)}"
     if kind == "union_tag_invalid":
         known = re.findall(r"'([^']*)'", context["expected_tags"])
         return (

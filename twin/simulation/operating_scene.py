@@ -31,7 +31,7 @@ _LAST = {"provenance", "note"}
 
 @dataclass(frozen=True)
 class Field:
-    """What is operated on: the plant, and the deformables and objects that it moves."""
+    """What the tools touch: the contact simulation, and the deformables and objects that it moves."""
 
     plant: Operating
     deformables: Sequence[Deformable]

@@ -29,7 +29,8 @@ _FAMILY = {"usda": "usd", "usdc": "usd", "gltf": "glb", "csv": "tracks"}
 
 
 _ZERO = 1e-6
-"""Magnitude up to which a ratio counts as zero, after each row is divided by its largest ratio (single precision)."""
+"""Transmission ratios up to this magnitude count as zero, after each row of the matrix is divided by its largest
+entry: files store single precision."""
 
 
 def _number(a: float, b: float) -> float:

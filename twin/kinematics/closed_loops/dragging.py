@@ -87,7 +87,7 @@ class Dragged:
     """Result of a motion.
 
     Attributes:
-        q, u: active joints (n,) and unknowns (numbers,) that were reached; see `Closed.states`.
+        q, u: active joints (n,) and loop unknowns (m,) that were reached; see `Closed.states`.
         stops: bounds that block the motion.
         singular: name of the part that is singular, such as "loop r13" or "tool"; "" if there is none.
         more: whether time ran out before the target was reached.

@@ -115,8 +115,8 @@ def told(why: Why, value: float, bounds: Bounds, robot: str) -> str:
     again = "rehearse again"
     return {
         Why.NOTHING: "",
-        Why.NO_RECORD: "there is no record: rehearse first",
-        Why.NOT_JUDGED: "the record was not judged good: rehearse again",
+        Why.NO_RECORD: f"there is no record of {robot}: rehearse first",
+        Why.NOT_JUDGED: f"the record of {robot} was not judged good: rehearse again",
         Why.NOT_READY: f"{robot} is not ready (run level {Level(int(value)).name if 0 <= value <= 3 else value}): "
         "press its start button, and wait for PEDAL_UP",
         Why.TOO_FAST: f"the rehearsed tip moved with {value / MM:.0f} mm/s (limit {bounds.rehearsed / MM:.0f}): "

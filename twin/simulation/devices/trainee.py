@@ -1,8 +1,8 @@
-"""A simulated trainee at the console of a machine: teleoperates, rehearses, judges, and replays on the machine."""
+"""A simulated trainee at the console of machines: teleoperates, rehearses, judges, and replays on the machines."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -23,21 +23,21 @@ class Trainee(SurgeonHands):
     """Both hands make the same strokes; a device that also writes `pedals.training`.
 
     The exercise: closed triangles by teleoperation; an open motion in the model alone; its judgement; its replay on the
-    machine; and a second replay from where the first has ended, which has to be refused. It ends with teleoperation.
+    machines; and a second replay from where the first has ended, which has to be refused. It ends with teleoperation.
 
     Attributes:
         doing, done: what the trainee does now, and the fraction of the exercise.
     """
 
-    def __init__(self, machine: str, triangles: int, **console: Any) -> None:
+    def __init__(self, machines: Iterable[str], triangles: int, **console: Any) -> None:
         """Prepare the exercise.
 
         Args:
-            machine: name of the machine, whose phase the trainee sees.
+            machines: names of the machines, whose phases the trainee sees.
             triangles: number of triangles by teleoperation.
             console: arguments of `SurgeonHands`.
         """
-        self._machine, self._triangles, self._mode = machine, triangles, Mode.TELEOPERATE
+        self._phases, self._triangles, self._mode = [f"{n}.phase" for n in machines], triangles, Mode.TELEOPERATE
         self.doing, self.done = "teleoperate", 0.0
         super().__init__(**console)
 
@@ -81,6 +81,6 @@ class Trainee(SurgeonHands):
 
     def _until(self, *phases: Phase) -> Iterator[None]:
         for _ in range(round(_WAIT / self.dt)):
-            if self._signals[f"{self._machine}.phase"][0] in phases:
+            if all(self._signals[name][0] in phases for name in self._phases):
                 return
             yield

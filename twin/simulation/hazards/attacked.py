@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -35,7 +36,7 @@ _SETTLED = 100
 """Ticks after a stop, after which the brakes have brought the arm to rest: the outcome no longer changes."""
 
 _ROUND = 2000
-"""The model runs for a multiple of this number of packets, so that few sessions need more than what it has run."""
+"""The model runs for a multiple of this number of packets, so that it is seldom asked for more."""
 
 _LONGEST = 12.0
 """Longest time in s of a session with a trainee."""
@@ -145,7 +146,7 @@ class Arena:
     def __init__(self, parts: Parts, adaptive: Adaptive) -> None:
         """Take what machine and model are made of, and the adaptive limit."""
         self._parts, self._adaptive, self.cue = parts, adaptive, Cue()
-        self._models: dict[float, Trace] = {}
+        self._models: dict[float, tuple[Run, Trace]] = {}
 
     def run(self, session: Session) -> Outcome:
         """Return the outcome of a session without a response."""
@@ -237,42 +238,70 @@ class Arena:
         return self._parts.kin.forward_many(q)[:, :3, 3]
 
     def _model(self, scale: float, packets: int) -> Trace:
-        known = self._models.get(scale)
-        if known is None or len(known.q) < packets:
-            whole = _ROUND * -(-packets // _ROUND)
-            known = self._models[scale] = trace(self._parts, Hand(self._parts.settings, scale), whole, whole)
+        if scale not in self._models:
+            run = Run(self._parts, Hand(self._parts.settings, scale))
+            self._models[scale] = run, run.trace
+        run, known = self._models[scale]
+        if len(known.q) < packets:
+            run.go(_ROUND * -(-packets // _ROUND), packets)
+            known = run.trace
+            self._models[scale] = run, known
         return known
+
+
+class Run:
+    """A machine under a hand, from the first packet on; it can go on where it is.
+
+    Attributes:
+        machine: the machine.
+    """
+
+    def __init__(self, parts: Parts, hand: Hand, physics: Physics | None = None, faults: Sequence[Fault] = ()) -> None:
+        """Switch the machine on and let it home.
+
+        Args:
+            parts: what the machine is made of.
+            hand: makes the packets.
+            physics: parameters of the plant; None: those of the model.
+            faults: faults of the machine.
+        """
+        self.machine, self._hand, self._stands = Machine(parts, physics=physics, faults=faults), hand, 0
+        self._rows: tuple[list[Any], ...] = ([], [], [], [])
+        self.machine.step(0.0)
+        self.machine.start()
+        for k in range(1, _HOMED + 1):
+            self.machine.step(k * TICK)
+
+    def __len__(self) -> int:
+        return len(self._rows[0])
+
+    def go(self, packets: int, settled: int) -> None:
+        """Go on to a number of packets, or until a stop has settled the outcome, from packet `settled` on."""
+        m, (q, measured, levels, read) = self.machine, self._rows
+        for number in range(len(self) + 1, packets + 1):
+            m.step((_HOMED + number) * TICK, [(self._hand.packet(number), "operator")])
+            q.append(m.plant.q)
+            measured.append(m.q)
+            levels.append(m.plc.level)
+            read.append(m.level)
+            self._stands = self._stands + 1 if m.plc.level == Level.E_STOP else 0
+            if self._stands > _SETTLED and number >= settled:
+                break
+
+    @property
+    def trace(self) -> Trace:
+        """What the machine did so far."""
+        q, measured, levels, read = map(np.array, self._rows)
+        return Trace(q, measured, levels, read, self.machine)
 
 
 def trace(
     parts: Parts, hand: Hand, packets: int, settled: int, physics: Physics | None = None, faults: Sequence[Fault] = ()
 ) -> Trace:
-    """Run a machine under a hand for a number of packets, or until its outcome is settled.
-
-    Args:
-        parts: what the machine is made of.
-        hand: makes the packets.
-        packets: number of packets.
-        settled: number of the packet from which on a stop settles the outcome.
-        physics: parameters of the plant; None: those of the model.
-        faults: faults of the machine.
-    """
-    machine = Machine(parts, physics=physics, faults=faults)
-    q, measured, levels, read, stands = [], [], [], [], 0
-    machine.step(0.0)
-    machine.start()
-    for k in range(1, _HOMED + packets + 1):
-        number = k - _HOMED
-        machine.step(k * TICK, [(hand.packet(number), "operator")] if number > 0 else [])
-        if number > 0:
-            q.append(machine.plant.q)
-            measured.append(machine.q)
-            levels.append(machine.plc.level)
-            read.append(machine.level)
-            stands = stands + 1 if machine.plc.level == Level.E_STOP else 0
-            if stands > _SETTLED and number >= settled:
-                break
-    return Trace(np.array(q), np.array(measured), np.array(levels), np.array(read), machine)
+    """Run a machine under a hand for a number of packets, or until its outcome is settled; see `Run`."""
+    run = Run(parts, hand, physics, faults)
+    run.go(packets, settled)
+    return run.trace
 
 
 def _off(true: Array, path: Array, far: np.ndarray) -> np.ndarray:

@@ -2,21 +2,27 @@
 
 Without a fault: the deviation of machine and model by motion scale. With one: every 8 s after the pedal, the command of
 the first motor is stuck for 300 cycles, four times. The paper's robot, its gains, motion and stuck value are not
-published: trends can be compared, numbers cannot.
+published: trends can be compared, numbers cannot. The experiments are data: cad/raven_left/campaigns/trends.toml.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass
-from typing import Any
+from pathlib import Path
+from typing import Annotated, Any
 
 import numpy as np
+from pydantic import Field
 
+from twin.core.errors import DescriptionError
 from twin.core.findings import Finding
-from twin.core.result import Part, Result, Table
+from twin.core.result import Part, Result
+from twin.core.result import Table as Grid
 from twin.core.spatial import Array
+from twin.schema import Table, error_at, load_toml
 from twin.simulation.hazards.attacked import HARM, Trace, trace
+from twin.simulation.hazards.campaign import Quantity
 from twin.simulation.hazards.fault import Fault
 from twin.simulation.hazards.hand import Hand, wander
 from twin.simulation.machine.levels import Level
@@ -26,28 +32,60 @@ from twin.simulation.machine.plant import TICK
 PUBLISHED = (2.43, 1.72)
 """Mean and spread of the paper's fault-free error over its motion scales; the unit, mm, follows from its 3 mm limit."""
 
-SCALES = (0.05, 0.10, 0.15, 0.20)
-"""Motion scales of the paper."""
-
-SCALE = 0.10
-"""Motion scale of the paper's fault experiment."""
-
-_FREE = 10_000
-"""Packets of a fault-free run."""
-
-_EVERY, _CYCLES, _TIMES = 8000, 300, 4
-"""Period and duration of the paper's fault in packets, and how often it comes."""
-
-_WATCHED = 1000
-"""Packets after a fault in which its jump is looked for."""
-
-_SHARES = (0.0, 0.1, 0.2, 0.25, 0.3, 0.35, 0.4, 1.0)
-"""Stuck values, as shares of the motor's limit."""
-
-_MASS, _FRICTION, _SEED = 1.1, 1.3, 1
-"""Factors of the machine's masses and friction, and seed of the hand's motion. ASSUMED."""
+_NUMBERS = {2: "two", 3: "three", 4: "four", 5: "five"}
 
 _MM = 1e3
+
+_Share = Annotated[float, Field(ge=-1, le=1)]
+_Count = Annotated[int, Field(gt=0)]
+_Scale = Annotated[float, Field(gt=0, le=1)]
+
+
+class HandTable(Table):
+    """Runs with one motion of the hand: its seed, and stuck values as shares of the motor's limit."""
+
+    seed: Annotated[int, Field(ge=0)]
+    shares: list[_Share] = Field(min_length=1)
+
+
+class StuckTable(Table):
+    """The first motor is stuck for `cycles`, every `every` packets after the pedal, `times` times."""
+
+    scale: _Scale
+    every: _Count
+    cycles: _Count
+    times: _Count
+    watched: _Count
+    hand: list[HandTable] = Field(min_length=1)
+
+
+class TrendsTable(Table):
+    """The file of the experiments: see cad/raven_left/campaigns/trends.toml."""
+
+    title: str
+    source: str
+    scales: list[_Scale] = Field(min_length=1)
+    free: _Count
+    free_hand: Annotated[int, Field(ge=0)]
+    mass: Quantity
+    friction: Quantity
+    stuck: StuckTable
+
+
+def load(path: Path) -> TrendsTable:
+    """Read the file of the experiments.
+
+    Raises:
+        DescriptionError: the file does not exist, is invalid, or a fault is longer than its period; the message has
+            file, line, key and value.
+    """
+    if not path.is_file():
+        raise DescriptionError(f"{path}: the file does not exist; cad/raven_left/campaigns/trends.toml is one")
+    table = load_toml(path, TrendsTable)
+    if table.stuck.cycles >= table.stuck.every:
+        text = f"{table.stuck.cycles} cycles are not shorter than the period, {table.stuck.every} packets"
+        raise error_at(path, ("stuck", "cycles"), text)
+    return table
 
 
 @dataclass(frozen=True)
@@ -65,6 +103,7 @@ class StuckRow:
     """What a stuck command did.
 
     Attributes:
+        hand: seed of the motion of the hand.
         counts: the stuck command.
         peaks: largest deviation in mm during each fault and the second after it, until the arm was stopped.
         jumps: how many of them are more than `HARM`.
@@ -72,6 +111,7 @@ class StuckRow:
         check: which one.
     """
 
+    hand: int
     counts: float
     peaks: list[float]
     jumps: int
@@ -86,7 +126,8 @@ class Trends(Result):
     Attributes:
         robot, motor: names of the robot and of its first motor.
         scales, stuck: rows of the tables.
-        curves: deviation (k,) in mm in each tick of the run with a stuck command, by its counts.
+        curves: deviation (k,) in mm in each tick of the run with a stuck command, by seed of the hand and counts.
+        table: the file of the experiments.
     """
 
     kind = "trends"
@@ -95,7 +136,8 @@ class Trends(Result):
     motor: str
     scales: Sequence[ScaleRow]
     stuck: Sequence[StuckRow]
-    curves: dict[float, Array]
+    curves: dict[tuple[int, float], Array]
+    table: TrendsTable
 
     @property
     def findings(self) -> tuple[Finding, ...]:
@@ -108,9 +150,10 @@ class Trends(Result):
         return bool((np.diff([r.mean for r in self.scales]) > 0).all())
 
     @property
-    def as_published(self) -> list[float]:
-        """Stuck values with a jump in each fault and a stop at the last, as in the paper."""
-        return [r.counts for r in self.stuck if r.jumps == _TIMES and r.stopped == _TIMES]
+    def as_published(self) -> list[StuckRow]:
+        """Runs with a jump in each fault and a stop at the last, as in the paper."""
+        times = self.table.stuck.times
+        return [r for r in self.stuck if r.jumps == times and r.stopped == times]
 
     def content(self) -> dict[str, Any]:
         """Return plain data."""
@@ -120,7 +163,7 @@ class Trends(Result):
             "scales": [asdict(r) for r in self.scales],
             "stuck": [asdict(r) for r in self.stuck],
             "grows_with_scale": self.grows,
-            "as_published": self.as_published,
+            "as_published": [asdict(r) for r in self.as_published],
         }
 
     def text(self) -> Iterator[Part]:
@@ -128,14 +171,16 @@ class Trends(Result):
         yield f"{self.robot} · the paper's experiments with an ASSUMED plant: trends, not numbers"
         yield "\nDeviation without a fault by motion scale"
         rows = [(f"{r.scale:g}", f"{r.mean:.3f}", f"{r.spread:.3f}", f"{r.peak:.3f}") for r in self.scales]
-        yield Table(("motion scale", "mean mm", "spread mm", "largest mm"), rows)
+        yield Grid(("motion scale", "mean mm", "spread mm", "largest mm"), rows)
         word = "grows" if self.grows else "does not grow"
         yield f"  it {word} with the scale; in the paper it grows, {PUBLISHED[0]} ± {PUBLISHED[1]} mm over these scales"
-        yield f"\n{self.motor} stuck for {_CYCLES} cycles every {_EVERY * TICK:g} s, motion scale {SCALE:g}"
-        yield Table(
-            ("stuck at counts", "peaks mm", f"jumps > {HARM:g} mm", "stopped at fault", "check"),
+        t = self.table.stuck
+        yield f"\n{self.motor} stuck for {t.cycles} cycles every {t.every * TICK:g} s, motion scale {t.scale:g}"
+        yield Grid(
+            ("hand", "stuck at counts", "peaks mm", f"jumps > {HARM:g} mm", "stopped at fault", "check"),
             [
                 (
+                    str(r.hand),
                     f"{r.counts:.0f}",
                     ", ".join(f"{p:.2f}" for p in r.peaks),
                     str(r.jumps),
@@ -145,42 +190,44 @@ class Trends(Result):
                 for r in self.stuck
             ],
         )
-        same = ", ".join(f"{c:.0f}" for c in self.as_published)
-        yield f"  four jumps and a stop at the last, as in the paper: {f'stuck at {same} counts' if same else 'none'}"
-        yield f"  ASSUMED masses times {_MASS:g}, friction times {_FRICTION:g}, motion of the hand, stuck values"
+        same = ", ".join(f"hand {r.hand} stuck at {r.counts:.0f} counts" for r in self.as_published)
+        count = _NUMBERS.get(t.times, str(t.times))
+        yield f"  {count} jumps and a stop at the last, as in the paper: {same or 'none'}"
+        for name, q in (("masses", self.table.mass), ("friction", self.table.friction)):
+            yield f"  {q.provenance} {name} times {q.value:g}: {q.note}"
+        yield "  ASSUMED motions of the hand and stuck values: not published"
 
 
-def trends(robot: str, parts: Parts, progress: Callable[[str, float], None]) -> Trends:
+def trends(robot: str, parts: Parts, table: TrendsTable, progress: Callable[[str, float], None]) -> Trends:
     """Run both experiments; it takes some 30 s of processor time."""
-    settings, steps = parts.settings, len(SCALES) + len(_SHARES)
-    physics = parts.plant.physics.changed(_MASS, _FRICTION)
+    settings, t = parts.settings, table.stuck
+    steps = len(table.scales) + sum(len(hand.shares) for hand in t.hand)
+    physics = parts.plant.physics.changed(table.mass.value, table.friction.value)
 
-    def hand(scale: float) -> Hand:
-        return Hand(settings, scale, wander(_SEED))
+    def hand(scale: float, seed: int) -> Hand:
+        return Hand(settings, scale, wander(seed))
 
     scales = []
-    for i, scale in enumerate(SCALES):
+    for i, scale in enumerate(table.scales):
         progress(f"motion scale {scale:g}", (i + 1) / (steps + 1))
-        apart = _apart(
-            parts,
-            trace(parts, hand(scale), _FREE, _FREE, physics),
-            trace(parts, hand(scale), _FREE, _FREE),
-        )
+        both = (trace(parts, hand(scale, table.free_hand), table.free, table.free, p) for p in (physics, None))
+        apart = _apart(parts, *both)
         scales.append(ScaleRow(scale, float(apart.mean()), float(apart.std()), float(apart.max())))
-    packets = _EVERY * _TIMES + _CYCLES + _WATCHED
-    model = trace(parts, hand(SCALE), packets, packets)
+    packets = t.every * t.times + t.cycles + t.watched
     motor = settings.of_motors(parts.arm.mechanism)[0]
     limit = getattr(motor.dac, settings.mode)
+    begins = [t.every * (n + 1) for n in range(t.times)]
     stuck, curves = [], {}
-    for i, share in enumerate(_SHARES):
-        counts = share * limit
-        progress(f"stuck at {counts:.0f} counts", (len(SCALES) + i + 1) / (steps + 1))
-        begins = [_EVERY * (n + 1) for n in range(_TIMES)]
-        faults = [Fault("dac", b, b + _CYCLES, "overwrite", counts, 0, counts=True) for b in begins]
-        run = trace(parts, hand(SCALE), packets, 1, physics, faults)
-        apart = curves[counts] = _apart(parts, run, model)
-        stuck.append(_row(counts, apart, run, begins))
-    return Trends(robot, motor.name, scales, stuck, curves)
+    for one in t.hand:
+        model = trace(parts, hand(t.scale, one.seed), packets, packets)
+        for share in one.shares:
+            counts = share * limit
+            progress(f"stuck at {counts:.0f} counts", (len(scales) + len(stuck) + 1) / (steps + 1))
+            faults = [Fault("dac", b, b + t.cycles, "overwrite", counts, 0, counts=True) for b in begins]
+            run = trace(parts, hand(t.scale, one.seed), packets, 1, physics, faults)
+            apart = curves[one.seed, counts] = _apart(parts, run, model)
+            stuck.append(_row(one.seed, counts, apart, run, begins, t.cycles + t.watched))
+    return Trends(robot, motor.name, scales, stuck, curves, table)
 
 
 def _apart(parts: Parts, run: Trace, model: Trace) -> Array:
@@ -193,9 +240,9 @@ def _apart(parts: Parts, run: Trace, model: Trace) -> Array:
     return np.linalg.norm(parts.kin.forward_many(run.q)[:, :3, 3] - wanted, axis=1) * _MM
 
 
-def _row(counts: float, apart: Array, run: Trace, begins: list[int]) -> StuckRow:
-    windows = [apart[b - 1 : b - 1 + _CYCLES + _WATCHED] for b in begins]
+def _row(hand: int, counts: float, apart: Array, run: Trace, begins: list[int], watched: int) -> StuckRow:
+    windows = [apart[b - 1 : b - 1 + watched] for b in begins]
     peaks = [float(w.max()) for w in windows if len(w)]
     stops = np.flatnonzero(run.levels == Level.E_STOP)
     at = int(sum(b <= stops[0] + 1 for b in begins)) if len(stops) else None
-    return StuckRow(counts, peaks, sum(p > HARM for p in peaks), at, run.machine.reason if len(stops) else "")
+    return StuckRow(hand, counts, peaks, sum(p > HARM for p in peaks), at, run.machine.reason if len(stops) else "")

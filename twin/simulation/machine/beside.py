@@ -7,11 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from twin.core.spatial import Array
 from twin.simulation.controllers.cue import Cue
+from twin.simulation.machine.comparison import Comparison
 from twin.simulation.machine.levels import Level
 from twin.simulation.machine.machine import Machine
-from twin.simulation.machine.plant import TICK
 
 
 class Beside:
@@ -19,19 +18,15 @@ class Beside:
 
     Attributes:
         machine, model: both.
-        cue: the equation of the force.
-        tips: (2, 3) tips of machine and model in base, m, as their encoders measure them.
-        joints: (n,) joint values of the model minus those of the machine, rad or m.
+        compared: both as their encoders measure them.
         force: (3,) force of the cue in base, N; 0 unless both are in PEDAL_DN.
     """
 
     def __init__(self, machine: Machine, cue: Cue | None = None) -> None:
         """Start at the machine's joint values, in E_STOP; without a cue, one with its default parameters."""
-        self.machine, self.cue = machine, cue or Cue()
+        self.machine = machine
         self.model = Machine(machine.parts, q=machine.plant.q)
-        self.joints, self.force = np.zeros_like(machine.q), np.zeros(3)
-        self.tips = self._tips()
-        self._speeds = np.zeros((2, 3))
+        self.compared, self.force = Comparison(machine.parts, cue or Cue(), machine.q), np.zeros(3)
 
     def start(self) -> None:
         """Press the start button of both."""
@@ -43,20 +38,12 @@ class Beside:
         packets = list(packets)
         back = self.machine.step(t, packets)
         self.model.step(t, packets)
-        before, self.tips = self.tips, self._tips()
-        share = self.machine.filter_share
-        self._speeds = self._speeds + share * ((self.tips - before) / TICK - self._speeds)
-        self.joints = self.model.q - self.machine.q
+        self.compared.step(self.machine.q, self.model.q)
         both = self.machine.level == self.model.level == Level.PEDAL_DN
-        dp, dv = self.tips[1] - self.tips[0], self._speeds[1] - self._speeds[0]
-        self.force = self.cue.force(dp, dv) if both else np.zeros(3)
+        self.force = self.compared.force if both else np.zeros(3)
         return back
 
     @property
     def deviation(self) -> float:
         """Distance of both tips in m."""
-        return float(np.linalg.norm(self.tips[1] - self.tips[0]))
-
-    def _tips(self) -> Array:
-        forward = self.machine.parts.kin.forward
-        return np.array([forward(self.machine.q)[:3, 3], forward(self.model.q)[:3, 3]])
+        return self.compared.deviation

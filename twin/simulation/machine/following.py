@@ -8,6 +8,7 @@ import numpy as np
 
 from twin.core.spatial import Array
 from twin.simulation.dynamics.arm import Arm
+from twin.simulation.machine.arithmetic import Arithmetic
 from twin.simulation.machine.plant import Physics, Plant
 from twin.simulation.machine.servo import Servo, compensation
 from twin.simulation.machine.settings import Settings
@@ -44,7 +45,8 @@ def follow(arm: Arm, settings: Settings, q: Array, qd: Array, plant: Plant | Non
     mechanism = arm.mechanism
     if plant is None:
         plant = Plant(arm, Physics.of(arm, settings.coulomb(mechanism)))
-    servo, gravity = Servo(settings, mechanism, "advanced", "soft"), compensation(settings, mechanism)
+    servo = Servo(settings, mechanism, Arithmetic.of(settings, mechanism), "advanced", "soft")
+    gravity = compensation(settings, mechanism)
     plant.reset(q[0])
     rest = ((q[-1], np.zeros(q.shape[1])) for _ in range(_AFTER))
     out = []

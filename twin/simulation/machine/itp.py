@@ -20,7 +20,7 @@ from __future__ import annotations
 
 import math
 import struct
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -34,12 +34,13 @@ _FIRST = struct.Struct("<I")
 FIELDS = ("x", "y", "z", "qw", "qx", "qy", "qz", "grasp", "pedal")
 """Names of the numbers of `Packet.values`."""
 
+_HALF = 2**31
+
 _UNIT = 1e-3
 """Largest accepted difference of a quaternion's length from 1."""
 
 
-@dataclass(frozen=True)
-class Packet:
+class Packet(NamedTuple):
     """The part of a packet that concerns one arm.
 
     Attributes:
@@ -54,7 +55,7 @@ class Packet:
 def checksum(numbers: tuple[float, ...]) -> int:
     """Return the checksum of the 22 numbers of a packet before it, as a signed 32-bit number."""
     total = int(numbers[21] + sum(numbers[3:9]) + numbers[17] + numbers[18] + numbers[0])
-    return (total + 2**31) % 2**32 - 2**31
+    return (total + _HALF) % (2 * _HALF) - _HALF
 
 
 def pack(sequence: int, arm: int, values: Array, version: int = 0) -> bytes:
@@ -92,15 +93,15 @@ def unpack(data: bytes, arm: int, version: int) -> Packet:
     numbers = PACKET.unpack(data)
     if numbers[2] != version:
         raise DeviceError(f"the version is {numbers[2]}; it must be {version}")
-    if numbers[22] != checksum(numbers):
-        raise DeviceError(f"the checksum is {numbers[22]}; it must be {checksum(numbers)}")
+    if numbers[22] != (right := checksum(numbers)):
+        raise DeviceError(f"the checksum is {numbers[22]}; it must be {right}")
     if numbers[21] not in (0, 1):
         raise DeviceError(f"the surgeon mode is {numbers[21]}; it must be 0 (pedal up) or 1 (pedal down)")
-    steps, turn = numbers[3 + arm : 9 : 2], np.array(numbers[9 + arm : 17 : 2])
-    if not turn.any():
-        turn[3] = 1.0
+    x, y, z, w = turn = numbers[9 + arm : 17 : 2]
     length = math.hypot(*turn)
-    if not abs(length - 1) <= _UNIT:
+    if length == 0:
+        w = length = 1.0
+    elif not abs(length - 1) <= _UNIT:
         raise DeviceError(f"the quaternion of arm {arm} has length {length:g}; it must be 1 ± {_UNIT:g}, or all 0")
-    turn /= length
-    return Packet(numbers[0], np.array([*steps, turn[3], *turn[:3], numbers[19 + arm], numbers[21]]))
+    turned = w / length, x / length, y / length, z / length
+    return Packet(numbers[0], np.array([*numbers[3 + arm : 9 : 2], *turned, numbers[19 + arm], numbers[21]], float))

@@ -20,6 +20,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
+from operator import le
 from typing import Any
 
 import numpy as np
@@ -30,6 +31,7 @@ from twin.core.spatial import Array
 from twin.kinematics import Kinematics
 from twin.simulation.dynamics.arm import Arm
 from twin.simulation.hazards.fault import Fault
+from twin.simulation.machine.arithmetic import Arithmetic
 from twin.simulation.machine.itp import FIELDS, Packet
 from twin.simulation.machine.levels import Level, Plc, Reader
 from twin.simulation.machine.plant import TICK, Physics, Plant
@@ -57,6 +59,9 @@ LOSABLE = ("wire", "packet")
 BYTES = 27
 """Length of a packet of the USB board; the software ignores a read of any other length (uw-biorobotics/raven2)."""
 
+_ON = (Level.INIT, Level.PEDAL_DN)
+"""Run levels at which the motors are on."""
+
 _MICRO = 1e-6
 
 _HOMED = (0.02, 5e-3, 5e-4)
@@ -78,6 +83,7 @@ class Parts:
         kin: the equations, with a closed inverse.
         settings: motors, gains and limits.
         plant: a plant with the physics that the files state.
+        arithmetic: the control software's arithmetic with the gains of the settings.
         gravity: efforts (n,) of the gravity compensation at joints (n,).
         home: (n,) joint values of the posture home.
     """
@@ -86,6 +92,7 @@ class Parts:
     kin: Kinematics
     settings: Settings
     plant: Plant
+    arithmetic: Arithmetic
     gravity: Callable[[Array], Array]
     home: Array
 
@@ -110,7 +117,9 @@ class Parts:
             raise WorldError(f"{m.name} has no posture 'home', to which a machine moves at its start")
         require_stable(arm, settings, m.posture("home"))
         plant = Plant(arm, Physics.of(arm, settings.coulomb(m)))
-        return cls(arm, kin, settings, plant, compensation(settings, m), m.posture("home"))
+        for equation in (kin.program.forward, kin.program.inverse):
+            equation.compile_one()
+        return cls(arm, kin, settings, plant, Arithmetic.of(settings, m), compensation(settings, m), m.posture("home"))
 
 
 class Machine:
@@ -126,7 +135,6 @@ class Machine:
         wanted: (n,) desired joint values.
         dac: (n,) counts of the DAC that the motors get.
         held: number of packets whose target was out of reach; the arm kept the last one within reach.
-        filter_share: share of a difference that its low-pass takes over in one tick.
     """
 
     def __init__(
@@ -156,7 +164,8 @@ class Machine:
                 raise WorldError(
                     f"fault of {fault.signal}: {fault.operation} is for packets; give hold for other signals"
                 )
-        self.parts, s, m = parts, parts.settings, parts.arm.mechanism
+        self.parts, s = parts, parts.settings
+        self._mechanism = m = parts.arm.mechanism
         self._faults = {name: [f for f in faults if f.signal == name] for name in LOCATIONS}
         self._wire = Wire(self._faults["wire"])
         self.plant = parts.plant.another(physics)
@@ -166,22 +175,20 @@ class Machine:
         self._free, self._braked = own, replace(own, coulomb=own.coulomb + brakes)
         self.plc, self._reader = Plc(s.number.plc_timeout.value), Reader(int(s.number.equal_cycles.value))
         self.receiver = Receiver(s.arm, s.packet_version, s.number.master_timeout.value)
-        self.servo = Servo(s, m, s.mode, s.overdrive)
+        self.servo = Servo(s, m, parts.arithmetic, s.mode, s.overdrive)
         self.level, self.t, self.tick, self.held = Level.E_STOP, float("-inf"), 0, 0
         self._bit = self._initialised = self._pedal = False
-        turn = s.number.counts_per_turn.value / (2 * np.pi)  # counts per rad
-        self._count, self._read = 1 / turn, 1 / (int(turn) if s.released.whole_counts else turn)
+        self._count = 1 / (s.number.counts_per_turn.value / (2 * np.pi))
         self._counts = np.zeros(len(m.active))
         T = m.motor_matrix
         one_way = (T != 0) & (T.T == 0)  # the motor of another joint, whose cable runs over this joint
         self._rates_of = np.where(one_way, 0.0, T) if s.released.rates_without_coupling else T
-        self.filter_share = 1 - np.exp(-2 * np.pi * s.number.velocity_cutoff.value * TICK)
-        self._limits = np.array([j.limits or (-np.inf, np.inf) for j in m.active]).T
+        self._low, self._high = np.array([j.limits or (-np.inf, np.inf) for j in m.active]).T.tolist()
         self._angles = np.array([j.is_angle for j in m.active])
-        self._fast = self._angles & (brakes > 0)
+        self._fast = np.flatnonzero(self._angles & (brakes > 0)).tolist()
         self._close = np.where(brakes == 0, _HOMED[0], np.where(self._angles, *_HOMED[1:]))
         self._still = np.where(brakes == 0, np.inf, np.where(self._angles, *_STILL))
-        self._grasped = parts.kin.auxiliary
+        self._grasped = np.flatnonzero(parts.kin.auxiliary).tolist()
         n = len(m.active)
         self._motors, self._speeds, self.qd, self.dac = None, np.zeros(n), np.zeros(n), np.zeros(n)
         self.q = self.plant.q.copy()
@@ -205,10 +212,9 @@ class Machine:
         self._reader.hold(Level.PEDAL_UP)
         self.level, self._initialised, self._pedal, self._target = Level.PEDAL_UP, True, False, None
         self.servo.reset()
-        motors = self.parts.arm.mechanism.motors(self.plant.q)
-        self._motors = np.round(motors / self._count) * self._count
+        self._motors = self._encoders() * self.parts.arithmetic.angle
         self._speeds, self._rates = np.zeros_like(self._speeds), np.zeros_like(self._rates)
-        self.q, self.qd = self.parts.arm.mechanism.from_motors(self._motors), np.zeros_like(self.qd)
+        self.q, self.qd = self._mechanism.from_motors(self._motors), np.zeros_like(self.qd)
         self.wanted, self.dac = self.q.copy(), np.zeros_like(self.dac)
         self._brake(True)
 
@@ -239,7 +245,7 @@ class Machine:
             back += [(data, sender)] if packet is None else []
             accepted += self._disturbed(packet) if packet is not None else []
         if not self._faults["usb"] or self._changed("usb", t, np.array([float(BYTES)]))[0] == BYTES:
-            self._counts = np.round(self.parts.arm.mechanism.motors(self.plant.q) / self._count)
+            self._counts = self._encoders()
         counts = self._changed("encoder", t, self._counts)
         try:
             self._control(t, counts, accepted)
@@ -249,7 +255,7 @@ class Machine:
         if self.servo.stop:
             self.plc.stop(self.servo.stop)
         allowed = self.plc.step(t, self._bit, self._initialised, self._pedal)
-        powered = allowed in (Level.INIT, Level.PEDAL_DN)
+        powered = allowed in _ON
         self._brake(not powered)
         sent = self._changed("dac", t, self.dac)
         self.dac = sent if powered else np.zeros_like(sent)
@@ -257,16 +263,18 @@ class Machine:
         self.tick += 1
         return back
 
+    def _encoders(self) -> Array:
+        return np.rint(self._mechanism.motors(self.plant.q) / self._count)
+
     # -- the control software ----------------------------------------------------------------------------
 
     def _control(self, t: float, counts: Array, packets: list[Packet]) -> None:
-        m, before = self.parts.arm.mechanism, self.level
-        motors = counts * self._read
+        m, arithmetic, n, before = self._mechanism, self.parts.arithmetic, len(counts), self.level
         if self._motors is None:
-            self._motors = motors
-        self._speeds = self._speeds + self.filter_share * ((motors - self._motors) / TICK - self._speeds)
-        self._motors = motors
-        self.q, self.qd = m.from_motors(motors), self._rates_of @ self._speeds
+            self._motors = counts * arithmetic.angle
+        read = arithmetic.sense(counts, self._motors, self._speeds)
+        self._motors, self._speeds = read[:n], read[n:]
+        self.q, self.qd = m.from_motors(self._motors), self._rates_of.dot(self._speeds)
         self.level = level = self._level(t, self._reader.read([self.plc.level]))
         pedals = [bool(p.values[8]) for p in packets] or [self._pedal]
         self._pedal = pedals[-1] and not self.receiver.silent(t)
@@ -285,24 +293,25 @@ class Machine:
             for packet in packets:
                 self._follow(packet)
             self._misplace(t)
-        if level in (Level.INIT, Level.PEDAL_DN):
+        if level in _ON:
             self.wanted = self._changed("joints", t, self.wanted)
-        self._rates = self._rates + self.filter_share * ((self.wanted - old) / TICK - self._rates)
-        if level in (Level.INIT, Level.PEDAL_DN):
-            error, change = m.motors(self.wanted - self.q), m.motors(self._rates - self.qd)
+        aimed = arithmetic.aim(self.wanted, old, self._rates, self.q, self.qd)
+        self._rates = aimed[:n]
+        if level in _ON:
+            error, change = m.motors(aimed[n : 2 * n]), m.motors(aimed[2 * n :])
             self.dac = self.servo.counts_of(error, change, self.parts.gravity(self.q))
         else:
             self.dac = np.zeros_like(self.q)
 
     def _check_speed(self) -> None:
-        if self.level not in (Level.INIT, Level.PEDAL_DN):
+        if self.level not in _ON:
             return
         most = self.parts.settings.number.largest_speed.value
-        fast = self._fast & ~(np.abs(self.qd) <= most)
-        if fast.any():
-            i = int(np.argmax(fast))
-            name = self.parts.arm.mechanism.active[i].name
-            self.servo.stop = f"{name} turns with {self.qd[i]:.3g} rad/s (limit {most:g})"
+        for i in self._fast:
+            if not abs(self.qd[i]) <= most:
+                name = self._mechanism.active[i].name
+                self.servo.stop = f"{name} turns with {self.qd[i]:.3g} rad/s (limit {most:g})"
+                return
 
     def _home(self, t: float) -> Array:
         """Return the desired joints of a minimum-jerk motion to home; the encoders know where the joints are."""
@@ -322,26 +331,27 @@ class Machine:
         if self._target is None:
             return
         v = packet.values
+        _, _, _, _, x, y, z, grasp, _ = v.tolist()
         T = self._target.copy()
         T[:3, 3] += _MICRO * v[:3]
-        if v[4:7].any():
+        if x or y or z:
             T[:3, :3] = spatial.matrix_from_quat_wxyz(v[3:7] / np.linalg.norm(v[3:7])) @ T[:3, :3]
         seed = self.wanted
-        if v[7]:
-            seed, (low, high) = seed.copy(), self._limits[:, self._grasped]
-            grasp = self.parts.settings.number.grasp_step.value * v[7]
-            seed[self._grasped] = np.clip(seed[self._grasped] + grasp, low, high)
+        if grasp:
+            seed, more = seed.copy(), self.parts.settings.number.grasp_step.value * grasp
+            for i in self._grasped:
+                seed[i] = min(max(seed[i] + more, self._low[i]), self._high[i])
         self._reach(T, seed)
 
     def _reach(self, T: Array, seed: Array) -> None:
         """Move the target to the pose T, if the arm reaches it within its limits; seed (n,) as for the inverse."""
-        low, high = self._limits
         try:
             q = self.parts.kin.inverse(T, seed)
         except KinematicsError:
             self.held += 1
             return
-        if ((q < low) | (q > high)).any():
+        joints = q.tolist()
+        if not (all(map(le, self._low, joints)) and all(map(le, joints, self._high))):
             self.held += 1
             return
         self._target, self.wanted = T, q
@@ -356,7 +366,7 @@ class Machine:
             at = packet.sequence if fault.counts else self.t
             copies *= fault.copies(at)
             values = fault.change(at, values)
-        return [replace(packet, values=values)] * copies
+        return [packet._replace(values=values)] * copies
 
     def _level(self, t: float, level: Level) -> Level:
         if not self._faults["level"]:

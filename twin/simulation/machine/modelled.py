@@ -15,10 +15,10 @@ from twin.model.trainer import MODEL
 from twin.simulation.controllers.cue import Cue
 from twin.simulation.controllers.trainer import Phase
 from twin.simulation.devices.machine_states import ANSWERS, LEVEL, SEQUENCE, TICK
+from twin.simulation.machine.comparison import Comparison
 from twin.simulation.machine.itp import pack
 from twin.simulation.machine.levels import Level
 from twin.simulation.machine.machine import Machine, Parts
-from twin.simulation.machine.plant import TICK as SECONDS
 from twin.simulation.world import Block, Signals
 
 _KEPT = 4096
@@ -40,19 +40,15 @@ class Modelled(Block):
 
     def __init__(self, robot: str, parts: Parts, cue: Cue, q: Array) -> None:
         """Start model and machine at joint values q (n,)."""
-        self.robot, self.cue, self._parts = robot, cue, parts
+        self.robot, self._compared = robot, Comparison(parts, cue, q)
         self._model = Machine(parts, q=q)
         self._model.stand(q)
         self._forward, self._arm = parts.kin.forward, parts.settings.arm
         self._version = parts.settings.packet_version
-        self._share = self._model.filter_share
+        self._share = parts.arithmetic.share
         self._kept = np.tile(self._model.q, (_KEPT, 1))
         self._sent = self._given = 0
-        self._seen, self._dp, self._dv = -1.0, np.zeros(3), np.zeros(3)
-        self._tips = np.tile(self._forward(q)[:3, 3], (2, 1))
-        self._speeds = np.zeros((2, 3))  # of the machine's tip, and of the model's
-        self._last = self._tips[1].copy()
-        self._apart = np.zeros(len(q))
+        self._seen, self._tip, self._speed = -1.0, self._forward(q)[:3, 3], np.zeros(3)  # of the model, now
         self.outputs = {
             f"{robot}.q": q,
             f"{robot}.encoder": q,
@@ -73,40 +69,33 @@ class Modelled(Block):
         if given[9] > 0.5 or down:  # also while the machine is stopped or moves to home
             m.stand(measured)
             self._kept[:] = m.q
-            self._last = self._forward(m.q)[:3, 3]
-            self._speeds[:], self._dp, self._dv, self._apart = 0.0, np.zeros(3), np.zeros(3), m.q - measured
+            self._tip, self._speed = self._forward(m.q)[:3, 3], np.zeros(3)
+            self._compared.rest(measured, m.q)
         if not down:
             self._given += 1
             m.step(t, [(pack(self._given, self._arm, given[:9], self._version), name)])
         self._sent += 1
         self._kept[self._sent % _KEPT] = m.q
-        tip = self._forward(m.q)[:3, 3]
-        self._speeds[1] += self._share * ((tip - self._last) / dt - self._speeds[1])
-        self._last = tip
+        before, self._tip = self._tip, self._forward(m.q)[:3, 3]
+        self._speed = self._speed + self._share * ((self._tip - before) / dt - self._speed)
         if run[TICK] != self._seen:
-            self._compare(measured, run, tip if alone else None)
+            self._compare(measured, run, alone)
+        compared = self._compared
         led = phase in (Phase.TELEOPERATE, Phase.REPLAY) and m.level == Level.PEDAL_DN and run[LEVEL] == Level.PEDAL_DN
-        force = self.cue.force(self._dp, self._dv) if led and run[ANSWERS] > 0.5 else np.zeros(3)
+        force = compared.force if led and run[ANSWERS] > 0.5 else np.zeros(3)
         return {
             f"{name}.q": measured,
             f"{name}.encoder": m.q if alone else measured,
             f"{name}{MODEL}.q": m.q,
-            f"{name}.model": np.array([m.plc.level, float(np.linalg.norm(self._speeds[1])), m.held]),
-            f"{name}.deviation": np.array([float(np.linalg.norm(v)) for v in (self._dp, self._speeds[0])]),
-            f"{name}.apart": self._apart,
+            f"{name}.model": np.array([m.plc.level, float(np.linalg.norm(self._speed)), m.held]),
+            f"{name}.deviation": np.array([compared.deviation, float(np.linalg.norm(compared.speeds[0]))]),
+            f"{name}.apart": compared.joints,
             f"{name}.cue": force,
         }
 
-    def _compare(self, measured: Array, run: Array, tip: Array | None) -> None:
-        """Compare a new state with the model after the same packet; with a tip, with the model as it is now."""
-        ticks, self._seen = max(run[TICK] - self._seen, 1.0), run[TICK]
+    def _compare(self, measured: Array, run: Array, alone: bool) -> None:
+        """Compare a new state with the model after the same packet; if the model moves alone, with the model now."""
+        ticks, self._seen = int(np.clip(run[TICK] - self._seen, 1, 1000)), run[TICK]
         behind = self._sent - int(run[SEQUENCE])
-        q = self._kept[(self._sent - behind) % _KEPT] if tip is None and 0 <= behind < _KEPT else self._model.q
-        self._apart = q - measured
-        before, own = self._tips, self._forward(measured)[:3, 3]
-        self._tips = np.array([own, self._forward(q)[:3, 3]])
-        share = 1 - (1 - self._share) ** min(ticks, 1000)
-        moved = (self._tips - before) / (min(ticks, 1000) * SECONDS)
-        self._speeds[0] += share * (moved[0] - self._speeds[0])
-        self._dv = self._dv + share * (moved[1] - moved[0] - self._dv)
-        self._dp = self._tips[1] - self._tips[0]
+        q = self._kept[(self._sent - behind) % _KEPT] if not alone and 0 <= behind < _KEPT else self._model.q
+        self._compared.step(measured, q, ticks)

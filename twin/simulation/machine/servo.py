@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from operator import le
 
 import casadi as ca
 import numpy as np
@@ -20,8 +21,8 @@ from twin.core.spatial import Array
 from twin.model.inertia import Inertia
 from twin.model.mechanism import Mechanism
 from twin.reference.holding import GRAVITY
+from twin.simulation.machine.arithmetic import Arithmetic
 from twin.simulation.machine.motion import motion
-from twin.simulation.machine.plant import TICK
 from twin.simulation.machine.settings import Mode, Policy, Settings
 
 
@@ -31,7 +32,8 @@ class Servo:
 
     Attributes:
         settings: motors and limits.
-        mechanism: the robot, for the order of the motors and for the transmission.
+        mechanism: the robot, for the order of the motors.
+        arithmetic: the compiled control of the motors.
         mode, policy: limits of the DAC and what happens above them.
         violations: (n,) number of commands above the limit of the mode so far, of each motor.
         stop: why the arm must stop; "" if it need not.
@@ -39,6 +41,7 @@ class Servo:
 
     settings: Settings
     mechanism: Mechanism
+    arithmetic: Arithmetic
     mode: Mode
     policy: Policy
     stop: str = ""
@@ -47,11 +50,10 @@ class Servo:
 
     def __post_init__(self) -> None:
         motors = self.settings.of_motors(self.mechanism)
-        self.counts = np.array([m.counts_per_amp / m.torque_per_amp for m in motors])  # per N m at the rotor
-        self._kp, self._kd, self._ki = (np.array([getattr(m, k) / m.gear for m in motors]) for k in ("kp", "kd", "ki"))
         self.limit = np.array([getattr(m.dac, self.mode) for m in motors])
         self.reset()
         self._stop_dac = self.settings.number.stop_dac.value
+        self._passed = np.minimum(self.limit, self._stop_dac).tolist()
         self._most = self.settings.number.violations.value
 
     def reset(self) -> None:
@@ -71,9 +73,10 @@ class Servo:
             change: (n,) desired minus measured rates in rad/s.
             efforts: (n,) joint efforts of the gravity compensation in N m or N.
         """
-        self._sum += error * TICK
-        torque = self._kp * error + self._ki * self._sum + self._kd * change
-        asked = np.trunc((torque + self.mechanism.motor_efforts(efforts)) * self.counts)
+        driven, n = self.arithmetic.drive(error, change, efforts, self._sum), len(error)
+        self._sum, asked = driven[:n], driven[n:]
+        if not self.stop and all(map(le, map(abs, asked.tolist()), self._passed)):
+            return asked
         size, names = np.abs(asked), self.mechanism.motor_names
         over = size > self.limit
         if not size.max() <= self._stop_dac:  # a value that is not a number is above every limit
@@ -93,7 +96,7 @@ class Servo:
 
     def torques(self, counts: Array) -> Array:
         """Return the motor torques (n,) in N m for counts of the DAC (n,)."""
-        return counts / self.counts
+        return counts / self.arithmetic.counts
 
 
 def compensation(settings: Settings, mechanism: Mechanism) -> Callable[[Array], Array]:

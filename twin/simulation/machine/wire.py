@@ -1,4 +1,4 @@
-"""The network between master and machine: faults lose, repeat, delay or renumber packets before they are checked."""
+"""Simulated network between master and machine: faults drop, repeat, delay or renumber packets on their way."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Run a World with a simulated trainee and a real machine, in real time, and write its session."""
+"""Run a World with a simulated trainee and real machines, in real time, and write its session."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ def train(
         ready(name, link)
     camera = scene.cameras[table.camera]
     console = {"device": PEDALS, "arms": eyes(scene, members), "camera": camera.robot, "view": camera.view_deg * DEG}
-    trainee = Trainee(next(iter(links)), triangles, **console, scale=scale or table.scale, seed=seed)
+    trainee = Trainee(links, triangles, **console, scale=scale or table.scale, seed=seed)
     states = {n: MachineStates(n, parts[n].home) for n in links}
     device, outbox, tape = Together([trainee, *states.values()]), Outbox(parts), Tape()
     world = console_scene.world(

@@ -83,16 +83,7 @@ class Mirrored:
         """Return the document `state`: run level of the machine, and why it is not followed."""
         m = self.mirror
         one = {"level": m.level, "phase": "follow", "why": None, "problem": m.problem or None}
-        return {
-            "type": "state",
-            "playing": False,
-            "time": 0.0,
-            "duration": 0.0,
-            "speed": 1.0,
-            "loop": False,
-            "robots": [{"name": n, "reason": None} for n in self._posed.bodies],
-            "machines": {"view": "real", "mode": "", "robots": {m.name: one}},
-        }
+        return wire.still(self._posed.bodies) | {"machines": {"view": "real", "mode": "", "robots": {m.name: one}}}
 
     def welcome(self) -> list[dict[str, Any]]:
         """Return no documents: a new client needs only the state."""

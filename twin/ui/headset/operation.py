@@ -340,17 +340,9 @@ class Operation(LiveConsole):
 
     def state(self) -> dict[str, Any]:
         """Return the document `state`: controlled arms, arms at a limit, and the reason if nothing moves."""
-        return {
-            "type": "state",
-            "playing": False,
-            "time": 0.0,
-            "duration": 0.0,
-            "speed": 1.0,
-            "loop": False,
-            "robots": [{"name": n, "reason": None} for n in self.shown],
-            "console": self.reading,
-            **({} if (machines := self.reading["machines"]) is None else {"machines": machines}),
-        }
+        machines = self.reading["machines"]
+        more = {} if machines is None else {"machines": machines}
+        return wire.still(self.shown) | {"console": self.reading} | more
 
     def _read(self) -> dict[str, Any]:
         packets = None if self.packets is None else self.packets.state(self.world.t, self.world.signals)

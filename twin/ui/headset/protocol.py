@@ -9,6 +9,7 @@ from __future__ import annotations
 import base64
 import math
 import struct
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 
@@ -141,6 +142,12 @@ def near_signs(sevens: Array, last: Array | None) -> Array:
     out = sevens.copy()
     out[np.sum(sevens[:, 3:] * last[:, 3:], axis=1) < 0, 3:] *= -1
     return out
+
+
+def still(robots: Iterable[str]) -> dict[str, Any]:
+    """Return the document `state` of a source without clips, whose clock stands; `robots` are all shown ones."""
+    clock = {"playing": False, "time": 0.0, "duration": 0.0, "speed": 1.0, "loop": False}
+    return {"type": "state", **clock, "robots": [{"name": n, "reason": None} for n in robots]}
 
 
 def floats(values: np.ndarray) -> str:

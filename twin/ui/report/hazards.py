@@ -9,7 +9,7 @@ import numpy as np
 from twin.simulation.hazards.attacked import HARM
 from twin.simulation.hazards.roc import dangerous, in_time
 from twin.simulation.hazards.summary import Hazards
-from twin.ui.report.style import BAND, INK, PALETTE, WIDTH, styled
+from twin.ui.report.style import BAND, INK, PALETTE, sheet, styled
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -22,15 +22,11 @@ _LEAST = 1e-2
 def figure(found: Hazards) -> Figure:
     """Return a figure with a row of points per class, and below it ROC curves and times of the trainee."""
     with styled():
-        from matplotlib.figure import Figure
-
         n = len(found.by_class)
         height = 5.2 + 0.28 * n
-        out = Figure(figsize=(WIDTH, height))
+        out = sheet(f"{found.robot}: {len(found.rows)} sessions of '{found.table.title}'", height)
         grid = out.add_gridspec(2, 2, height_ratios=[0.28 * n + 0.4, 3.3])
         out.subplots_adjust(left=0.22, right=0.98, top=1 - 0.55 / height, bottom=0.5 / height, hspace=0.22, wspace=0.32)
-        title = f"{found.robot}: {len(found.rows)} sessions of '{found.table.title}'"
-        out.text(0.012, 1 - 0.24 / height, title, fontsize=11, fontweight="bold", va="center")
         _peaks(out.add_subplot(grid[0, :]), found)
         _roc(out.add_subplot(grid[1, 0]), found)
         _times(out.add_subplot(grid[1, 1]), found)

@@ -9,7 +9,7 @@ import numpy as np
 from twin.simulation.hazards.trends import PUBLISHED, Trends
 from twin.simulation.machine.plant import TICK
 from twin.ui.report.curves import thin
-from twin.ui.report.style import INK, PALETTE, WIDTH, styled
+from twin.ui.report.style import INK, PALETTE, sheet, styled
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -21,15 +21,11 @@ _LEAST = 1e-2
 def figure(found: Trends) -> Figure:
     """Return a figure with the deviation by motion scale beside the paper's, and a panel for each stuck value."""
     with styled():
-        from matplotlib.figure import Figure
-
         n = len(found.stuck)
         height = 3.9 + 1.25 * n
-        out = Figure(figsize=(WIDTH, height))
+        out = sheet(f"{found.robot}: the paper's experiments with an ASSUMED plant: trends, not numbers", height)
         grid = out.add_gridspec(n + 1, 1, height_ratios=[2.7, *[1.1] * n])
         out.subplots_adjust(left=0.09, right=0.98, top=1 - 0.62 / height, bottom=0.5 / height, hspace=0.55)
-        title = f"{found.robot}: the paper's experiments with an ASSUMED plant: trends, not numbers"
-        out.text(0.012, 1 - 0.24 / height, title, fontsize=11, fontweight="bold", va="center")
         ax = out.add_subplot(grid[0])
         x = np.array([r.scale for r in found.scales])
         mean, spread = np.array([r.mean for r in found.scales]), np.array([r.spread for r in found.scales])
@@ -46,7 +42,7 @@ def figure(found: Trends) -> Figure:
         ax.legend(loc="upper left")
         for i, row in enumerate(found.stuck):
             ax = out.add_subplot(grid[1 + i])
-            y = found.curves[row.counts]
+            y = found.curves[row.hand, row.counts]
             t, y = thin(TICK * np.arange(1.0, len(y) + 1), np.maximum(y, _LEAST))
             ax.plot(t, y, color=PALETTE[0], linewidth=0.9)
             ax.axhline(3.0, color=INK, linewidth=0.8, linestyle="--")
@@ -55,7 +51,10 @@ def figure(found: Trends) -> Figure:
             ax.set_ylim(_LEAST, 300)
             ax.set_yticks([0.01, 1, 100], ["0.01", "1", "100"])
             end = "no stop" if row.stopped is None else f"stopped at fault {row.stopped}"
-            text = f"{found.motor} stuck at {row.counts:.0f} counts: jumps above 1 mm: {row.jumps}, {end}"
+            end += ", as in the paper" if row in found.as_published else ""
+            text = (
+                f"hand {row.hand}, {found.motor} stuck at {row.counts:.0f} counts: jumps above 1 mm: {row.jumps}, {end}"
+            )
             ax.set_title(text, loc="left", fontsize=8.5)
             ax.set_ylabel("mm")
         ax.set_xlabel("time [s]; fault every 8 s for 300 ms; dashed: 3 mm")

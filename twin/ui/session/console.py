@@ -457,7 +457,9 @@ class LiveConsole:
 
     def _require_machines(self) -> Machines:
         if self.machines is None:
-            raise TwinError(f"scene '{self.scene.name}' has no machines: add the table [trainer]")
+            raise TwinError(
+                f"scene '{self.scene.name}' has no machines: add a section [trainer] to {self.scene.file.name}"
+            )
         return self.machines
 
     def release(self, client: str) -> None:

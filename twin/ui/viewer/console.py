@@ -41,6 +41,7 @@ from twin.ui.viewer.loop import Loop
 from twin.ui.viewer.nodes import BLUE, RobotNodes
 from twin.ui.viewer.room import FIRST, OUTSIDE, corners, furnish
 from twin.ui.viewer.score import ScorePanel
+from twin.ui.viewer.trainer import TrainerPanel
 
 ARROWS = 90.0
 """Size in pixels of the arrows at a tool, independent of the distance."""
@@ -315,6 +316,9 @@ class ConsoleFront(Loop):
                 lambda client: self.ask("end", lambda: self.console.end(client)),
                 lambda client: self.ask("restart", lambda: self._restart(client)),
             )
+        self._trainer = None
+        if self.console.machines is not None:
+            self._trainer = TrainerPanel(gui, self.console, self.pens, self._on_click)
         gui.add_markdown(_HELP)
         views = gui.add_button_group("look", ("close", "endoscope", *OUTSIDE))
         views.on_click(lambda e: e.client and self.look(views.value, e.client))
@@ -368,6 +372,16 @@ class ConsoleFront(Loop):
     def _tool(self, hand: str) -> str:
         """Return the title of the tool of a hand."""
         return self.console.scene.tools[self.console.reading["hands"][hand]["tool"]].title
+
+    def _on_click(self, button: viser.GuiButtonHandle, kind: str, do: Callable[[str], object]) -> None:
+        """Store a request when a user presses a button."""
+
+        def pressed(event: viser.GuiEvent) -> None:
+            if event.client is not None:
+                client = _name(event.client)
+                self.ask(kind, lambda: do(client))
+
+        button.on_click(pressed)
 
     def _on(self, control: Any, kind: str, do: Callable[[str, Any], object]) -> None:
         """Store a request when a user changes a control; ignore changes by the page itself."""
@@ -432,6 +446,8 @@ class ConsoleFront(Loop):
         )
         if said != self._said:
             self._said = self._status.content = said
+        if self._trainer is not None:
+            self._trainer.show(self.console.world.t)
         if self._score is not None:
             self._score.show(self.console.reading["task"])
 

@@ -8,14 +8,12 @@ from html import escape
 import numpy as np
 import viser
 
-from twin.core.units import DEG, MM
+from twin.core.units import MM
 from twin.ui.session.mirror import Mirror
+from twin.ui.viewer.deviation import DeviationCurve, largest
 from twin.ui.viewer.loop import Loop
 from twin.ui.viewer.nodes import BLUE, RobotNodes
 from twin.ui.viewer.room import OUTSIDE, furnish
-
-_SECONDS, _EVERY = 12.0, 0.1
-"""Duration in s of the curve, and time between two of its points."""
 
 
 class MirrorFront(Loop):
@@ -44,15 +42,7 @@ class MirrorFront(Loop):
         server.initial_camera.look_at = middle
         server.gui.set_panel_label(title)
         self._status, self._said = server.gui.add_html(""), ""
-        self._t, self._tips = np.zeros(1), np.zeros(1)
-        self._curve = server.gui.add_uplot(
-            (self._t, self._tips),
-            ({"label": "s"}, {"label": "tips apart [mm]", "stroke": "#0a66c2", "width": 2}),
-            title="Deviation of the tips [mm]",
-            scales={"x": {"time": False}, "y": {"auto": True}},
-            aspect=1.6,
-        )
-        self._due = self._begin = self.now
+        self._curve, self._begin = DeviationCurve(server.gui, ["tips apart [mm]"]), self.now
 
     def frame(self, passed: float, wished: bool) -> None:
         """Show the newest state and the curve."""
@@ -60,22 +50,15 @@ class MirrorFront(Loop):
         mirror.step()
         for name, node in self.nodes.items():
             node.write(mirror.links[name])
-        if self.now < self._due:
+        t = self.now - self._begin
+        if not self._curve.due(t):
             return
-        self._due = self.now + _EVERY
         apart = mirror.deviation
-        self._t = np.append(self._t, self.now - self._begin)
-        self._tips = np.append(self._tips, apart["tip"] / MM)
-        kept = self._t > self._t[-1] - _SECONDS
-        self._t, self._tips = self._t[kept], self._tips[kept]
-        self._curve.data = (self._t, self._tips)
-        active = mirror.robot.mechanism.active
-        shown = [(abs(v) / (DEG if j.is_angle else MM), j) for v, j in zip(apart["joints"], active, strict=True)]
-        size, joint = max(shown, key=lambda pair: pair[0])
+        self._curve.add(t, [apart["tip"]])
         lines = [
             f"{mirror.name}: {mirror.level or 'does not answer'}",
             f"Tips apart: {apart['tip'] / MM:.2f} mm",
-            f"Largest joint difference: {joint.name} {size:.2f}{'°' if joint.is_angle else ' mm'}",
+            largest(apart["joints"], mirror.robot.mechanism.active),
             "Machine solid; its desired joints as ghost.",
             *([mirror.problem] if mirror.problem else []),
         ]

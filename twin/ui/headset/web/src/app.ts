@@ -283,9 +283,14 @@ export class App {
     this.loaded = true;
   }
 
+  /** Measure what the controls cover; return whether it has changed. */
+  private cover(): boolean {
+    return this.world.cover(this.machines?.covers() ?? 0, ...this.dom.covers());
+  }
+
   /** Set the camera so that all robots are visible. */
   private frameAll(box: Box3): void {
-    this.world.cover(...this.dom.covers());
+    this.cover();
     const size = box.getSize(new Vector3());
     this.world.frameAll(new Vector3(0, size.z / 2, 0), size.length() / 2);
   }
@@ -362,7 +367,7 @@ export class App {
       this.header.refresh();
       if (!this.xr.presenting) {
         this.dom.refresh();
-        if (world.cover(...this.dom.covers())) this.console?.views.place();
+        if (this.cover()) this.console?.views.place();
         this.score.refresh();
         this.machines?.refresh();
         this.console?.tools?.refresh();

@@ -11,6 +11,9 @@ const TAKE = 0.2; // opening of the gripper (0 to 1) below which a hand starts t
 const FASTEST = 3; // m/s: maximum plausible speed of a hand
 const QUICKEST = 20; // rad/s: maximum plausible angular speed of a hand
 const LEAP = [0.03, 0.5] as const; // m and rad: motion between two pictures that is always accepted
+/** Difference of a gripper's opening to its mean of the last `SETTLE` s above which fingers close or open it. */
+const FINGERS = 0.1;
+const SETTLE = 0.05;
 const PULSE = [0.7, 120] as const; // strength (0 to 1) and duration in ms of the vibration at a limit
 const AGAIN = 60; // ms between two pulses while a force lasts
 
@@ -28,6 +31,8 @@ export class ConsoleHands {
   /** Hands in control: a hand starts to control by a pull of the trigger or a pinch. */
   readonly leading = new Set<Side>();
   private readonly last: Record<Side, Tracked | null> = { right: null, left: null };
+  /** Means of the grippers' openings. */
+  private readonly mean: Record<Side, number> = { right: 1, left: 1 };
   private readonly felt: Record<Side, boolean> = { right: false, left: false };
   private readonly pulsed: Record<Side, number> = { right: -Infinity, left: -Infinity };
   private then = 0;
@@ -87,11 +92,14 @@ export class ConsoleHands {
     if (this.app.hands.usesPanel(side)) return;
     if (begins && (hand.open > TAKE || last.open <= TAKE)) return; // a hand starts when its gripper closes
     const pen = this.console.pens[side];
+    const pinches = Math.abs(hand.open - this.mean[side]) > FINGERS;
+    this.mean[side] += (hand.open - this.mean[side]) * (1 - Math.exp(-seconds / SETTLE));
     this.leading.add(side);
     this.console.pens.use();
     this.console.chosen = side;
     if (!hand.fist) pen.squeeze(hand.open);
-    if (begins) return; // closing the gripper must not move the instrument
+    // Fingers that pinch or pull a trigger also move the hand: that must not move the instrument.
+    if (begins || pinches) return;
     const way = hand.p.clone().sub(last.p);
     const turn = hand.q.clone().multiply(last.q.clone().invert()).normalize();
     if (turn.w < 0) turn.set(-turn.x, -turn.y, -turn.z, -turn.w);

@@ -39,7 +39,7 @@ export class Machines {
   private readonly level = make('p', 'machine-level');
   private readonly said = make('p', 'machine-said');
   private readonly curve = make('canvas', 'deviation-curve');
-  private readonly joints = make('p', 'deviation-joints');
+  private readonly apart = make('p', 'deviation-text');
   private readonly buttons = new Map<string, HTMLButtonElement>();
   private readonly names: string[];
   private points: { t: number; tips: number[] }[] = [];
@@ -60,7 +60,7 @@ export class Machines {
     this.curve.height = 2 * HIGH;
     this.curve.setAttribute('role', 'img');
     this.curve.setAttribute('aria-label', 'Distance of the tips of machine and model over time');
-    this.board.append(make('h2', '', 'Machine and model'), this.level, this.curve, this.joints, this.said);
+    this.board.append(make('h2', '', 'Machine and model'), this.level, this.curve, this.apart, this.said);
     if (info.trains) this.board.append(this.row());
     parent.append(this.board);
   }
@@ -98,7 +98,12 @@ export class Machines {
     if (message.type !== 'deviations') return;
     this.points.push({ t: message.time, tips: this.names.map((n) => message.robots[n]?.tip ?? 0) });
     while (this.points.length && (this.points[0] as { t: number }).t < message.time - SECONDS) this.points.shift();
-    this.joints.textContent = this.names.map((n) => this.largest(n, message.robots[n]?.joints ?? [])).join('\n');
+    const { limit } = this.info;
+    const tips = this.names.map((n) => `${(1000 * (message.robots[n]?.tip ?? 0)).toFixed(2)} mm`).join(', ');
+    this.apart.textContent = [
+      `Tips apart: ${tips} (last ${SECONDS} s${limit ? `; red: cue above ${(1000 * limit).toFixed(0)} mm` : ''})`,
+      ...this.names.map((n) => this.largest(n, message.robots[n]?.joints ?? [])),
+    ].join('\n');
   }
 
   /** Return the joint with the largest difference, as text. */
@@ -147,6 +152,12 @@ export class Machines {
     this.app.world.dirty = true;
   }
 
+  /** Width in pixels that the panel covers at the left; 0 on a phone, where it lies across. */
+  covers(): number {
+    const { right } = this.board.getBoundingClientRect();
+    return right < window.innerWidth / 2 ? right : 0;
+  }
+
   private place(): void {
     const low = document.querySelector('header')?.getBoundingClientRect().bottom ?? 0;
     const top = `${Math.round(low) + 10}px`;
@@ -163,9 +174,8 @@ export class Machines {
     const [x, y] = [(t: number) => (1 - (last.t - t) / SECONDS) * WIDE, (v: number) => HIGH - 1 - (v / top) * (HIGH - 2)];
     pen.setTransform(2, 0, 0, 2, 0, 0);
     pen.clearRect(0, 0, WIDE, HIGH);
-    pen.font = '11px sans-serif';
     pen.lineWidth = 1;
-    pen.strokeStyle = pen.fillStyle = '#5a6b80';
+    pen.strokeStyle = '#5a6b80';
     pen.strokeRect(0.5, 0.5, WIDE - 1, HIGH - 1);
     if (limit) {
       pen.setLineDash([4, 3]);
@@ -175,7 +185,6 @@ export class Machines {
       pen.lineTo(WIDE, y(limit));
       pen.stroke();
       pen.setLineDash([]);
-      pen.fillText(`cue above ${(1000 * limit).toFixed(0)} mm`, 5, y(limit) > HIGH / 2 ? y(limit) - 4 : y(limit) + 12);
     }
     pen.lineWidth = 1.6;
     this.names.forEach((_, i) => {
@@ -184,10 +193,5 @@ export class Machines {
       for (const p of this.points) pen.lineTo(x(p.t), y(p.tips[i] ?? 0));
       pen.stroke();
     });
-    pen.fillStyle = '#1b2a3d';
-    pen.textAlign = 'right';
-    pen.fillText(`tips ${last.tips.map((v) => `${(1000 * v).toFixed(2)} mm`).join(', ')}`, WIDE - 6, 13);
-    pen.textAlign = 'left';
-    pen.fillText(`${SECONDS} s`, 5, HIGH - 5);
   }
 }

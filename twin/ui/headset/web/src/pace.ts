@@ -61,6 +61,12 @@ export class Pace {
     this.renderer.setPixelRatio(FULL * share);
   }
 
+  /** Do not wait for the last picture: the canvas was cleared, and would be empty for as long. */
+  forget(): void {
+    this.gl.deleteSync(this.fence);
+    this.fence = null;
+  }
+
   /** Do not count this picture: it contains more than others. */
   except(): void {
     this.counts = false;

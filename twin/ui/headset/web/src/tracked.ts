@@ -46,7 +46,7 @@ function controller(frame: XRFrame, space: XRReferenceSpace, source: XRInputSour
   };
 }
 
-/** Position from the knuckle of the index finger, which a pinch does not move; orientation from the wrist. */
+/** Position from the knuckle of the index finger, which a pinch moves less than the wrist; orientation from the wrist. */
 function bareHand(frame: XRFrame, space: XRReferenceSpace, hand: XRHand): Tracked | null {
   const at = (name: string): XRRigidTransform | null => {
     const joint = hand.get(name as XRHandJoint);

@@ -61,6 +61,8 @@ export class Views {
   private readonly label = document.createElement('span');
   private readonly heading = document.createElement('span');
   private drawn = -Infinity;
+  /** Whether the last picture had the small view; the next one has not, or no picture would count for the quality. */
+  private both = false;
   private shadows = false;
 
   constructor(
@@ -188,7 +190,9 @@ export class Views {
   /** Return the pixels of a view per radian at its middle. */
   pixels(view: View): number {
     const fov = view === 'scope' ? this.camera.view : MathUtils.degToRad(this.app.world.camera.fov);
-    return (this.sideBySide(view)?.left ?? this.box(view)).height / (2 * Math.tan(fov / 2));
+    const two = this.sideBySide(view);
+    const zoom = view === 'scope' && !two ? this.fit(view).zoom : 1;
+    return (zoom * (two?.left ?? this.box(view)).height) / (2 * Math.tan(fov / 2));
   }
 
   /** Return the boxes of both eyes in the area without controls; null unless they are side by side. */
@@ -207,7 +211,8 @@ export class Views {
     const now = performance.now();
     // Shadows of the room are not visible in the cavity.
     this.shadows ||= renderer.shadowMap.needsUpdate;
-    const due = now - this.drawn > (pace.slow && now - moved < PAUSE ? LONG_REST : REST);
+    const due = !this.both && now - this.drawn > (pace.slow && now - moved < PAUSE ? LONG_REST : REST);
+    this.both = due;
     if (small === 'scope' || due) {
       if (due) pace.except();
       this.drawn = now;
@@ -318,6 +323,7 @@ export class Views {
   /** Set the aspect ratio of both lenses. */
   private aim(aspect: number): void {
     this.scope.aspect = aspect;
+    this.scope.zoom = 1;
     this.scope.clearViewOffset();
     this.scope.updateWorldMatrix(true, false);
     this.eyes.follow(this.scope);
@@ -331,8 +337,11 @@ export class Views {
     const large = view === this.large;
     camera.aspect = b.width / b.height;
     const low = this.headed ? this.corner.top : bottom; // above the small windows
-    const [x, y] = large ? [(b.width - right) / 2, (b.height - low) / 2] : [0, 0];
-    if (view === 'room') camera.zoom = large || !this.headed ? 1 : CLOSER;
+    const width = right - world.beside;
+    const [x, y] = large ? [(b.width - right - world.beside) / 2, (b.height - low) / 2] : [0, 0];
+    // Between the panels, a narrow picture shows as much beside its middle as above it.
+    if (view === 'scope') camera.zoom = large ? Math.min(1, width / low) : 1;
+    else camera.zoom = large || !this.headed ? 1 : CLOSER;
     camera.setViewOffset(b.width, b.height, x, y, b.width, b.height);
     if (view === 'scope') this.scope.updateWorldMatrix(true, false);
     return camera;

@@ -59,7 +59,7 @@ export class World {
   /** Size of the robot's bounding box in m. */
   size = 1;
 
-  private covered = { right: 0, bottom: 0 };
+  private covered = { left: 0, right: 0, bottom: 0 };
   private readonly sun = new DirectionalLight(0xffffff, 2.1);
   private readonly fill = new DirectionalLight(0xdfe9ff, 0.7);
   private readonly hemisphere = new HemisphereLight(0xffffff, 0xc9c4bc, 1.15);
@@ -114,16 +114,21 @@ export class World {
     const canvas = this.renderer.domElement;
     const [w, h] = [canvas.clientWidth || 1, canvas.clientHeight || 1];
     const canvasSize = this.renderer.getSize(new Vector2());
-    if (canvasSize.x !== w || canvasSize.y !== h) this.renderer.setSize(w, h, false); // this clears the canvas
+    if (canvasSize.x !== w || canvasSize.y !== h) {
+      this.renderer.setSize(w, h, false); // this clears the canvas
+      this.pace.forget();
+    }
     // The middle of the picture is the middle of the area without controls.
-    this.camera.setViewOffset(w, h, this.covered.right / 2, this.covered.bottom / 2, w, h);
+    const { left, right, bottom } = this.covered;
+    this.camera.setViewOffset(w, h, (right - left) / 2, bottom / 2, w, h);
     this.dirty = true;
   }
 
-  /** Set the size in pixels that the controls cover at the right and the bottom; return whether it has changed. */
-  cover(right: number, bottom: number): boolean {
-    if (right === this.covered.right && bottom === this.covered.bottom) return false;
-    this.covered = { right, bottom };
+  /** Set the size in pixels that the controls cover at the sides and the bottom; return whether it has changed. */
+  cover(left: number, right: number, bottom: number): boolean {
+    const { covered } = this;
+    if (left === covered.left && right === covered.right && bottom === covered.bottom) return false;
+    this.covered = { left, right, bottom };
     this.resize();
     return true;
   }
@@ -133,7 +138,12 @@ export class World {
     return [this.disc, this.grid, this.shadow];
   }
 
-  /** Width and height in pixels of the area without controls, from the upper left. */
+  /** Width in pixels that the controls cover at the left. */
+  get beside(): number {
+    return this.covered.left;
+  }
+
+  /** Width and height in pixels of the area without controls at the right and the bottom, from the upper left. */
   free(): [right: number, bottom: number] {
     const { clientWidth: w, clientHeight: h } = this.renderer.domElement;
     return [w - this.covered.right, h - this.covered.bottom];
@@ -142,7 +152,7 @@ export class World {
   /** Set the camera to the front right of the robot, so that the robot's box fills the picture. */
   frameAll(middle: Vector3, radius: number): void {
     const { clientWidth: w, clientHeight: h } = this.renderer.domElement;
-    const free = Math.max(0.2, Math.min((h - this.covered.bottom) / h, (w - this.covered.right) / h));
+    const free = Math.max(0.2, Math.min((h - this.covered.bottom) / h, (w - this.covered.left - this.covered.right) / h));
     const away = (0.9 * radius) / Math.sin(Math.atan(Math.tan((this.camera.fov * Math.PI) / 360) * free));
     this.camera.position.copy(middle).addScaledVector(VIEW, away);
     this.camera.near = Math.max(0.002, away / 200);

@@ -1,0 +1,123 @@
+"""How often frames with all organs arrive while rods press them and Chromium draws them, and who takes the processor.
+
+    python tests/benchmarks/organs_page.py [--seconds 10] [--pages 1] [--without-drawing]
+
+The server is a process of its own; so are the pages of headless Chromium, and a client that only receives. Age is the
+time from the moment for which the server owed the frame to its receipt by that client. Without a graphics processor, a
+program draws for Chromium; `--without-drawing` leaves out the pictures of the scene, not the composition of the page.
+Exit code 1 if the client gets fewer than 59 frames a second, or the 95th percentile of the age is 50 ms or more. Not a
+test.
+"""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import json
+import os
+import subprocess
+import sys
+import time
+from collections import Counter
+from contextlib import suppress
+from pathlib import Path
+
+import numpy as np
+
+HERE = Path(__file__).resolve().parents[2]
+sys.path.insert(0, str(HERE / "tests"))
+
+from made import headset_page, streaming
+from test_tissue_pages import Pressed
+from twin import api
+from twin.cli import scene as scenes
+from twin.ui.headset import served
+from twin.ui.headset.files import page_files
+
+BAR_HZ, BAR_MS = 59.0, 50.0
+
+
+async def serve() -> None:
+    """Serve the scene with its organs under rods, and print the port; end with the input."""
+    scene = api.load_scene("vsrs")
+    robots, props = scenes.content(scene)
+    shown = served.of_scene(scene, robots, props, False, Pressed())
+    streaming.PAGE.update(page_files(HERE / "twin/ui/headset/web/dist", shown.preload) | dict(shown.late))
+    async with streaming.serving(lambda: shown, plans=False) as s:
+        print(s.port, flush=True)
+        await asyncio.to_thread(sys.stdin.read)
+
+
+async def listen(port: int, seconds: float) -> None:
+    """Receive frames, and print rate, size and age as JSON."""
+    async with streaming.joined(port) as peer:
+        await asyncio.sleep(1.0)
+        for kept in (peer.frames, peer.raw, peer.times):
+            kept.clear()
+        await asyncio.sleep(seconds)
+        times, frames, raw = list(peer.times), list(peer.frames), list(peer.raw)
+    age = 1e3 * (np.array(times) - [f.server_time for f in frames])
+    found = {"hz": (len(times) - 1) / (times[-1] - times[0]), "bytes": float(np.mean([len(r) for r in raw]))}
+    print(json.dumps(found | {f"p{p}": float(np.percentile(age, p)) for p in (50, 95)}))
+
+
+def used(server: int) -> Counter[str]:
+    """Return the s of processor time that each kind of process has used."""
+    out: Counter[str] = Counter()
+    for process in Path("/proc").glob("[0-9]*"):
+        with suppress(OSError):
+            fields = (process / "stat").read_text().rpartition(")")[2].split()
+            command = (process / "cmdline").read_text()
+            kind = "the rest of the machine"
+            if process.name == str(server):
+                kind = "server"
+            elif "chrom" in command:
+                kind = "Chromium, drawing" if "--type=gpu" in command else "Chromium, pages"
+            out[kind] += (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+    return out
+
+
+def main() -> int:
+    """Measure, and print what was found."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--seconds", type=float, default=10.0)
+    parser.add_argument("--pages", type=int, default=1)
+    parser.add_argument("--without-drawing", action="store_true")
+    parser.add_argument("--role", default="")
+    parser.add_argument("--port", type=int, default=0)
+    args = parser.parse_args()
+    if args.role:
+        asyncio.run(serve() if args.role == "serve" else listen(args.port, args.seconds))
+        return 0
+    me = [sys.executable, __file__]
+    server = subprocess.Popen([*me, "--role", "serve"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    assert server.stdin is not None
+    assert server.stdout is not None
+    port = int(server.stdout.readline())
+    try:
+        for browser in headset_page.chromium():
+            pages = [headset_page.Page(browser, f"http://127.0.0.1:{port}/") for _ in range(args.pages)]
+            for page in pages:
+                page.until("twin.app.loaded", "the scene")
+                page.draws(not args.without_drawing)
+            before, counts, start = used(server.pid), [p("twin.app.line.frames") for p in pages], time.monotonic()
+            told = subprocess.run(
+                [*me, "--role", "listen", "--port", str(port), "--seconds", str(args.seconds)],
+                capture_output=True, text=True, check=True,
+            )  # fmt: skip
+            passed, taken = time.monotonic() - start, used(server.pid) - before
+            rates = [(p("twin.app.line.frames") - n) / passed for p, n in zip(pages, counts, strict=True)]
+    finally:
+        server.stdin.close()
+        server.wait(20)
+    found = json.loads(told.stdout)
+    rate = found["hz"] * found["bytes"] / 1e6
+    print(f"client: {found['hz']:.1f} Hz, {found['bytes']:.0f} bytes a frame, {rate:.2f} MB/s")
+    print(f"age: p50 {found['p50']:.1f} ms, p95 {found['p95']:.1f} ms")
+    print(f"pages: {', '.join(f'{r:.1f}' for r in rates)} frames/s received")
+    print("processor: " + ", ".join(f"{k} {100 * v / passed:.0f} %" for k, v in taken.most_common()))
+    return 0 if found["hz"] >= BAR_HZ and found["p95"] < BAR_MS else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

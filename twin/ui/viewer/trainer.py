@@ -1,0 +1,76 @@
+"""The panel of machines beside their models: levels, deviation, and the trainer's buttons."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from html import escape
+from typing import Any
+
+import viser
+
+from twin.core.units import MM
+from twin.simulation.controllers.trainer import Mode
+from twin.ui.session.console import LiveConsole
+from twin.ui.session.pens import Pens
+from twin.ui.viewer.deviation import DeviationCurve, largest
+
+_MODES = (
+    (Mode.TELEOPERATE, "Engage", "The hand leads the machine and its model"),
+    (Mode.REHEARSE, "Rehearse", "Disengage the machine; the hand leads the model, and the motion is recorded"),
+    (Mode.JUDGE, "Judge", "End the rehearsal, and judge its speed and reach"),
+    (Mode.REPLAY, "Run", "Re-engage the machine: it repeats the record, with checks of speed and deviation"),
+)
+"""Buttons of the trainer: mode, label, hint; as in the page of `twin serve`."""
+
+_BAD = "#d62f2f"
+
+
+class TrainerPanel:
+    """Levels, curve and buttons; the requests go to the console, as those of the page of `twin serve`."""
+
+    def __init__(
+        self,
+        gui: viser.GuiApi,
+        console: LiveConsole,
+        pens: Pens,
+        on_click: Callable[[viser.GuiButtonHandle, str, Callable[[str], object]], None],
+    ) -> None:
+        """Add the controls; `on_click` connects a button to a request with the name of the client."""
+        self._console, self._pens, self._said = console, pens, ""
+        table = console.scene.trainer
+        assert table is not None
+        self._names = table.robots
+        with gui.add_folder("Machine and model"):
+            self._html = gui.add_html("")
+            self._curve = DeviationCurve(gui, self._names, table.cue.tol_mm * MM)
+            for mode, label, hint in _MODES:
+                on_click(gui.add_button(label, hint=hint), label, lambda client, mode=mode: self._train(client, mode))
+            for button, hint in (("start", "it moves to home"), ("stop", "it stops")):
+                made = gui.add_button(f"{button.capitalize()} the machines", hint=f"Press the button of each: {hint}")
+                on_click(made, button, lambda client, button=button: console.press(client, button))
+
+    def show(self, now: float) -> None:
+        """Show levels and deviation at a time in s; keep the hands during a replay, which their silence would stop."""
+        found: dict[str, Any] = self._console.reading["machines"]
+        robots = found["robots"]
+        if self._pens.client is not None and any(r["phase"] == "replay" for r in robots.values()):
+            self._pens.use(self._pens.client)
+        if not self._curve.due(now):
+            return
+        apart = self._console.deviations()
+        self._curve.add(now, [apart[n]["tip"] for n in self._names])
+        lines = [("", f"Asked for: {found['mode']}. Solid: {'machine' if found['view'] == 'real' else 'model'}.")]
+        for n in self._names:
+            r = robots[n]
+            lines.append(("", f"{n}: {r['level'] or 'does not answer'}, {r['phase']}"))
+            active = self._console.members[n].mechanism.active
+            lines.append(("", f"Tips apart: {apart[n]['tip'] / MM:.2f} mm. {largest(apart[n]['joints'], active)}"))
+            lines += [(f";color:{_BAD}", text) for text in (r["problem"], r["why"]) if text]
+        said = "".join(f"<div style='padding:0 1em .4em{tone}'>{escape(text)}</div>" for tone, text in lines)
+        if said != self._said:
+            self._said = self._html.content = said
+
+    def _train(self, client: str, mode: Mode) -> None:
+        if mode == Mode.REPLAY:
+            self._pens.use(client)
+        self._console.train(client, mode)
