@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import pytest
@@ -205,7 +205,7 @@ class Wandered:
     parted: int = 0
     pierced: int = 0
     left: float = 0.0
-    nodes: np.ndarray | None = None
+    nodes: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
 
     def __str__(self):
         return (
