@@ -18,7 +18,7 @@ from obstacles import length, problem
 
 import twin
 from twin.core.units import MM
-from twin.planning.around import rounded, shortened
+from twin.planning.around import searched
 from twin.planning.fmt import Search
 from twin.planning.timing import time_path
 from twin.simulation.dynamics import inertia
@@ -28,7 +28,6 @@ from twin.simulation.machine.following import follow
 from twin.simulation.machine.plant import Physics, Plant
 
 SPEED, ACCELERATION = np.array([0.8, 0.8, 0.06, 0.8, 0.8, 0.8, 0.8]), np.array([2.4, 2.4, 0.24, 2.4, 2.4, 2.4, 2.4])
-WIDTHS = (0.1, 0.05, 0.025, 0.0125)
 
 
 def exact(space, q):
@@ -53,21 +52,13 @@ def exact(space, q):
 
 
 def planned(space, start, goal, box, samples, seed):
-    """Return (path, corners) of one plan; (None, None) if none is found."""
+    """Return the path of one plan; None if none is found."""
     rng = np.random.default_rng(seed)
     search = Search(space, start, goal, box, rng)
     for count in (samples, int(1.5 * samples), 2 * samples):
-        corners = search.path(count)
-        while corners is not None and search.block(corners):
-            corners = search.path(count)
-        if corners is None:
-            continue
-        for way in (shortened(space, corners, rng), corners):
-            for width in WIDTHS:
-                path = rounded(way, space.weights, width)
-                if space.free_along(path):
-                    return path, way
-    return None, None
+        if (path := searched(search, count, rng)[1]) is not None:
+            return path
+    return None
 
 
 def main(seeds: int, samples: int) -> None:
@@ -81,12 +72,12 @@ def main(seeds: int, samples: int) -> None:
     rows = []
     for seed in range(seeds):
         began = time.process_time()
-        path, corners = planned(space, start, goal, box, samples, seed)
+        path = planned(space, start, goal, box, samples, seed)
         if path is None:
             rows.append((0, *[np.nan] * 8))
             print(seed, "no path", flush=True)
             continue
-        searched = time.process_time() - began
+        found = time.process_time() - began
         timing = time_path(path, SPEED, ACCELERATION)
         timed = time.process_time() - began
         seen = space.certify(path)
@@ -99,10 +90,10 @@ def main(seeds: int, samples: int) -> None:
         rows.append(
             (
                 1,
-                searched,
+                found,
                 timed,
                 certified,
-                length(space, corners),
+                length(space, path(np.linspace(0, 1, 200))),
                 seen.proven / MM,
                 seen.found / MM,
                 least / MM,

@@ -66,26 +66,43 @@ def around(
         box = np.column_stack([np.maximum(low, space.limits[:, 0]), np.minimum(high, space.limits[:, 1])])
         box[still] = start[still, None]
         search = Search(space, start, goal, box, rng)
-        corners = search.path(samples, progress)
-        while corners is not None and search.block(corners):
-            corners = search.path(samples, progress)
+        found, curve = searched(search, samples, rng, progress)
+        if curve is not None:
+            return curve
         count = search.count
         drawn += count
-        if corners is None:
+        if not found:
             tried.append(f"{count} up to {100 * beyond:.0f} % of the joint range beyond start and goal")
             reached = search.reached()
             continue
-        for way in (shortened(space, corners, rng), corners):
-            for width in _WIDTHS:
-                curve = rounded(way, space.weights, width)
-                if space.free_along(curve):
-                    return curve
         tried.append(f"{count} up to {100 * beyond:.0f} % beyond (a path was found, but its corners cannot be rounded)")
     raise ProtocolError(
         f"no path around the obstacles was found: the straight path is not free, and no path was found through {drawn} "
         f"free random configurations ({', '.join(tried)}){_enclosed(reached, count)}. Lower clearance_mm, change seed, "
         "or add a waypoint between start and goal"
     )
+
+
+def searched(
+    search: Search, samples: int, rng: np.random.Generator, progress: Callable[[float], None] = lambda fraction: None
+) -> tuple[bool, Smooth | None]:
+    """Return whether a search found corners, and the shortened and rounded path along them if it is free, else None.
+
+    The connections of the corners are tested whole only if this path is not free: it usually is, and it is tested whole
+    itself. If some are not free, the search goes on without them.
+    """
+    space = search.space
+    corners = search.path(samples, progress)
+    while corners is not None:
+        for way in (shortened(space, corners, rng), corners):
+            for width in _WIDTHS:
+                curve = rounded(way, space.weights, width)
+                if space.free_along(curve):
+                    return True, curve
+        if not search.block(corners):
+            return True, None
+        corners = search.path(samples, progress)
+    return False, None
 
 
 def _enclosed(reached: tuple[int, int], count: int) -> str:

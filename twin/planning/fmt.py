@@ -38,6 +38,7 @@ class Search:
     """A search between two points; each call of `path` adds samples to those before.
 
     Attributes:
+        space: the joint space.
         checks: number of connections tested for collisions.
     """
 
@@ -70,7 +71,7 @@ class Search:
                 raise ProtocolError(f"{name} of the search is not in its box, lower and upper bounds {box.tolist()}")
         self.cost = cost or length(space.weights)
         self._most = np.inf
-        self._space, self._box, self._rng = space, box, rng
+        self.space, self._box, self._rng = space, box, rng
         self._q = np.array([start, goal])
         self._moving = np.ptp(box, axis=1) > 0
         self._tried = self._good = self.checks = 0
@@ -96,8 +97,8 @@ class Search:
         if samples < 1:
             raise ProtocolError(f"a search with {samples} samples cannot find a path; give at least 1")
         self._draw(samples, lambda f: progress(f / 2))
-        x = self._q * self._space.weights
-        edges = np.ptp(self._box, axis=1)[self._moving] * self._space.weights[self._moving]
+        x = self._q * self.space.weights
+        edges = np.ptp(self._box, axis=1)[self._moving] * self.space.weights[self._moving]
         volume = max(self._good, 1) / max(self._tried, 1) * float(np.prod(edges))
         radius = _radius(len(x), int(self._moving.sum()), volume)
         near = neighbours(x, radius)
@@ -117,7 +118,7 @@ class Search:
         J. D. Gammell, S. S. Srinivasa, T. D. Barfoot, "Informed RRT*", IROS 2014: such points are in an ellipsoid whose
         foci are start and goal. Only for the length as cost; the connections tested so far stay known.
         """
-        x = corners * self._space.weights
+        x = corners * self.space.weights
         self._most = float(np.linalg.norm(np.diff(x, axis=0), axis=1).sum())
         keep = self._useful(self._q)
         keep[:2] = True
@@ -129,7 +130,7 @@ class Search:
 
     def _useful(self, q: Array) -> np.ndarray:
         """Return (k,) bool: whether a path through q (k, n) can be shorter than the path of `inform`."""
-        x, ends = q * self._space.weights, self._q[:2] * self._space.weights
+        x, ends = q * self.space.weights, self._q[:2] * self.space.weights
         way = np.linalg.norm(x - ends[0], axis=1) + np.linalg.norm(x - ends[1], axis=1)
         return way <= self._most
 
@@ -139,7 +140,7 @@ class Search:
         bad = [
             pair
             for pair, a, b in zip(pairwise(rows), corners, corners[1:], strict=False)
-            if not self._space.free_between(a, b)
+            if not self.space.free_between(a, b)
         ]
         for i, j in bad:
             self._known[i, j] = self._known[j, i] = False
@@ -152,7 +153,7 @@ class Search:
             block = self._rng.uniform(self._box[:, 0], self._box[:, 1], (size, len(self._box)))
             self._tried += size
             block = block[self._useful(block)]
-            good = block[self._space.free(block, exact=False)]
+            good = block[self.space.free(block, exact=False)]
             self._good += len(good)
             self._q = np.concatenate([self._q, good[: samples - self.count]])
             progress(min(max(self.count / samples, (self._tried - first) / (_TRIES * samples)), 1.0))
@@ -210,7 +211,7 @@ class Search:
         new = [p for p in dict.fromkeys(pairs) if p not in self._known]
         rows = np.array(new)
         self.checks += len(new)
-        for pair, free in zip(new, self._space.free_each(self._q[rows[:, 0]], self._q[rows[:, 1]]), strict=True):
+        for pair, free in zip(new, self.space.free_each(self._q[rows[:, 0]], self._q[rows[:, 1]]), strict=True):
             self._known[pair] = self._known[pair[1], pair[0]] = bool(free)
 
 

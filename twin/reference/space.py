@@ -50,6 +50,9 @@ _BETWEEN_LOOPS = 1.5
 _SAME = 1 * MM
 """Two assemblies are in the same mode if each body has the same position in both, within this distance in m."""
 
+_LEVELS = 2
+"""Number of halvings of an interval at once: few large batches are faster than many small ones."""
+
 _NARROW = 3.0
 """Largest margin, in units of the required distance, for which meshes are tested; for larger margins coal is slow."""
 
@@ -445,7 +448,7 @@ class JointSpace:
             ok[path[left[blocked < required[left]]]] = False
             left = left[(least < margin[left]) & ok[path[left]]]
             # where the bounds do not decide and the interval is short, exact distances do
-            halved = [] if exact else left[way[left] > _SEARCH]
+            split = [] if exact else left[way[left] > _SEARCH]
             for i in left if exact else ():
                 if not ok[path[i]]:
                     continue
@@ -453,11 +456,11 @@ class JointSpace:
                 if margin[i] <= required[i]:
                     ok[path[i]] = not pairs.closer(p, X[row[i]][None], T[None])[0]
                 elif margin[i] > _NARROW * required[i] or pairs.celled(p) or pairs.nearer(p, T, float(margin[i])):
-                    halved.append(i)
-            halved = np.array([i for i in halved if ok[path[i]]], int)
-            path, pair = np.repeat(path[halved], 2), np.repeat(pair[halved], 2)
-            place = np.column_stack([2 * place[halved], 2 * place[halved] + 1]).ravel()
-            level += 1
+                    split.append(i)
+            left = np.array([i for i in split if ok[path[i]]], int)
+            path, pair = np.repeat(path[left], 2**_LEVELS), np.repeat(pair[left], 2**_LEVELS)
+            place = (place[left, None] * 2**_LEVELS + np.arange(2**_LEVELS)).ravel()
+            level += _LEVELS
         return ok
 
     def free_each(self, a: Array, b: Array) -> np.ndarray:
