@@ -17,7 +17,7 @@ from twin.core.spatial import Array
 from twin.core.units import MM
 from twin.model.body import Body
 from twin.reference.bounds import Bounds
-from twin.reference.clearance import TOUCHING, Shape, apart, box_gap, distance_between, placed
+from twin.reference.clearance import TOUCHING, Shape, apart, distance_between, placed
 from twin.reference.model import ReferenceModel
 from twin.reference.travel import Levers, Reach
 
@@ -144,16 +144,25 @@ class Pairs:
         poses = joints[:, self._numbers] @ self._Ts
         if self.levers is None:
             return poses, np.einsum("kj,pj->kp", moved, self.reach.bounds(X, moved.max(axis=0)))
-        centres = np.einsum("ksij,sj->ksi", poses[..., :3, :3], self._middle) + poses[..., :3, 3]
-        return poses, self.levers.bounds(joints, centres, self._radii, moved)
+        return poses, self.levers.bounds(joints, self._boxes(poses)[0], self._radii, moved).T
 
-    def gaps(self, poses: Array) -> Array:
-        """Return lower bounds (k, pairs) in m of the distances, from boxes along the axes of base."""
-        c = np.einsum("ksij,sj->ksi", poses[..., :3, :3], self._middle) + poses[..., :3, 3]
-        h = np.einsum("ksij,sj->ksi", np.abs(poses[..., :3, :3]), self._half)
-        low, high = c - h, c + h
-        a, b = self.rows.T
-        return box_gap(low[:, a], high[:, a], low[:, b], high[:, b])
+    def _boxes(self, poses: Array) -> tuple[Array, Array]:
+        """Return centres and half edges (shapes, 3, k) in m of boxes along the axes of base around the shapes."""
+        T = np.ascontiguousarray(np.moveaxis(poses[:, :, :3], 0, -1))  # numpy is fast along the last axis
+        m, h = self._middle[:, None, :, None], self._half[:, None, :, None]
+        c = T[:, :, 0] * m[:, :, 0] + T[:, :, 1] * m[:, :, 1] + T[:, :, 2] * m[:, :, 2] + T[:, :, 3]
+        R = np.abs(T[:, :, :3])
+        return c, R[:, :, 0] * h[:, :, 0] + R[:, :, 1] * h[:, :, 1] + R[:, :, 2] * h[:, :, 2]
+
+    def gaps(self, poses: Array, states: np.ndarray, pairs: np.ndarray) -> Array:
+        """Return lower bounds (n,) in m of the distances of `pairs` (n,) at rows `states` (n,) of poses.
+
+        They are the distances of boxes along the axes of base.
+        """
+        c, h = self._boxes(poses)
+        a, b = self.rows[pairs].T
+        way = np.maximum(np.abs(c[a, :, states] - c[b, :, states]) - h[a, :, states] - h[b, :, states], 0.0)
+        return np.sqrt((way * way).sum(axis=1))
 
     def bounds(
         self,
@@ -240,7 +249,9 @@ class Pairs:
         if not len(self):
             return out
         poses = self.poses(X)
-        states, pairs = np.nonzero(self.gaps(poses) < self.required)
+        states, pairs = np.divmod(np.arange(len(X) * len(self)), len(self))
+        close = self.gaps(poses, states, pairs) < self.required[pairs]
+        states, pairs = states[close], pairs[close]
         required = self.required[pairs]
         low, high = self.bounds(poses, states, pairs, required, required, 0.0 if exact else SEARCHED)
         out[states[high < required]] = True

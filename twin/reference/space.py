@@ -276,7 +276,8 @@ class JointSpace:
             return "the loops of the mechanism do not close"
         poses = self._pairs.poses(x[None])
         worst, most = "", 0.0
-        for pair in np.flatnonzero(self._pairs.gaps(poses)[0] < self._pairs.required):
+        every = np.arange(len(self._pairs))
+        for pair in np.flatnonzero(self._pairs.gaps(poses, 0 * every, every) < self._pairs.required):
             distance, required = self._pairs.distance(int(pair), poses[0]), float(self._pairs.required[pair])
             names = " and ".join(self._pairs.shapes[i].name for i in self._pairs.rows[pair])
             if required - distance > most:
@@ -440,7 +441,7 @@ class JointSpace:
             poses, ways = pairs.around(X, ahead(paths, s, width))
             required, way = pairs.required[pair], ways[row, pair]
             margin = np.maximum(required, required / 2 + way)
-            left = np.flatnonzero(pairs.gaps(poses)[row, pair] < margin)
+            left = np.flatnonzero(pairs.gaps(poses, row, pair) < margin)
             least, most = pairs.bounds(
                 *(poses, row[left], pair[left], margin[left], required[left]), 0.0 if exact else SEARCHED
             )
@@ -529,7 +530,7 @@ class JointSpace:
                 raise MechanismError("the loops of the mechanism do not close along the path")
             poses, ways = pairs.around(X, seen.ahead((places + 0.5) * width, width))
             ahead = ways[row, pair]
-            bound, halved = pairs.gaps(poses)[row, pair], []
+            bound, halved = pairs.gaps(poses, row, pair), []
             near = np.flatnonzero(bound - ahead < least - within)
             # what is needed to leave a pair out; a first guess, as nothing is found yet, is a large distance
             wanted = np.minimum(least, _FAR) - within + ahead[near]

@@ -112,8 +112,9 @@ class Levers:
         shared = above[pairs[:, 0]] & above[pairs[:, 1]]
         highest = np.where(shared.any(axis=1), model.njoints - 1 - np.argmax(shared[:, ::-1], axis=1), 0)
         self._pairs = [np.flatnonzero(highest == n) for n in range(model.njoints)]
-        self._moved = [np.flatnonzero(above[:, n]) for n in range(model.njoints)]
-        self._columns = [j.idx_v for j in model.joints]
+        self._joints, self._bodies = np.nonzero(above.T)
+        self._moved = [np.flatnonzero(self._joints == n) for n in range(model.njoints)]
+        self._columns = np.array([j.idx_v for j in model.joints])
         self._turn = [n > 0 and not _slides(model, n) for n in range(model.njoints)]
         self._rows = pairs
 
@@ -124,30 +125,29 @@ class Levers:
         return kinds <= {"JointModelRZ", "JointModelPZ"}
 
     def bounds(self, joints: Array, centres: Array, radii: Array, moved: Array) -> Array:
-        """Return bounds (k, pairs) in m of the relative motion of each pair.
+        """Return bounds (pairs, k) in m of the relative motion of each pair.
 
         Args:
             joints: (k, joints, 4, 4) poses of all joint frames in base.
-            centres: (k, bodies, 3) centre of a ball around each body, in base.
+            centres: (bodies, 3, k) centre of a ball around each body, in base.
             radii: (bodies,) radius of this ball in m.
             moved: (k, nv) in m or rad, largest motion of each coordinate.
         """
-        total, out = np.zeros(centres.shape[:2]), np.zeros((len(joints), len(self._rows)))
+        # the states last: numpy is fast along the last axis
+        steps, place = moved.T[self._columns], np.ascontiguousarray(np.moveaxis(joints[:, :, :3, 2:], 0, -1))
+        off = centres[self._bodies] - place[self._joints, :, 1]
+        along = (off * place[self._joints, :, 0]).sum(axis=1)
+        rho = np.sqrt(np.maximum((off * off).sum(axis=1) - along**2, 0.0)) + radii[self._bodies, None]
+        total, out = np.zeros((len(radii), len(joints))), np.zeros((len(self._rows), len(joints)))
         for n in range(len(self._columns) - 1, -1, -1):
             if len(here := self._pairs[n]):
                 a, b = self._rows[here].T
-                out[:, here] = total[:, a] + total[:, b]
+                out[here] = total[a] + total[b]
             which = self._moved[n]
-            if not n or not len(which):
-                continue
-            step = moved[:, self._columns[n], None]
-            if not self._turn[n]:
-                total[:, which] += step
-                continue
-            off = centres[:, which] - joints[:, n, None, :3, 3]
-            along = (off @ joints[:, n, :3, 2, None])[..., 0]
-            across = np.sqrt(np.maximum(np.einsum("ksi,ksi->ks", off, off) - along**2, 0.0))
-            total[:, which] += step * (across + radii[which] + total[:, which])
+            if n:
+                total[self._bodies[which]] += steps[n] * (
+                    rho[which] + total[self._bodies[which]] if self._turn[n] else 1.0
+                )
         return out
 
 
