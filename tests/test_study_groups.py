@@ -159,10 +159,10 @@ def test_what_cannot_follow_is_found(code, old, new, tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [
-        ("mean = { A = 1.25, B = 1.40 }", "mean = { A = 1.25 }", "a number for each group: A, B"),
+        ("mean = { A = 1.25, B = 1.40 }", "mean = { A = 1.25 }", "give one number for each group: A, B"),
         ('["A", "B"], printed', '["A", "C"], printed', "groups are A, B"),
         ('outcomes = ["errors"]', 'outcomes = ["time"]', "there is no outcome 'time'"),
-        ('of = "lin"', 'of = "ang"', "there is no accuracy table 'ang'"),
+        ('of = "lin"', 'of = "ang"', r"no \[\[accuracy\]\] section has the name 'ang'; the names are lin"),
     ],
 )
 def test_bad_files_are_told_with_their_line(old, new, said, tmp_path):

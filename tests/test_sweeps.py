@@ -236,7 +236,7 @@ def test_workspace_command_writes_what_others_read(tmp_path, capsys):
         (["--step-mm", "-1"], "--step-mm -1: give a positive number of millimetres"),
         (["--tilt-deg", "200"], "--tilt-deg 200: give degrees from 0 to 180"),
         (["--turns", "0"], "--turns 0: give at least 1"),
-        (["--step-mm", "0.01"], "positions; the limit is 5e+07. Take a larger --step-mm"),
+        (["--step-mm", "0.01"], "positions; the limit is 5e+07. Increase --step-mm"),
         (["--joints", "--scheduler", "local"], "--scheduler: joint samples run on this machine"),
         (["--count", "1.5"], "argument --count: invalid"),
         (["--scheduler", "tcp://127.0.0.1:1", "--count", "1000"], "no Dask scheduler answers at this address"),
@@ -373,7 +373,7 @@ def test_a_stretched_part_has_its_length_and_the_mechanism_follows(robots):
     [
         ("l_p", "write NAME=LOW..HIGH"),
         ("l_p=1..2furlong", "unit 'furlong'"),
-        ("l_p=2..1mm", "2 .. 1 are not ordered"),
+        ("l_p=2..1mm", "the lower value 2 must be below the upper value 1"),
         ("l_q=1..2mm", "parameter 'l_q'"),
         ("bar1:r12-s9=1..2mm", "joint 's9'"),
         ("bar1:r12-s2=1..2mm", "joint 's2' is not on body 'bar1'"),

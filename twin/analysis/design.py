@@ -104,7 +104,7 @@ def factor(robot: api.Robot, text: str) -> Factor:
     if unit not in _UNITS:
         raise TwinError(f"--vary '{text}': {unknown('unit', unit, [u for u in _UNITS if u])}")
     if not ends[0] < ends[1]:
-        raise TwinError(f"--vary '{text}': {ends[0]:g} .. {ends[1]:g} are not ordered")
+        raise TwinError(f"--vary '{text}': the lower value {ends[0]:g} must be below the upper value {ends[1]:g}")
     if ":" in name:
         drawn = distance(robot.mechanism, name)
         unit = unit or "mm"

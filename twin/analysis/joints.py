@@ -89,7 +89,9 @@ def _ranges(robot: Robot) -> Array:
     for joint, r in zip(robot.mechanism.active, ranges, strict=True):
         if not np.isfinite(r).all():
             if not joint.is_angle:
-                raise TwinError(f"{robot.name}: joint '{joint.name}' is prismatic and has no limits: add a [[limit]]")
+                raise TwinError(
+                    f"{robot.name}: joint '{joint.name}' is prismatic and has no limits; add its [[limit]] to the CAD"
+                )
             r[:] = -np.pi, np.pi
     return ranges
 

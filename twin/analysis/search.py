@@ -58,7 +58,10 @@ def workspace(
     closed = robot.files is not None and robot.files.has_equations and robot.kinematics().closed_inverse
     if by_joint_positions or not closed:
         if scheduler:
-            raise TwinError("--scheduler: joint samples run on this machine only; omit --joints")
+            raise TwinError(
+                "--scheduler: joint samples run on this machine only; omit --scheduler, "
+                "or omit --joints if the equations have a closed-form inverse"
+            )
         return by_joints(robot, count, step, progress)
     progress("find the extent", 0.0)
     T = centre(robot)
@@ -70,8 +73,8 @@ def workspace(
     grid = Grid(low, step, (nx, ny, nz), T[:3, :3], tilt, turns)
     if grid.positions > _POSITIONS:
         raise TwinError(
-            f"{grid.positions:.3g} positions; the limit is {_POSITIONS:.0e}. Take a larger --step-mm, or "
-            "more --turns at fewer positions"
+            f"{grid.positions:.3g} positions; the limit is {_POSITIONS:.0e}. Increase --step-mm; or "
+            "omit it and increase --turns, which reduces the number of positions"
         )
 
     def kept(shape: tuple[int, int]) -> np.ndarray:

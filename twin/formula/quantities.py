@@ -40,6 +40,6 @@ def _parameter(value: float, scale: float, unit: str, provenance: Provenance, no
         raise ValueError(f"{value} is not a finite number")
     if provenance not in ("PUBLISHED", "CITED", "DERIVED", "ASSUMED", *EARLIER):
         raise ValueError(
-            f"provenance {provenance!r} is not known: PUBLISHED (printed in the paper), CITED, DERIVED or ASSUMED"
+            f"provenance {provenance!r} is not known; write PUBLISHED (printed in the paper), CITED, DERIVED or ASSUMED"
         )
     return Parameter("", value * scale, unit, value, provenance, note or "no source is given")

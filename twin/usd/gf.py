@@ -23,7 +23,7 @@ def matrix(T: ArrayLike) -> Gf.Matrix4d:
     """
     T = np.asarray(T, float)
     if T.shape != (4, 4):
-        raise ValueError(f"a pose is (4, 4), not {T.shape}")
+        raise ValueError(f"T must have shape (4, 4), not {T.shape}")
     return Gf.Matrix4d(*T.T.ravel().tolist())
 
 

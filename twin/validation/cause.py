@@ -31,7 +31,7 @@ _FAMILIES: dict[str, Side] = {
 """Side of a finding, by the first word of its code; findings with other codes belong to the side "protocol"."""
 
 _SAME = 0.999
-"""Ratio of the sizes of two findings above which the sizes count as equal; the first finding is then the head."""
+"""Fraction of the largest size from which a finding counts as equally large; the first such finding is the head."""
 
 
 @dataclass(frozen=True)
@@ -129,7 +129,7 @@ def _cause(of: Side, name: str, group: list[Finding]) -> Cause:
 
 
 def _after_cad(found: list[Cause]) -> tuple[Cause, ...]:
-    """If the CAD contradicts itself, move the causes in the equations into the first cause's `perhaps`."""
+    """If the CAD contradicts itself, move the findings on the equations to `perhaps` of the first cause, the CAD's."""
     if not found or found[0].side != "CAD" or found[0].head.severity != "disagreement":
         return tuple(found)
     blamed = [c for c in found if c.side == "equations"]

@@ -194,13 +194,13 @@ _WORDS = {"C": "the Coriolis effort", "g": "gravity"}
 
 
 def _left(difference: Array, edit: Array) -> float:
-    """Return the share of a difference that an edit leaves."""
+    """Return the norm of the difference after an edit, divided by the norm before it."""
     size = float(np.linalg.norm(difference))
     return float(np.linalg.norm(difference - edit)) / size if size else 0.0
 
 
 def _parameters(form: ClosedForm, states: list[_State], M: Array, g: Array) -> Iterator[tuple[str, float, float, str]]:
-    """Yield (name, value that explains all differences, published value, unit) of such parameters."""
+    """Yield (name, required value, published value, unit) of each parameter that alone explains all differences."""
     n, k = len(form.joints), len(form.parameters)
     share = np.concatenate([np.concatenate([s.A.M_share.reshape(n * n, k), s.A.g_share]) for s in states])
     size = np.concatenate([np.concatenate([M[i].reshape(-1), g[i]]) for i in range(len(states))])

@@ -80,7 +80,11 @@ class Accuracy(Table):
 
 
 class Chain(Table):
-    """Accuracy test of the paper's console: displacements per axis, and resolution of the haptic pen."""
+    """Accuracy test of the paper's console.
+
+    `displacements` is the number of displacements per axis, `resolution_mm` the resolution of the haptic pen,
+    and `of` the name of the accuracy section with the printed results.
+    """
 
     displacements: int = Field(ge=2)
     resolution_mm: float = Field(gt=0)
@@ -97,7 +101,7 @@ class Above(Table):
 
 
 class Twice(Table):
-    """A statement that the paper prints in several places."""
+    """Numbers that the paper prints in several places, which must be equal: one list of values for each place."""
 
     name: str
     where: list[str]
@@ -127,17 +131,25 @@ class GroupTables(Table):
                 for field in ("mean", "std", "lower", "upper"):
                     cells = getattr(row, field, None)
                     if cells is not None and set(cells) != names:
-                        raise at((key, i, field), f"give a number for each group: {', '.join(sorted(names))}")
+                        raise at((key, i, field), f"give one number for each group: {', '.join(sorted(names))}")
         for i, row in enumerate(self.outcome):
             for j, pair in enumerate(row.compared):
                 if not set(pair.between) <= names:
-                    raise at(("outcome", i, "compared", j, "between"), f"the groups are {', '.join(sorted(names))}")
+                    text = f"give the names of two groups; the groups are {', '.join(sorted(names))}"
+                    raise at(("outcome", i, "compared", j, "between"), text)
         known = {o.name for o in self.outcome}
         for i, claim in enumerate(self.claim):
             if unknown := set(claim.outcomes) - known:
-                raise at(("claim", i, "outcomes"), f"there is no outcome '{min(unknown)}'")
-        if self.chain is not None and self.chain.of not in {a.name for a in self.accuracy}:
-            raise at(("chain", "of"), f"there is no accuracy table '{self.chain.of}'")
+                raise at(
+                    ("claim", i, "outcomes"),
+                    f"there is no outcome '{min(unknown)}'; the outcomes are {', '.join(sorted(known))}",
+                )
+        printed = [a.name for a in self.accuracy]
+        if self.chain is not None and self.chain.of not in printed:
+            text = (
+                f"no [[accuracy]] section has the name '{self.chain.of}'; the names are {', '.join(printed) or 'none'}"
+            )
+            raise at(("chain", "of"), text)
         return self
 
 

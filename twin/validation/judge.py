@@ -38,7 +38,7 @@ _NO_EQUATIONS = info(
     "equations.none",
     "formula.py",
     "the robot has no equations: only mechanism, stage and motion are checked",
-    suggestion="write `inverse` or `forward` there",
+    suggestion="write `inverse` or `forward` in formula.py",
 )
 
 _STAGE = Kind("stage.differs", "disagreement", "rebuild the stage with `twin build`", word="tolerance")

@@ -68,7 +68,7 @@ def lengths(
 
 
 def put_down(kin: Kinematics, found: list[Finding], findings: list[Finding]) -> list[Finding]:
-    """Return the findings on the equations; if an equation uses a differing length, this length becomes the cause."""
+    """Return `findings` on the equations; those on an equation that uses a length of `found` get it as their cause."""
     parameters = [f.cause.removeprefix("length ") for f in found]
     causes = {}
     for e in kin.formula.equations:

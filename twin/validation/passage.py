@@ -20,7 +20,7 @@ from twin.validation.shaft import between_samples
 from twin.validation.timing import timing
 
 _MECHANISM = Kind("rcm.mechanism", "disagreement", word="tolerance")
-_PASSIVE = Kind("limit.passive", "disagreement", "change the protocol, or the joint", word="")
+_PASSIVE = Kind("limit.passive", "disagreement", "change the protocol, or correct the limit of the joint", word="")
 
 
 def about_rcm(case: Case, out: Comparison, clock: Clock) -> None:

@@ -24,7 +24,7 @@ _UNSCORED = {
 
 
 class Item(Table):
-    """A question, the scales to which it belongs, and whether a high answer counts against them."""
+    """A question, the scales to which it belongs, and whether a high answer lowers their scores (`reversed`)."""
 
     name: str
     scales: list[Identifier] = Field(min_length=1)
@@ -32,7 +32,7 @@ class Item(Table):
 
 
 class Total(Table):
-    """A score of all scales: the unweighted sums of all scales are added and multiplied by `weight`."""
+    """The total score of a questionnaire: `weight` times the sum of the unweighted sums of all scales."""
 
     name: Identifier
     weight: float = Field(gt=0)
@@ -42,7 +42,7 @@ class Key(Table):
     """The key of a questionnaire.
 
     An answer from `low` to `high` counts as its difference from `zero`. A scale is the sum or the mean of its items,
-    times its number in the table `scale`. Columns of a table of users are named <name>_1, <name>_2, ...
+    times its factor in the section `scale`. Columns of a table of users are named <name>_1, <name>_2, ...
     """
 
     name: Identifier
@@ -60,7 +60,7 @@ class Key(Table):
     def _whole(self) -> Key:
         for k, item in enumerate(self.item):
             if unknown := set(item.scales) - set(self.scale):
-                raise at(("item", k, "scales"), f"there is no scale '{min(unknown)}'; they are {', '.join(self.scale)}")
+                raise at(("item", k, "scales"), f"there is no scale '{min(unknown)}'; use {', '.join(self.scale)}")
         return self
 
     @property

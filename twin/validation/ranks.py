@@ -27,7 +27,7 @@ from twin.core.spatial import Array
 from twin.validation.questionnaires import scored
 
 _GROUP, _SESSION, _USER = "group", "session", "user"
-"""Columns that are no measures: group, number of the session of a user, name of the user."""
+"""Columns that are not measures: name of the group, number of the user's session, name of the user."""
 
 
 @dataclass(frozen=True)
@@ -37,8 +37,8 @@ class Users:
     Attributes:
         file: name of the file.
         groups: (k,) group of each row.
-        sessions: (k,) number of the session in each row; None: the table does not say it.
-        repeated: whether rows with other numbers are sessions of the same users.
+        sessions: (k,) number of the session in each row; None: the table has no such column.
+        repeated: whether rows with different session numbers belong to the same users.
         measures: values (k,) by measure; NaN: an empty cell.
         findings: findings on questionnaires.
     """
@@ -51,7 +51,7 @@ class Users:
     findings: Sequence[Finding] = ()
 
     def samples(self, measure: str) -> dict[str, Array]:
-        """Return the values of a measure by group; of repeated sessions, the first and the last one of each group."""
+        """Return the values of a measure by group; if `repeated`, of the first and the last session of each group."""
         values, groups = np.array(self.measures[measure], float), np.array(self.groups)
         out = {}
         for group in dict.fromkeys(self.groups):
@@ -65,7 +65,10 @@ class Users:
         return {group: x[np.isfinite(x)] for group, x in out.items()}
 
     def pairs(self, measure: str) -> list[tuple[str, str]]:
-        """Return the pairs to compare: all groups; of repeated sessions, all last ones, and first with last ones."""
+        """Return the pairs of names from `samples` to compare: every two groups.
+
+        If `repeated`, the first and the last session of each group, and the last sessions of every two groups.
+        """
         names = list(self.samples(measure))
         if not self.repeated:
             return list(combinations(names, 2))

@@ -71,7 +71,7 @@ class Residual:
 
 
 _SAME = 0.999
-"""Ratio above which two deviations count as equal; the first of the two rows is then shown."""
+"""Fraction of the largest deviation from which a row counts as equally bad; the first such row is shown."""
 
 
 def headline(rows: Sequence[Residual]) -> Residual:

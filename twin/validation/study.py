@@ -35,7 +35,10 @@ class Measure(Table):
     @model_validator(mode="after")
     def _paired(self) -> Measure:
         if len(self.physical) != len(self.simulation):
-            raise at("simulation", f"{len(self.simulation)} users, but `physical` has {len(self.physical)}")
+            raise at(
+                "simulation",
+                f"{len(self.simulation)} values, but `physical` has {len(self.physical)}; give one per user",
+            )
         return self
 
 

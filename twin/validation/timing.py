@@ -96,7 +96,7 @@ def _clock(trajectory: Trajectory) -> Iterator[Finding]:
     t, spans = trajectory.t, trajectory.phases
     step = np.diff(t)
     if len(t) < 2 or not np.isfinite(t).all() or step.min() <= 0:
-        yield disagreement("timing.clock", "t", "the times of the samples do not increase")
+        yield disagreement("timing.clock", "t", "the sample times must be finite and increase strictly")
         return
     off = float(np.abs(t - np.linspace(t[0], t[-1], len(t))).max())
     if off > _CLOCK:
@@ -118,7 +118,7 @@ def _clock(trajectory: Trajectory) -> Iterator[Finding]:
         yield disagreement(
             "timing.phases",
             ", ".join(s.name for s in spans),
-            "the phases do not cover the samples in order at the stated times",
+            "the phases must cover all samples without gaps, and begin and end at the stated times",
         )
 
 

@@ -371,7 +371,7 @@ def compare_hashes(contents: Sequence[Content], proof: str = "") -> None:
         if content.model_hash and content.model_hash != common:
             tie = not proof and len(said[common]) == len(said[content.model_hash])
             text = f"the file was made from model {content.model_hash[:23]}…, {others} from {common[:23]}…." + (
-                " One of the two is wrong." if tie else ""
+                " One of the two models is wrong." if tie else ""
             )
             content.ledger.wrong("compare.model_hash", text, "model_hash")
 

@@ -29,8 +29,9 @@ _FAMILY = {"usda": "usd", "usdc": "usd", "gltf": "glb", "csv": "tracks"}
 
 
 _ZERO = 1e-6
-"""Transmission ratios up to this magnitude count as zero, after each row of the matrix is divided by its largest
-entry: files store single precision."""
+"""Size up to which a ratio of a coupling counts as zero (rounding of single precision).
+
+The ratios of each coupling are first divided by the largest absolute ratio of the coupling."""
 
 
 def _number(a: float, b: float) -> float:
@@ -473,12 +474,12 @@ def _hold(subject: str, name: str, views: Sequence[View], worst: dict) -> None:
         others = [v.file for v in right]
         tie = len({v.family for v in right}) == 1 and right[0].format != "truth"
         text = _text(subject, name, q, view.said[key], right[0].said[key], _listed(others))
-        message = text + (" One of the two is wrong." if tie else "")
+        message = text + (" One of the two statements is wrong." if tie else "")
         view.ledger.wrong(
             f"physics.{name.replace(' ', '_')}",
             message,
             subject,
-            suggestion="find out which of the two is right: `twin audit --robot NAME` compares with the mechanism",
+            suggestion="find out which file is wrong: `twin audit --robot NAME` compares every file with the mechanism",
             size=Measured(off if np.isfinite(off) else None, q.tolerance, "" if q.relative else q.unit),
         )
 

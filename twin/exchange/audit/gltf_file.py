@@ -53,7 +53,7 @@ class Gltf:
         """
         values = self.items(name)
         if isinstance(index, bool) or not isinstance(index, int) or not 0 <= index < len(values):
-            raise ReadError(f"{name}[{index}] does not exist; the file has {len(values)}", "gltf.reference")
+            raise ReadError(f"{name}[{index}] does not exist; '{name}' has {len(values)} entries", "gltf.reference")
         return values[index]
 
     def accessor(self, index: Any) -> Array:
@@ -169,7 +169,7 @@ def natural(spec: Any, key: str, name: str, default: int | None = None) -> int:
     if isinstance(value, float) and value.is_integer():
         value = int(value)
     if isinstance(value, bool) or not isinstance(value, int) or value < 0:
-        raise ReadError(f"{name}: '{key}' is {value!r}, not a whole number", "gltf.json")
+        raise ReadError(f"{name}: '{key}' is {value!r}, not a whole number >= 0", "gltf.json")
     return value
 
 

@@ -96,7 +96,11 @@ def _stays(data: dict[str, Any], clip: Clip, local: Array, ledger: Ledger) -> li
     names, on, phases = data.get("frame_names", []), data.get("frame_links", []), data.get("phases", [])
     fits = len(local) == 7 * len(names) and len(on) == len(names) and len(point) == 3 * len(has)
     if not fits or len(has) > min(len(start), len(end), len(phases)):
-        ledger.wrong("tracks.shape", "lists of frames or RCMs have wrong lengths.", "frames_local")
+        text = (
+            "the lengths of frame_names, frame_links and frames_local, or of phases, phase_start, phase_end, "
+            "phase_has_rcm and phase_rcm do not match."
+        )
+        ledger.wrong("tracks.shape", text, "frames_local")
         return None
     enforced = data.get("phase_rcm_enforced")  # tracks of earlier versions lack this entry
     if enforced is not None and not (isinstance(enforced, list) and len(enforced) == len(has)):

@@ -141,7 +141,7 @@ ADVICE: Mapping[str, str] = {
     "compare.between": "use LINEAR interpolation between the keys",
     "compare.joint": "joint values are radians and metres",
     "compare.model_hash": "export all files again, together",
-    "compare.pose": "find out which of the two is right: `twin audit --robot NAME` recomputes the poses",
+    "compare.pose": "find out which file is wrong: `twin audit --robot NAME` computes the correct poses",
     "compare.shape": "check units, mirroring and the link of each mesh",
     "compare.times": "check the rate, and the units of time",
     "gltf.duplicate_name": "give each node a unique name",

@@ -53,7 +53,7 @@ def _check_mass(ledger: Ledger, link: str, mass: Mass, shape: Shape | None) -> N
         ledger.wrong(f"physics.{code}", f"link '{link}': {text}.", link, size=Measured(size, limit, unit))
 
     if not (np.isfinite(mass.mass) and mass.mass > 0):
-        wrong("mass_not_positive", f"its mass is {mass.mass:g} kg", mass.mass, "kg", 0.0)
+        wrong("mass_not_positive", f"its mass is {mass.mass:g} kg, not positive", mass.mass, "kg", 0.0)
         return
     if mass.inertia is not None:
         I = mass.inertia  # noqa: E741 - the symbol of the field

@@ -74,7 +74,9 @@ def read_csv(path: Path, ledger: Ledger) -> Content:
             data[key.strip()] = _parsed(value.strip())
     rows = list(csv.reader(io.StringIO("\n".join(lines))))
     if not is_track(data) or len(rows) < 2:
-        raise ReadError("it has no schema, no header or no numbers")
+        raise ReadError(
+            f"it lacks the line '# schema: {SCHEMA}', the header with the column names, or the lines of numbers"
+        )
     header, body = rows[0], rows[1:]
     try:
         numbers = np.array(body, float)
@@ -83,7 +85,8 @@ def read_csv(path: Path, ledger: Ledger) -> Content:
         raise ReadError(text) from error
     if numbers.shape[1] != len(header) or header[0] != "time_s":
         raise ReadError(
-            f"its header has {len(header)} columns, the first '{header[0]}'; its lines have {numbers.shape[1]} columns"
+            f"its header has {len(header)} columns, the first '{header[0]}'; its lines have {numbers.shape[1]} "
+            "columns: the counts must be equal, and the first column must be time_s"
         )
     links, joints = _list(data, "links", str), _list(data, "joints", str)
     kinds = _list(data, "joint_types", str)

@@ -16,7 +16,7 @@ from twin.exchange.audit.report import Ledger, Measured
 from twin.exchange.audit.unity_frames import MIRRORS, ROOTS
 
 TOL = 1e-5
-"""Tolerance in m or in components of a unit quaternion: the vectors have eight decimals, streams single precision."""
+"""Tolerance in m or in components of a unit quaternion: golden vectors have 8 decimals, streams single precision."""
 
 _IMPORTS = {"gltfast": "GltFast", "urdf": "UrdfImporter"}
 _HEAD = struct.Struct("<4sIddHHI")

@@ -181,7 +181,7 @@ def describe(m: Mechanism, source: str, assumed: Set[str] = frozenset()) -> str:
 
 
 TOLERANCE = ("", "[tolerance]", "gross_mm = 1", "gross_deg = 1", "meeting_um = 1", "meeting_deg = 0.001")
-"""Lines of the table of tolerances in a new description."""
+"""Lines of the section [tolerance] of a new description."""
 
 _GUESSED = {"provenance": "ASSUMED", "note": NOTE}
 

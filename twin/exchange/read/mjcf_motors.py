@@ -16,9 +16,9 @@ Name = Callable[[str, int], str]
 
 @dataclass(frozen=True)
 class Motors:
-    """Transmissions of a mechanism, with MuJoCo's numbers of the joints, actuators and tendons in them.
+    """Actuators and transmissions of a mechanism.
 
-    `joints`, `numbers` and `tendons` are MuJoCo's numbers of the joints, actuators and tendons.
+    `joints`, `numbers` and `tendons` are MuJoCo's indices of the joints, actuators and tendons in the transmissions.
     """
 
     actuators: tuple[Actuator, ...]
@@ -29,7 +29,7 @@ class Motors:
 
 
 def fixed_tendon(m, tendon: int) -> dict[int, float]:
-    """Return the coefficients of a fixed tendon by joint number, in file order; empty for a spatial tendon."""
+    """Return the coefficients of a fixed tendon by MuJoCo's joint index, in file order; empty for a spatial tendon."""
     import mujoco
 
     rows = range(m.tendon_adr[tendon], m.tendon_adr[tendon] + m.tendon_num[tendon])

@@ -29,7 +29,7 @@ MEETING = (0.001 * MM, 0.001 * DEG)
 """Distance in m and angle in rad up to which the frames of a joint on its two bodies count as coincident."""
 
 _TOLERANCE = Tolerance(gross_mm=1, gross_deg=1, meeting_um=1, meeting_deg=0.001)
-"""Tolerance table of a new description."""
+"""Values of the section [tolerance] of a new description."""
 
 _RAIL = 2.0
 """Ratio of shaft length to bush length above which a shaft without stops is assumed to be a rail."""

@@ -20,7 +20,7 @@ ORIGIN = "__model__"
 """Name of a model's own frame in SDF; the frame of a nested model `hand` becomes `hand::__model__`."""
 
 _DEEPEST = 8
-"""Maximum nesting depth of models; a limit, because includes may be recursive."""
+"""Maximum number of nested levels of models, so that a model that includes itself is an error."""
 
 
 def robot_of(xml: Xml, root: str | None, findings: Findings) -> Element:
@@ -76,7 +76,9 @@ def robot_of(xml: Xml, root: str | None, findings: Findings) -> Element:
 def _resolve(xml: Xml, model: Element, depth: int, taken: list[Path]) -> None:
     """Replace the includes of a model by their models; `taken` holds the files of all includes so far."""
     if depth > _DEEPEST:
-        raise SourceError(f"{xml.path}: models are nested more than {_DEEPEST} deep: does one include itself?")
+        raise SourceError(
+            f"{xml.path}: models are nested in more than {_DEEPEST} levels; check that no model includes itself"
+        )
     for i, element in enumerate(list(model)):
         if element.tag == "include":
             uri = (element.findtext("uri") or "").strip()

@@ -36,7 +36,7 @@ def rows(values: Mapping[str, Any]) -> list[str]:
 
 
 def table(header: str, **values: Any) -> list[str]:
-    """Return the lines of a table, after an empty line; values that are None are omitted."""
+    """Return an empty line and the lines of a TOML section: its header such as "[tool]", and its values except None."""
     return ["", header, *rows(values)]
 
 

@@ -120,7 +120,9 @@ def order(
     """
     if robot.files is None:
         if protocols or trajectory is not None:
-            raise TwinError(f"{robot.name} is a USD stage: it has no protocols, only the motion baked in the stage")
+            raise TwinError(
+                f"{robot.name} is a USD stage: it has no protocols, only its baked motion; name no protocol"
+            )
         return _of_stage(robot, progress)
     progress("read CAD, compute masses", 0.0)
     files, robot = robot.files, robot.weighed()

@@ -99,7 +99,8 @@ def check_units(scene: Scene) -> Iterator[Finding]:
             )
     codes, frames = stage.GetTimeCodesPerSecond(), stage.GetFramesPerSecond()
     if codes != frames:
-        text = f"some viewers take {codes / frames:.3g} times as long to play the motion: timeCodesPerSecond"
+        longer = f"{codes / frames:.3g} times as long"
+        text = f"viewers that use framesPerSecond take {longer} to play the motion: timeCodesPerSecond"
         yield _FRAME_RATE("/", text, Quantity(codes, "1/s"), Quantity(frames, "1/s"))
     yield from _check_layers(scene)
 

@@ -78,8 +78,8 @@ def inspect_stage(path: str | Path, root: str | None = None) -> tuple[Mechanism,
 def read_motion(path: str | Path) -> tuple[Array, dict[str, Array]]:
     """Return the sample times and the poses of all rigid bodies of a stage.
 
-    If bodies have samples at different time codes, all bodies are evaluated at every time code of any body; USD then
-    interpolates poses. Bodies or their ancestors have time samples.
+    The samples are the time samples of the transforms of bodies and of their ancestors. If bodies have samples at
+    different time codes, all bodies are evaluated at every time code of any body; USD then interpolates poses.
 
     Returns:
         (times, poses): times (k,) in s from time code 0; T_world_body (k, 4, 4) in metres, world z up, by the body

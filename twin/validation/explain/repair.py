@@ -32,7 +32,7 @@ _SHARED = 3
 """Number of edits per repaired group that are tried together with a second edit for the remaining rows."""
 
 _SHARED_PART = 0.2
-"""Maximum fraction of the time for pairs that is used for edits shared with other rows (`_SHARED`)."""
+"""Maximum fraction of the remaining time that is spent on pairs with an edit of a repaired group (`_SHARED`)."""
 
 _SAME = 1e-7
 """Relative difference of residuals, also at perturbed values, below which two edited rows count as the same

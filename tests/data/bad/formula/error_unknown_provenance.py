@@ -1,4 +1,4 @@
-# 4: ValueError: provenance 'PAPER' is not known: PUBLISHED (printed in the paper), CITED, DERIVED or ASSUMED
+# 4: ValueError: provenance 'PAPER' is not known; write PUBLISHED (printed in the paper), CITED, DERIVED or ASSUMED
 from twin.formula import mm
 
 PARAMETERS = {"a": mm(135, "PAPER", "Table 1")}
