@@ -321,7 +321,7 @@ def test_it_is_validated_and_its_margins_are_told(robot, trajectory):
     report = api.validate(robot, trajectory)
     assert report.verdict == "agree", [f.message for f in report.findings if f.severity != "info"]
     margins = report.facts["margins along the path"]
-    assert re.search(r"deg to a limit, .*; at most [\d.e+]+ of 573 deg/s", margins["motor m1"])
+    assert re.search(r"deg to a limit, .*; maximum speed [\d.e+]+ \(limit 573\) deg/s", margins["motor m1"])
 
 
 def test_info_shows_motors_and_what_they_move(robot, capsys):

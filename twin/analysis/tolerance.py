@@ -357,13 +357,15 @@ class ToleranceBudget(Result):
             sd = ", ".join(f"{x / UM:.3g}" for x in np.sqrt(np.diag(b.covariance))[:3])
             most = ", ".join(f"{what} {100 * p:.0f} %" for what, p, _ in b.contributors[:3])
             rows.append((b.name, f"{b.within[0] / UM:.4g} µm", f"{b.within[1] / DEG:.3g}°", sd, most))
-        yield Table(("state", "95 % within", "rotation", "sigma x, y, z [µm]", "largest contributors"), rows, fit=True)
+        head = ("state", "position, 95 %", "rotation, 95 %", "sigma x, y, z [µm]", "largest contributors")
+        yield Table(head, rows, fit=True)
         yield ""
         for b in self.budgets:
             if b.sampled_within is not None and b.difference is not None:
                 yield (
-                    f"  Monte Carlo, {b.samples} robots in state '{b.name}': 95 % within "
-                    f"{b.sampled_within[0] / UM:.4g} µm; standard deviations differ by {100 * b.difference:.2g} %"
+                    f"  Monte Carlo, {b.samples} robots in state '{b.name}': 95 % of the robots have at most "
+                    f"{b.sampled_within[0] / UM:.4g} µm; its standard deviations differ by up to "
+                    f"{100 * b.difference:.2g} % from those above"
                 )
         if self.required is not None and self.factor is not None:
             small = f", NOT met: reduce all errors by a factor of {1 / self.factor:.3g}"

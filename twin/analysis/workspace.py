@@ -179,19 +179,20 @@ class Workspace(Result):
         yield f"{s['robot']} · {_what(s)} · cells of {s['step_mm']:.3g} mm"
         yield ""
         corner = ", ".join(f"{a:.0f} .. {b:.0f}" for a, b in zip(s["box_mm"]["low"], s["box_mm"]["high"], strict=True))
-        volume = f"{s['volume_dm3']:.4g} ± {s['volume_error_dm3']:.1g} dm³ (grid)"
+        volume = f"{s['volume_dm3']:.4g} ± {s['volume_error_dm3']:.1g} dm³ (error of counting cells)"
         yield f"  reached           {volume} in x, y, z = {corner} mm"
         if s["orientations"] > 1:
-            yield f"  every orientation {s['volume_every_orientation_dm3']:.4g} dm³"
+            yield f"  every orientation {s['volume_every_orientation_dm3']:.4g} dm³ are reached in every orientation"
         if s["global_conditioning_index"] is not None:
             spread = ", ".join(f"{k}: {v:.3f}" for k, v in s["inverse_condition_quantiles"].items())
-            yield f"  inverse condition {s['global_conditioning_index']:.3f} mean ({spread})"
+            yield f"  inverse condition mean {s['global_conditioning_index']:.3f} (quantiles {spread})"
         spread = ", ".join(f"{k}: {v:.2f}" for k, v in s["limit_margin_quantiles"].items())
-        yield f"  joint limits      margin (0 at a limit, 1 in the middle of the range): {spread}"
+        yield f"  joint limits      margin (0 at a limit, 1 in the middle of the range), quantiles {spread}"
         if s["smallest_singularity_measure"] is not None:
             yield f"  singularity       smallest measure {s['smallest_singularity_measure']:.3g}"
         if s["best_position_mm"] is not None:
-            yield f"  best position     {', '.join(f'{x:.0f}' for x in s['best_position_mm'])} mm"
+            why = " (largest inverse condition number)" if s["global_conditioning_index"] is not None else ""
+            yield f"  best position     {', '.join(f'{x:.0f}' for x in s['best_position_mm'])} mm{why}"
         yield "  collisions are not checked"
         yield ""
 

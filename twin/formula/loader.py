@@ -27,7 +27,7 @@ class Loader(SourceFileLoader):
 
 
 def text_of(path: Path, names: Mapping[str, Any]) -> bytes:
-    """Return the bytes of the module file with the globals `names`: from its `Loader` if any, else from disk."""
+    """Return the bytes of a module's file: those its `Loader` read, else those on disk; `names`: its globals."""
     loader = names.get("__loader__")
     if isinstance(loader, Loader) and Path(loader.path) == path:
         return loader.data

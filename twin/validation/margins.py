@@ -52,8 +52,8 @@ def margins(trajectory: Trajectory, mechanism: Mechanism, paths: PathKinematics,
         k, fastest = int(np.argmin(sides)), int(np.argmax(rates))
         left = f"{sides[k] / scale:.2f} {unit} to a limit, {clock.when(k)}; " if np.isfinite(sides[k]) else ""
         most = paths.motors.max_speed[i] / scale
-        of = f" of {most:.4g}" if np.isfinite(most) else ""
-        out[f"motor {name}"] = f"{left}at most {rates[fastest] / scale:.4g}{of} {unit}/s, {clock.when(fastest)}"
+        of = f" (limit {most:.4g})" if np.isfinite(most) else ""
+        out[f"motor {name}"] = f"{left}maximum speed {rates[fastest] / scale:.4g}{of} {unit}/s, {clock.when(fastest)}"
     for gap in paths.gaps:
         apart = np.abs(trajectory.q[:, gap.i] - trajectory.q[:, gap.j])
         k = int(np.argmin(apart))

@@ -193,7 +193,7 @@ def written_rows(
         has = f"{len(t)} time codes from {t[0]:.4g} to {t[-1]:.4g} s" if len(t) else "no time codes"
         lacks = f"; {', '.join(written.missing)} have no time codes" if written.missing else ""
         said = f"the motion on the stage has {has}{lacks}; the protocol lasts {samples.keys[-1]:.4g} s"
-        said += f" and has {len(samples.keys)} time codes: the motion is of another protocol, or was changed"
+        said += f" and needs {len(samples.keys)} time codes: the motion belongs to another protocol, or was changed"
         return [], [kind(written.file, said)]
     rows = [
         row("B-D", "baked", "links, existing motion", unit, values, tolerance if due else None, keys, note=written.file)

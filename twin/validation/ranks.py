@@ -150,7 +150,7 @@ class Ranks(Result):
         yield Table(("measure", "groups", "users", "medians", "U", "p", "p (Holm)", "effect"), rows)
         yield "  effect: rank-biserial correlation = Cliff's delta = 2 A - 1, A of Vargha and Delaney"
         if not all(c.exact for c in self.comparisons):
-            yield "  *: with ties, normal approximation; the others are exact"
+            yield "  *: p by the normal approximation, because of ties; the other p-values are exact"
         yield ""
         yield from self.findings
 
@@ -221,8 +221,8 @@ def _repeated(users: Users) -> Iterator[Finding]:
         yield info(
             "study.repeated",
             _SESSION,
-            "the rank test takes first and last sessions as values of different users; values of one user are not "
-            "independent",
+            "the rank test treats the first and the last sessions as sessions of different users, but the sessions of "
+            "one user are not independent",
         )
 
 

@@ -62,8 +62,8 @@ class Residual:
     ) -> Finding:
         """Return a finding for this row with the message `what`, the largest deviation, the tolerance, place and time.
 
-        Empty texts have defaults: `where` the name of the row, `suggestion` the suggestion of `kind`, `when` phase and
-        time of the largest deviation.
+        The default of `where` is the name of the row, of `suggestion` the suggestion of `kind`, and of `when` the phase
+        and the time of the largest deviation.
         """
         limit = None if self.tolerance is None else si(self.tolerance, self.unit)
         at = when or f"{self.phase}, t = {self.t:.2f} s"

@@ -278,7 +278,7 @@ class Strokes(Result):
     def text(self) -> Iterator[Part]:
         """Yield a row per joint and model."""
         yield f"{self.robot} · tool error over each joint's stroke (the others at home), compared with the mechanism\n"
-        header = ("joint", "stroke", "model", "mean", "worst", "rotation", "")
+        header = ("joint", "stroke", "model", "mean error", "largest error", "largest rotation", "")
         yield Table(header, [row for s in self.sweeps for row in self._rows(s)])
         if self.requirement:
             required, provenance, note = self.requirement
@@ -299,7 +299,7 @@ class Strokes(Result):
                 mark = "ok" if s.agrees else "DIFFERS"
             elif self.requirement:
                 required = self.requirement[0]
-                mark = "within" if d["position_max"] <= required else f"over {required / UM:g} µm"
+                mark = f"{'within' if d['position_max'] <= required else 'over'} {required / UM:g} µm"
             yield s.joint, stroke, name, *figures, f"{d['rotation_max'] / DEG:.2g}°", mark
 
     def write(self, folder: Path) -> None:

@@ -129,6 +129,6 @@ def _judged(
 def _share(
     robot: str, protocol: str | None, families: tuple[Family, ...], count: int, seed: int, share: int
 ) -> dict[int, Outcome]:
-    """Check every second fault in the second process, starting with fault number `share` (0 or 1)."""
+    """Check every second fault, starting with the fault of index `share` (0 or 1); run in the second process."""
     with bench_of(robot, protocol) as bench:
         return _judged(bench, families, count, seed, share, lambda label, fraction: None)

@@ -526,7 +526,7 @@ _SAID = {
 _WORDS = {
     "frame pose": "pose of the frame on its link",
     "pose": "relative pose of the two links",
-    "place": "line or point of the joint",
+    "place": "axis or centre of the joint",
     "link": "its link",
     "held": "bodies fixed to the world",
     "weighed": "presence of a mass",

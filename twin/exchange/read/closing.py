@@ -139,7 +139,7 @@ def _gap(mechanism: Mechanism, name: str, offset: float, tilt: float, unread: Se
         left = f"{len(unread)} elements of the file are not supported; the first: {unread[0].message}" if unread else ""
         why += left or "a defect of the model."
     else:
-        why = "With all other loops cut, it closes: the loops contradict each other, or need another start pose."
+        why = "With all other loops cut, this loop closes: the loops contradict each other, or need another start pose."
     text = f"loop '{name}' stays open by {mm(offset)} and {deg(tilt)}. {why}"
     return finding("warning", "import.gap", name, text, Quantity(offset, "m"), CLOSED[0], word="")
 

@@ -127,7 +127,8 @@ def read_skeleton(path: Path) -> Skeleton:
 def _near(p: Proposal) -> Finding:
     text = (
         f"joint {p.name} of '{p.parent}' and '{p.child}' ({p.pair.radii}): its frames are {p.miss} apart in the CAD "
-        f"(confidence {p.pair.confidence}). It is proposed, but `info` and `validate` will report cad.meeting, cad.tilt"
+        f"(confidence {p.pair.confidence}). It is proposed, but `info` and `validate` will report cad.meeting or "
+        "cad.tilt"
     )
     return finding("warning", "import.near", p.name, text, Quantity(p.offset, "m"), word="")
 

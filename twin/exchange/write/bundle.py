@@ -93,7 +93,7 @@ class Bundle(Result):
             yield from shown
             yield ""
         if self.order.clips:
-            header = ("motion", "s", "keys per second", "between keys µm", "degrees", "joint gap µm")
+            header = ("motion", "duration s", "keys per second", "error µm", "error deg", "joint gap µm")
             yield Table(header, [_row(c) for c in self.order.clips])
             yield ""
         top: dict[str, int] = {}

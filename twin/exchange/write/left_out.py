@@ -25,7 +25,7 @@ def left_out(mechanism: Mechanism, file: str, told: Told) -> Iterator[Finding]:
 
 
 def motors_left_out(mechanism: Mechanism, file: str, *fields: str) -> Iterator[Finding]:
-    """Yield a finding for each of the given fields of `Actuator` that has a value and that the format cannot hold."""
+    """Yield a finding for each of the given fields of `Actuator`, which the format cannot hold, that has a value."""
     for field in fields:
         if names := ", ".join(a.name for a in mechanism.actuators if getattr(a, field) is not None):
             what = f"{field.replace('_', ' ')} of the actuators {names}"

@@ -168,7 +168,7 @@ class Judge:
                 computed.setdefault(name, value)
 
     def _stuck(self, step: Step, s: Statement, found: Residuals) -> None:
-        """Count all outputs from a statement on as wrong, because the statement uses an unknown name."""
+        """Count the outputs of a statement that uses an unknown name, and of all later statements, as wrong."""
         step.stuck = True
         late = [(t, i, name) for t in step.source.statements[s.index :] for i, name in enumerate(t.writes)]
         last = step.source.statements[-1]

@@ -23,7 +23,7 @@ SAMPLES = 24
 """Number of poses at which a formula is judged."""
 
 _SPREAD = 0.06
-"""Half width of the sampled box around each posture, as a fraction of the joint's range."""
+"""Half width of the box of joint values that is sampled around each posture, as a fraction of each joint's range."""
 
 _REGULAR = 0.1
 """Conditioning, relative to the best posture, below which a posture counts as near a singularity and is skipped."""
