@@ -5,7 +5,8 @@ from __future__ import annotations
 import pytest
 
 import twin
-from twin.core.errors import ProtocolError
+from twin.api.standing import standing
+from twin.core.errors import ProtocolError, TwinError
 from twin.planning.protocol import Free, Home, Joints, Positioning, avoiding
 
 
@@ -32,3 +33,16 @@ def test_only_motions_outside_the_patient_change_and_keep_their_waypoints(name):
 def test_impossible_numbers_are_refused(clearance, seed, words):
     with pytest.raises(ProtocolError, match=words):
         avoiding(twin.load("sils").protocol(None), "", clearance, seed)
+
+
+@pytest.mark.parametrize("name", ["psm1", "davinci_psm"])
+def test_the_other_arms_of_a_scene_are_obstacles(name):
+    """A robot is found by its name in the scene or by its kind; the other arms have names of their own there."""
+    bodies = {still.name for still in standing("davinci", name, twin.load)}
+    assert {"psm2/base", "ecm/base"} <= bodies
+    assert not any(b.startswith("psm1/") for b in bodies)
+
+
+def test_a_robot_that_is_not_in_the_scene_is_named():
+    with pytest.raises(TwinError, match=r"has no robot 'sher'; it has: .*psm1"):
+        standing("davinci", "sher", twin.load)

@@ -12,9 +12,9 @@ from __future__ import annotations
 import sys
 import time
 
-import coal
 import numpy as np
 from obstacles import length, problem
+from plans import exact
 
 import twin
 from twin.core.units import MM
@@ -28,27 +28,6 @@ from twin.simulation.machine.following import follow
 from twin.simulation.machine.plant import Physics, Plant
 
 SPEED, ACCELERATION = np.array([0.8, 0.8, 0.06, 0.8, 0.8, 0.8, 0.8]), np.array([2.4, 2.4, 0.24, 2.4, 2.4, 2.4, 2.4])
-
-
-def exact(space, q):
-    """Return the smallest distance in m at joint values q (k, n) of all pairs of the space, by coal alone."""
-    pairs, least = space._pairs, np.inf
-    which = np.flatnonzero(pairs.required >= space.clearance)
-    for poses in pairs.poses(space._placed(q)):
-        for pair in which:
-            a, b = pairs.rows[pair]
-            places = [coal.Transform3s(np.ascontiguousarray(poses[i][:3, :3]), poses[i][:3, 3]) for i in (a, b)]
-            shapes = [pairs.shapes[i] for i in (a, b)]
-            low = coal.distance(
-                shapes[0].hull, places[0], shapes[1].hull, places[1], coal.DistanceRequest(), coal.DistanceResult()
-            )
-            if low < least:
-                found = coal.distance(
-                    *(shapes[0].model, places[0], shapes[1].model, places[1]),
-                    *(coal.DistanceRequest(), coal.DistanceResult()),
-                )
-                least = min(least, max(found, 0.0))
-    return least
 
 
 def planned(space, start, goal, box, samples, seed):
@@ -85,8 +64,8 @@ def main(seeds: int, samples: int) -> None:
         s = timing.s
         followed = follow(model, software, path(s), path(s, 1) * timing.sd[:, None], plant)
         every = np.linspace(0, len(followed.q) - 1, 200).astype(int)
-        least = exact(space, path(np.linspace(0, 1, 200)))
-        kept = exact(space, followed.q[every])
+        least = exact(space, space._placed(path(np.linspace(0, 1, 200))))
+        kept = exact(space, space._placed(followed.q[every]))
         rows.append(
             (
                 1,

@@ -16,7 +16,7 @@ def standing(scene: str, robot: str, load: Callable[[str], Any]) -> list[Still]:
     """Return the bodies of the props and of the other robots of a scene, with poses in one robot's base frame.
 
     `scene` is the name of a built-in scene, or the path of a scene.toml or of its folder; `load` returns the robot with
-    a name.
+    a name. `robot` is the name of a robot in the scene, or of a built-in robot: then the first one of that kind.
 
     Raises:
         TwinError: there is no such scene, or the robot is not in it.
@@ -29,14 +29,14 @@ def standing(scene: str, robot: str, load: Callable[[str], Any]) -> list[Still]:
     if (file := assets.scene_file(scene)) is None:
         raise TwinError(unknown("scene", scene, assets.scenes()))
     read = load_scene(file)
-    own = next((p for p in read.places if p.name == robot), None)
+    own = next((p for key in ("name", "robot") for p in read.places if getattr(p, key) == robot), None)
     if own is None:
         raise TwinError(f"scene '{read.name}' has no robot '{robot}'; it has: {', '.join(p.name for p in read.places)}")
     groups = []
     for place in read.places:
         if place is not own:
-            other = load(place.name)
-            mechanism = other.bound(other.protocol(place.protocol)).mechanism
+            other = load(place.robot)
+            mechanism = other.bound(other.protocol(place.protocol or None)).mechanism
             groups.append((place.name, mechanism, place.T_world_base))
     if read.props is not None:
         props = read_props(read.props)
@@ -46,7 +46,7 @@ def standing(scene: str, robot: str, load: Callable[[str], Any]) -> list[Still]:
         links = ReferenceModel(mechanism).home().link_poses
         for body in mechanism.bodies:
             full = f"{name}/{body.name}"
-            touches = {n.removeprefix(f"{robot}/") for pair in read.touching if full in pair for n in pair - {full}}
+            touches = {n.removeprefix(f"{own.name}/") for pair in read.touching if full in pair for n in pair - {full}}
             T = spatial.inverse(own.T_world_base) @ T_world @ links[body.name]
             out.append(Still(full, body, T, frozenset(touches)))
     return out
