@@ -101,7 +101,7 @@ def ompls(space, start, goal, box, samples, seed, free, *, planner="FMT", second
 
     OMPL asks for one state at a time. Its space holds the weighted coordinates, so that it measures the same length.
     It tests states on a connection at 1 % of its extent, our search every interval of a connection, until two bodies
-    move by less than 4 mm from a tested state.
+    move by less than 6 mm from a tested state.
     """
     from ompl import base, geometric, util
 

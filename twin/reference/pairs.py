@@ -24,7 +24,7 @@ from twin.reference.travel import Levers, Reach
 _GJK = 1e-5
 """Maximum error in m by which a computed hull distance is too large."""
 
-SEARCHED = 1 * MM
+SEARCHED = 2 * MM
 """Radius in m of balls that are small enough for a search; a found path is tested with smaller ones."""
 
 _FEW = 3

@@ -56,7 +56,7 @@ _LEVELS = 2
 _NARROW = 3.0
 """Largest margin, in units of the required distance, for which meshes are tested; for larger margins coal is slow."""
 
-_SEARCH = 4 * MM
+_SEARCH = 6 * MM
 """Motion in m of two bodies from the nearest tested state that a search accepts; paths found are tested whole."""
 
 _FAR = 100 * MM
