@@ -186,6 +186,17 @@ def test_no_way_says_what_was_tried(monkeypatch):
         around(space, np.array([-1.5]), np.array([1.5]))
 
 
+@pytest.mark.parametrize(("start", "goal", "end"), [(1.5, -1.5, "start"), (-1.5, 1.5, "goal")])
+def test_no_way_out_of_a_closed_place_names_the_end_that_is_enclosed(monkeypatch, start, goal, end):
+    monkeypatch.setattr("twin.planning.around._ROUNDS", ((0.2, 20), (1.0, 60)))
+    walls = [
+        replace(post(0.15 * np.cos(a), 0.15 * np.sin(a)), name=f"room/{name}")
+        for name, a in (("right", 1.05), ("left", 1.95))
+    ]
+    with pytest.raises(ProtocolError, match=rf"\); the {end} seems to be enclosed, because only \d of 60 samples are"):
+        around(space_of(arm(1), *walls), np.array([start]), np.array([goal]))
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_a_rounded_way_is_smooth_keeps_its_ends_and_comes_near_its_corners(seed):
     rng = np.random.default_rng(seed)

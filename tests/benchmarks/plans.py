@@ -5,7 +5,7 @@ Start and goal are drawn by seed, free of collisions, within the limits of the j
 smallest distance found there. Robots with closed loops are planned between configurations near each other, because each
 state is solved.
 
-    python tests/benchmarks/plans.py [plans per robot]
+    python tests/benchmarks/plans.py [plans per robot [robot ...]]
 """
 
 from __future__ import annotations
@@ -51,9 +51,10 @@ def along(space, path, count=200):
     return space._at(space._stations(path), np.linspace(0.0, 1.0, count))
 
 
-def main(count: int) -> None:
-    """Print one line for each robot."""
-    for name, (scene, part) in ROBOTS.items():
+def main(count: int, *robots: str) -> None:
+    """Print one line for each robot (default: all), and one for each plan without a path, with its reason."""
+    for name in robots or ROBOTS:
+        scene, part = ROBOTS[name]
         follower = Follower(twin.load(name).reference)
         stills = (lambda s=scene, n=name: standing(s, n, twin.load)) if scene else tuple
         space = JointSpace(lambda f=follower: f.model, CLEARANCE, around=stills)
@@ -67,8 +68,9 @@ def main(count: int) -> None:
                 ends += [q] if space.free(q[None])[0] else []
             try:
                 path = around(space, *ends, seed=len(rows))
-            except TwinError:
+            except TwinError as error:
                 refused += 1
+                print(f"  {name}, plan {len(rows) + refused}: {error}", flush=True)
                 continue
             proven, least = space.certify(path).proven, exact(space, along(space, path))
             rows.append((proven / MM, least / MM, np.ptp(path(np.linspace(0, 1, 3), 1), axis=0).max() > 1e-9))
@@ -84,4 +86,4 @@ def main(count: int) -> None:
 
 
 if __name__ == "__main__":
-    main(int(sys.argv[1]) if len(sys.argv) > 1 else 250)
+    main(int(sys.argv[1]) if len(sys.argv) > 1 else 250, *sys.argv[2:])
