@@ -53,7 +53,8 @@ def around(
         if reason := space.why(q):
             near = nearest_free(space, q, seed)
             text = f"; the nearest free configuration found is {space.named(near)}" if near is not None else ""
-            raise ProtocolError(f"at its {name}, {reason}{text}")
+            lower = ". Lower clearance_mm, or move this waypoint" if "apart" in reason else ""
+            raise ProtocolError(f"at its {name}, {reason}{text}{lower}")
     straight = line(start, goal)
     if space.free_along(straight):
         return straight
