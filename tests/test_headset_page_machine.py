@@ -9,7 +9,7 @@ import pytest
 from made import headset_page as headset
 from made.console_page import console
 
-pytestmark = pytest.mark.browser
+pytestmark = [pytest.mark.browser, pytest.mark.alone]  # machine processes in real time: nothing else may run
 
 
 @pytest.fixture(scope="module")
@@ -120,8 +120,8 @@ def test_no_panel_covers_a_tip_or_a_button(page, size):
     try:
         if size[0] < 760:
             page.tab("Console")  # folds the controls
-        page.until(f"{TIPS}.every((free) => free)", "both tips are seen", 20)
-        page.until(BUTTONS, "all buttons are free", 20)
+        page.until(f"{TIPS}.every((free) => free)", "both tips are seen")
+        page.until(BUTTONS, "all buttons are free")
     finally:
         page.page.set_viewport_size({"width": 900, "height": 520})
 
