@@ -256,7 +256,7 @@ def test_gains_that_oscillate_stop_the_machine(parts):
 
 
 def test_the_compiled_arithmetic_is_that_of_numpy(parts, rng):
-    """To the last bit: sums of the released control law, rounded one after the other."""
+    """To the last bit: the released control law, each operation rounded on its own."""
     a, m = parts.arithmetic, parts.arm.mechanism
     kp, ki, kd = np.array([[x.kp / x.gear, x.ki / x.gear, x.kd / x.gear] for x in parts.settings.of_motors(m)]).T
     for _ in range(200):

@@ -17,12 +17,11 @@ import numpy as np
 
 from twin.api import Robot
 from twin.api.machine import Machines
-from twin.core import spatial
 from twin.core.atomic import Scratch
 from twin.core.errors import TwinError, unknown
 from twin.core.jobs import Call
 from twin.core.spatial import Array
-from twin.core.units import DEG, MM
+from twin.core.units import MM
 from twin.kinematics.closed_loops.placing import LinkPoses
 from twin.model.mechanism import Mechanism
 from twin.model.movable import Movable
@@ -31,17 +30,13 @@ from twin.model.scene import Scene
 from twin.model.task import Task
 from twin.model.tissue import Tissue
 from twin.model.trainer import MODEL
-from twin.simulation import console_scene, contact_scene, machine_scene, operating_scene
+from twin.simulation import console_scene, contact_scene, operating_scene
 from twin.simulation.console_scene import HANDS, Member
 from twin.simulation.controllers.pedals import CAMERA, FREE, TOOLS
 from twin.simulation.controllers.pivot import FULCRUMS, Fulcrum
-from twin.simulation.controllers.trainer import MODE, VIEW, Mode, Phase, Why, asked, mode_of, told
+from twin.simulation.controllers.trainer import Mode
 from twin.simulation.devices.given import GivenHands, HandState
-from twin.simulation.devices.machine_states import ANSWERS, LEVEL, MachineStates
 from twin.simulation.devices.together import Together
-from twin.simulation.machine.exchange import Exchange
-from twin.simulation.machine.levels import Level
-from twin.simulation.machine.outbox import Outbox
 from twin.simulation.plants.tissue import clips_of
 from twin.simulation.session import rings
 from twin.simulation.session.camera_referee import CameraReferee
@@ -50,7 +45,9 @@ from twin.simulation.session.procedure_guide import ProcedureGuide
 from twin.simulation.session.run import SAMPLE, head_of
 from twin.simulation.session.tape import Tape
 from twin.simulation.world import World
+from twin.ui.session import walls
 from twin.ui.session.force_peaks import ForcePeaks
+from twin.ui.session.live_machines import LiveMachines
 from twin.ui.session.recorder import Recorder
 from twin.ui.session.world_feed import WorldFeed
 
@@ -62,9 +59,6 @@ _OWED = 0.1
 
 _STUCK = 30.0
 """Time in s for which a pedal is pressed before it is reported, because it may be stuck (ASSUMED)."""
-
-_WALL = (0.5 * MM, 1 * DEG)
-"""Minimum distance in m and angle in rad between goal and tool at which a joint limit is reported."""
 
 _NICE = 10
 """Increase of the nice value of the process that makes a report: a lower priority keeps the World in real time."""
@@ -135,9 +129,10 @@ class LiveConsole:
         """
         if scene.console is None:
             raise TwinError(f"scene '{scene.name}' has no console: add the table [console] to {scene.file.name}")
-        self.scene, self.table, self.machines = scene, scene.console, machines
+        self.scene, self.table = scene, scene.console
         settings = console_scene.settings(scene, fulcrum, task)
         self.device = device or GivenHands(console_scene.PEDALS, HANDS, self.table.scale, settings=settings)
+        self.machines = None if machines is None else LiveMachines(scene, machines, self.device)
         self.members = {n: Member(r.mechanism, r.kinematics(), LinkPoses(r.loops)) for n, r in robots.items()}
         self.task, self._props, self._make_report = task, props, report
         on = scene.haptics is None or scene.haptics.on
@@ -154,7 +149,7 @@ class LiveConsole:
         if session is None and judged and report is not None:
             self._scratch = Scratch()
             session = Path(self._scratch.name) / "hands.session"
-        self._session, self._asked = session, 0
+        self._session = session
         self.owner: str | None = None
         self._places = {p.name: p for p in (*scene.places, *(scene.models if machines else ()))}
         self.shown = {n: self.members[n.removesuffix(MODEL)] for n in self._places}
@@ -185,10 +180,8 @@ class LiveConsole:
             referee = self._guide(self.task.procedure)
         peaks, device, outbox, parts = ForcePeaks(HANDS), self.device, [], None
         if self.machines is not None:
-            parts = self.machines.parts
-            states = {n: MachineStates(n, parts[n].home) for n in parts}
-            device, outbox = Together([self.device, *states.values()]), [Outbox(parts)]
-            self._exchange_of = Exchange(self.machines.links, states, outbox[0])
+            states, packets = self.machines.connect()
+            device, outbox, parts = Together([self.device, *states]), [packets], self.machines.parts
         world = console_scene.world(
             self.scene,
             self.members,
@@ -346,13 +339,13 @@ class LiveConsole:
     def _before_steps(self, parts: int) -> None:
         """Prepare a group of steps of the World; `parts` is the number of groups still to come."""
         if self.machines is not None:
-            self._exchange_of.send()
-            self._exchange_of.receive()
+            self.machines.exchange.send()
+            self.machines.exchange.receive()
 
     def _after_steps(self, behind: bool) -> None:
         """Finish a call of `advance`; `behind`: whether the machine was too slow for all steps."""
         if self.machines is not None:
-            self._exchange_of.send()
+            self.machines.exchange.send()
         if self.recorder is not None:
             self.recorder.write(self.world.tick)
 
@@ -439,9 +432,7 @@ class LiveConsole:
             TwinError: the scene has no machines.
         """
         self.require_free(client)
-        self._require_machines()
-        self._asked += 1
-        self.device.set(MODE, asked(mode, self._asked))
+        self._require_machines().ask(mode)
 
     def press(self, client: str, button: str) -> None:
         """Press the button "start" or "stop" of all machines; anybody may stop them.
@@ -452,10 +443,9 @@ class LiveConsole:
         """
         if button != "stop":
             self.require_free(client)
-        for link in self._require_machines().links.values():
-            link.reader.press(button)
+        self._require_machines().press(button)
 
-    def _require_machines(self) -> Machines:
+    def _require_machines(self) -> LiveMachines:
         if self.machines is None:
             raise TwinError(
                 f"scene '{self.scene.name}' has no machines: add a section [trainer] to {self.scene.file.name}"
@@ -533,42 +523,17 @@ class LiveConsole:
             "haptics": bool(signals["haptics.on"][0]),
             "fulcrum": FULCRUMS[int(signals[console_scene.FULCRUM][0])] if self.table.instrument_mm else None,
             "hands": hands,
-            "camera": self._camera_wall() if mode == CAMERA else None,
+            "camera": walls.of_camera(self.camera_at, console_scene.drag(self.table)) if mode == CAMERA else None,
             "pedal": None if mode == TOOLS or silent or t - self._pressed < _STUCK else _stuck(mode),
             "rate": round(self._rate, 1),
             "stopped": self._stopped or None,
             "task": self._task(),
-            "machines": self._machines(),
+            "machines": None if self.machines is None else self.machines.state(self.world),
         }
-
-    def _machines(self) -> dict[str, Any] | None:
-        """Return run level, phase and deviation of each machine, and the view; None without machines."""
-        if self.machines is None or self.scene.trainer is None:
-            return None
-        signals, bounds, out = self.world.signals, machine_scene.bounds(self.scene.trainer), {}
-        for name, link in self.machines.links.items():
-            phase, why, value = signals[f"{name}.phase"]
-            run = signals[f"{name}.run"]
-            out[name] = {
-                "level": Level(int(run[LEVEL])).name if run[ANSWERS] > 0.5 else None,
-                "phase": Phase(int(phase)).name.lower(),
-                "why": told(Why(int(why)), float(value), bounds, name) or None,
-                "problem": link.problem or None,
-            }
-        view = "virtual" if signals[VIEW][0] > 0.5 else "real"
-        return {"view": view, "mode": mode_of(signals[MODE][0]).name.lower(), "robots": out}
 
     def deviations(self) -> dict[str, dict[str, Any]]:
-        """Return, by machine, the distance of both tips in m, the differences of the joints, and the cue in N."""
-        signals = self.world.signals
-        return {
-            name: {
-                "tip": float(signals[f"{name}.deviation"][0]),
-                "joints": signals[f"{name}.apart"],
-                "cue": float(np.linalg.norm(signals[f"{name}.cue"])),
-            }
-            for name in ({} if self.machines is None else self.machines.links)
-        }
+        """Return the deviation of each machine from its model; see `LiveMachines.deviations`."""
+        return {} if self.machines is None else self.machines.deviations(self.world)
 
     def _task(self) -> dict[str, Any] | None:
         """Return the scoreboard of a task that is judged; None for other tasks."""
@@ -603,26 +568,8 @@ class LiveConsole:
 
     def _wall(self, name: str) -> str | None:
         """Return a text on the joint limit that prevents an arm from reaching its goal; None if there is none."""
-        member, signals = self.members[name], self.world.signals
-        q, goal = signals[f"{name}.q"], signals[f"{name}.goal"].reshape(4, 4)
-        T = member.kin.forward(q, goal)
-        way = float(np.linalg.norm(goal[:3, 3] - T[:3, 3]))
-        if way < _WALL[0] and float(spatial.rotation_angle(goal[:3, :3] @ T[:3, :3].T)) < _WALL[1]:
-            return None
-        for k, joint in enumerate(member.mechanism.active):
-            low, high = joint.limits or (-np.inf, np.inf)
-            if not member.kin.auxiliary[k] and (q[k] - low < 1e-6 or high - q[k] < 1e-6):
-                shown, unit = (q[k] / DEG, "°") if joint.is_angle else (q[k] / MM, " mm")
-                return f"{joint.name} is at its limit, {shown:.0f}{unit}"
-        return None
-
-    def _camera_wall(self) -> str | None:
-        at, drag = self.camera_at, console_scene.drag(self.table)
-        names, units = ("pan", "tilt", "depth", "roll"), (DEG, DEG, MM, DEG)
-        for k, (name, unit) in enumerate(zip(names, units, strict=True)):
-            if at[k] - drag.lower[k] < 1e-9 or drag.upper[k] - at[k] < 1e-9:
-                return f"{name} is at its limit, {at[k] / unit:.0f}{'°' if unit == DEG else ' mm'}"
-        return None
+        signals = self.world.signals
+        return walls.of_arm(self.members[name], signals[f"{name}.q"], signals[f"{name}.goal"].reshape(4, 4))
 
     def _tell(self, new: dict[str, Any]) -> list[str]:
         """Set the new state; log silence, jumps and limits; return the jumps, which the state does not show."""

@@ -1,0 +1,82 @@
+"""The machines of a console: packets and states between them and the World, requests of the trainer, deviations."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from twin.api.machine import Machines
+from twin.model.scene import Scene
+from twin.simulation import machine_scene
+from twin.simulation.controllers.trainer import MODE, VIEW, Mode, Phase, Why, asked, mode_of, told
+from twin.simulation.devices.given import GivenHands
+from twin.simulation.devices.machine_states import ANSWERS, LEVEL, MachineStates
+from twin.simulation.machine.exchange import Exchange
+from twin.simulation.machine.levels import Level
+from twin.simulation.machine.outbox import Outbox
+from twin.simulation.world import World
+
+
+class LiveMachines:
+    """Connections to the machines of a scene, for the World of a console; a new attempt has a new World.
+
+    Attributes:
+        parts: what each machine consists of, by robot; see `Machines`.
+        exchange: connection of the present World with the machines.
+    """
+
+    exchange: Exchange
+
+    def __init__(self, scene: Scene, machines: Machines, device: GivenHands) -> None:
+        """Take the connections, which `close` ends, and the device that passes on the requests of clients."""
+        self._trainer, self._machines, self._device = scene.trainer, machines, device
+        self.parts, self._asked = machines.parts, 0
+
+    def connect(self) -> tuple[list[MachineStates], Outbox]:
+        """Return the devices of a new World that receive the states of the machines, and its block of packets."""
+        states, outbox = {n: MachineStates(n, p.home) for n, p in self.parts.items()}, Outbox(self.parts)
+        self.exchange = Exchange(self._machines.links, states, outbox)
+        return [*states.values()], outbox
+
+    def close(self) -> None:
+        """End the connections."""
+        self._machines.close()
+
+    def ask(self, mode: Mode) -> None:
+        """Ask the trainer for teleoperation, a rehearsal, its judgement, or its replay."""
+        self._asked += 1
+        self._device.set(MODE, asked(mode, self._asked))
+
+    def press(self, button: str) -> None:
+        """Press the button "start" or "stop" of all machines."""
+        for link in self._machines.links.values():
+            link.reader.press(button)
+
+    def state(self, world: World) -> dict[str, Any] | None:
+        """Return the view, the mode, and run level, phase and problem of each machine; None without a trainer."""
+        if self._trainer is None:
+            return None
+        signals, bounds, out = world.signals, machine_scene.bounds(self._trainer), {}
+        for name, link in self._machines.links.items():
+            phase, why, value = signals[f"{name}.phase"]
+            run = signals[f"{name}.run"]
+            out[name] = {
+                "level": Level(int(run[LEVEL])).name if run[ANSWERS] > 0.5 else None,
+                "phase": Phase(int(phase)).name.lower(),
+                "why": told(Why(int(why)), float(value), bounds, name) or None,
+                "problem": link.problem or None,
+            }
+        view = "virtual" if signals[VIEW][0] > 0.5 else "real"
+        return {"view": view, "mode": mode_of(signals[MODE][0]).name.lower(), "robots": out}
+
+    def deviations(self, world: World) -> dict[str, dict[str, Any]]:
+        """Return, by machine, the distance of both tips in m, the differences of the joints, and the cue in N."""
+        return {
+            name: {
+                "tip": float(world.signals[f"{name}.deviation"][0]),
+                "joints": world.signals[f"{name}.apart"],
+                "cue": float(np.linalg.norm(world.signals[f"{name}.cue"])),
+            }
+            for name in self._machines.links
+        }
