@@ -11,6 +11,7 @@ import time
 from collections import Counter
 from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -361,6 +362,17 @@ def test_arms_share_one_file():
     right = twin.load("raven_right")
     assert campaign_file(right, "table1").samefile(TABLE)
     assert campaign_file(right, "trends").samefile(TRENDS)
+
+
+@pytest.mark.parametrize("text", ["same_as = [", "same_as = 3", "\xff"])
+def test_a_malformed_campaign_of_a_robots_folder_is_named_by_its_reader(tmp_path, text):
+    folder = tmp_path / "campaigns"
+    folder.mkdir()
+    (folder / "mine.toml").write_text(text, encoding="latin-1")
+    path = campaign_file(SimpleNamespace(files=SimpleNamespace(cad=tmp_path)), "mine")
+    assert path == folder / "mine.toml"
+    with pytest.raises(DescriptionError, match=r"mine\.toml"):
+        load(path, {})
 
 
 def test_the_pages_of_campaign_and_trends(table, brief, tmp_path):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import os
 import time
@@ -192,5 +193,8 @@ def campaign_file(robot: Robot, campaign: str | Path) -> Path:
     if Path(campaign).suffix or robot.files is None:
         return Path(campaign)
     path = robot.files.cad / "campaigns" / f"{campaign}.toml"
-    known = tomllib.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
-    return (path.parent / known["same_as"]).resolve() if list(known) == ["same_as"] else path
+    known: dict[str, Any] = {}
+    with contextlib.suppress(OSError, ValueError, RecursionError):  # the reader of the campaign names the mistake
+        known = tomllib.loads(path.read_text(encoding="utf-8"))
+    other = known.get("same_as") if len(known) == 1 else None
+    return (path.parent / other).resolve() if isinstance(other, str) else path
