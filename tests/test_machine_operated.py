@@ -34,6 +34,7 @@ def operated(scene):
     return operate_machine(scene, seed=3, triangles=1)
 
 
+@pytest.mark.alone  # three processes in real time: other work changes the waits between packets
 @pytest.mark.parametrize("name", ["raven_left", "raven_right"])
 def test_a_rehearsed_motion_is_replayed_on_the_machine_and_refused_elsewhere(operated, name):
     """Both arms are machine processes, which the two hands of one console lead."""
@@ -45,11 +46,12 @@ def test_a_rehearsed_motion_is_replayed_on_the_machine_and_refused_elsewhere(ope
     assert machine.stops == 0
     assert machine.led > 0
     assert steps[Phase.REPLAY].text == ""
-    assert steps[Phase.REPLAY].deviation < 2e-3  # 0.5 mm with idle processors: waits between packets differ
-    assert steps[Phase.REPLAY].record < 5e-3
+    assert steps[Phase.REPLAY].deviation < 1e-3
+    assert steps[Phase.REPLAY].record < 2e-3  # the wait between two packets differs on a busy computer
     assert "mm from where the record begins (limit 2): lead it to the start" in steps[Phase.STOPPED].text
 
 
+@pytest.mark.alone  # with the session of the test above
 def test_its_session_replays_bit_for_bit_without_the_machine(operated, scene, tmp_path):
     path = tmp_path / "hands.session"
     path.write_bytes(operated.recorded)
