@@ -163,14 +163,18 @@ export class Machines {
     const low = document.querySelector('header')?.getBoundingClientRect().bottom ?? 0;
     const top = Math.round(low) + 10;
     const high = (this.app.console?.views.corner.top ?? window.innerHeight) - top - 10;
-    const now = `${top} ${high} ${this.level.textContent} ${this.said.textContent}`;
+    const now = `${top} ${high} ${window.innerWidth} ${this.level.textContent} ${this.said.textContent}`;
     if (now === this.around) return;
     this.around = now;
     Object.assign(this.board.style, { top: `${top}px`, maxHeight: `${high}px` });
     // The buttons and what is said are always seen; the rest only where there is room above the small picture.
     const spare = [this.apart, this.curve, this.title];
+    const over = () => this.board.scrollHeight - this.board.clientHeight;
     for (const part of spare) part.hidden = false;
-    for (const part of spare) part.hidden = this.board.scrollHeight > this.board.clientHeight;
+    this.said.style.maxHeight = '';
+    for (const part of spare) part.hidden = over() > 0;
+    // A long message is scrolled, so that it does not push the buttons out.
+    if (over() > 0) this.said.style.maxHeight = `${Math.max(0, this.said.clientHeight - over())}px`;
   }
 
   private draw(): void {
