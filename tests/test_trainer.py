@@ -368,9 +368,9 @@ BOTH = 'robots = ["raven_left", "raven_right"]'
     ("old", "new", "message"),
     [
         (BOTH, 'robots = ["ecm"]', r"scene.toml:\d+: .*there is no robot of a hand 'ecm'"),
-        (BOTH, 'robots = ["raven_left", "raven_left"]', "'raven_left' is there twice"),
+        (BOTH, 'robots = ["raven_left", "raven_left"]', "'raven_left' is listed twice"),
         ("start_mm = 2", "start_mm = 0", "start_mm"),
-        ('name = "ecm"\nrobot', 'name = "raven_left_model"\nrobot', "the model's name"),
+        ('name = "ecm"\nrobot', 'name = "raven_left_model"\nrobot', "reserved for the model of 'raven_left'"),
     ],
 )
 def test_a_wrong_trainer_is_refused(scene, tmp_path, old, new, message):

@@ -202,7 +202,7 @@ def console_of(scene: Scene) -> ConsoleTable:
         TwinError: the scene has no console.
     """
     if scene.console is None:
-        raise TwinError(f"scene '{scene.name}' has no console: add the table [console] to {scene.file.name}")
+        raise TwinError(f"scene '{scene.name}' has no console: add a section [console] to {scene.file.name}")
     return scene.console
 
 
