@@ -430,12 +430,12 @@ def test_a_scene_without_protocols_is_not_played(command, tmp_path, capsys):
 def test_a_robot_without_a_protocol_needs_a_console(scene, tmp_path):
     body = scene.file.read_text(encoding="utf-8").replace('props = "theatre.toml"\n', "")
     (tmp_path / "scene.toml").write_text(body[: body.index("[console]")], encoding="utf-8")
-    with pytest.raises(DescriptionError, match="protocol is missing"):
+    with pytest.raises(DescriptionError, match="this robot has no protocol"):
         load_scene(tmp_path / "scene.toml")
 
 
 def test_a_scene_without_a_console_is_refused(scene):
-    with pytest.raises(TwinError, match=r"scene 'davinci' has no console: add the table \[console\]"):
+    with pytest.raises(TwinError, match=r"scene 'davinci' has no console: add a section \[console\]"):
         console_scene.world(replace(scene, console=None), {}, None)
 
 

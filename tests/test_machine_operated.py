@@ -90,7 +90,7 @@ def test_a_machine_ends_with_the_program_that_started_it():
 
 
 def test_a_robot_that_is_no_machine():
-    said = r"the machine of lapbot has not started: .*inertia.toml: the file does not exist"
+    said = r"the machine of lapbot cannot start: .*inertia.toml: the file does not exist"
     with pytest.raises(DeviceError, match=said):
         ChildMachine("lapbot")
 
@@ -121,7 +121,7 @@ def test_a_twin_follows_a_machine_process():
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ([], "give --states HOST:PORT (a `twin machine`), or --packets PORT"),
+        ([], "give either --states HOST:PORT (TCP port of a `twin machine`) or --packets PORT"),
         (["--states", "a:b"], "--states a:b: give HOST:PORT or PORT"),
         (["--states", "9"], "no machine sends states at 127.0.0.1:9"),
     ],

@@ -270,7 +270,7 @@ def test_a_wrong_peg_or_body_is_named(davinci, props):
     scene = replace(davinci, contact=davinci.contact.model_copy(update={"solid": ["bord"]}))
     with pytest.raises(TwinError, match=r"there is no body of the props 'bord'"):
         contact_scene.pegs(scene, props, task)
-    with pytest.raises(TwinError, match="no contact: add the table"):
+    with pytest.raises(TwinError, match="no contact: add a section"):
         contact_scene.pegs(replace(davinci, contact=None), props, task)
 
 

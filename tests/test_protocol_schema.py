@@ -62,7 +62,7 @@ def test_a_right_file_is_read():
     [
         ('name = "a"\njoints.q1 = { type = { slide = 1 } }', "r.toml:2: joints.q1: unknown type"),
         ('name = "a"\njoints.q1 = { type = ["slide"] }', "r.toml:2: joints.q1: unknown type"),
-        ("", "r.toml:1: name: this key is missing; allowed: text"),
+        ("", "r.toml:1: name: this key is missing; its value must be text"),
         ('name = "a"\nmass = 2', "r.toml:2: mass: the unit is missing: write mass_kg"),
         ('name = "a"\nmass_g = 2', "r.toml:2: mass_g: the unit is kg here: write mass_kg"),
         ('name = "a"\nspeed_m_s = 2', "r.toml:2: speed_m_s: the unit is mm/s here: write speed_mm_s"),

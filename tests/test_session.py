@@ -632,5 +632,5 @@ def test_a_task_needs_a_console(tmp_path, davinci):
     assert without != body
     task = touch[touch.index("[task.touch]") : touch.index("[contact]")]
     (tmp_path / "vsrs/scene.toml").write_text(f"{without}\n{task}", encoding="utf-8")
-    with pytest.raises(DescriptionError, match=r"a task needs a console: add the table \[console\]"):
+    with pytest.raises(DescriptionError, match=r"a task needs a console: add a section \[console\]"):
         load_scene(tmp_path / "vsrs/scene.toml")

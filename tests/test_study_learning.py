@@ -193,16 +193,14 @@ def test_measures_of_a_peg_board_are_the_papers():
 
 def test_sessions_that_cannot_be_compared_are_refused(four, tmp_path):
     other = session(tmp_path, "other", 80, task="pegboard")
-    with pytest.raises(
-        DescriptionError, match=r"other\.json is of davinci, task pegboard: compare sessions of one task"
-    ):
+    with pytest.raises(DescriptionError, match=r"session of davinci, task pegboard: all must be of one task"):
         study_sessions({**four, "last": [other]})
     with pytest.raises(DescriptionError, match="give a second one to compare"):
         study_sessions({"first": four["first"]})
     with pytest.raises(DescriptionError, match="only one session or user"):
         study_sessions({"first": four["first"][:1], "last": four["last"][:1]})
     (tmp_path / "no.json").write_text("{}")
-    with pytest.raises(DescriptionError, match=r"no\.json: is not the session\.json"):
+    with pytest.raises(DescriptionError, match=r"no\.json: this is not the session\.json"):
         study_sessions({"a": [tmp_path / "no.json"], "b": four["last"]})
     (tmp_path / "cut.json").write_text("{")
     with pytest.raises(DescriptionError, match="cannot be read"):
@@ -212,10 +210,10 @@ def test_sessions_that_cannot_be_compared_are_refused(four, tmp_path):
 @pytest.mark.parametrize(
     ("given", "why"),
     [
-        (["a.csv", "b.csv"], "2 subjects are given"),
+        (["a.csv", "b.csv"], "2 names or files are given"),
         (["first=a.session", "b.session"], "'b.session' has no group"),
         (["=a.session", "b=c.session"], "give GROUP=FILE"),
-        (["sher", "--out", "x"], "--out is for groups"),
+        (["sher", "--out", "x"], "--out applies only to groups"),
     ],
 )
 def test_wrong_arguments_are_refused(given, why, capsys, tmp_path, monkeypatch):

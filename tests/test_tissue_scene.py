@@ -68,7 +68,7 @@ def test_organs_need_an_anatomy_and_an_anatomy_needs_organs(tmp_path):
     for cut in (body[start:first], body[first:]):
         path = changed(tmp_path)
         path.write_text(body.replace(cut, ""), encoding="utf-8")
-        with pytest.raises(DescriptionError, match=r"organs need both the table \[anatomy\] and one table \[tissue"):
+        with pytest.raises(DescriptionError, match=r"organs need both a section \[anatomy\] and a section \[tissue"):
             load_scene(path)
 
 

@@ -244,7 +244,7 @@ def test_a_replay_is_refused_with_what_to_do(desk, prepare, expected):
     ("signal", "value", "at", "expected"),
     [
         ("arm.deviation", 3.1e-3, 0, "was 3.1 mm from its model (limit 3)"),
-        ("arm.deviation", 0.09, 1, "moved with 90 mm/s (limit 80)"),
+        ("arm.deviation", 0.09, 1, "moved at 90 mm/s (limit 80)"),
         ("arm.run", Level.E_STOP, 1, "left PEDAL_DN (run level E_STOP)"),
         ("arm.run", 0.0, 0, "left PEDAL_DN"),
         ("console.mode", 1.0, 0, "by the clutch"),
@@ -276,7 +276,7 @@ def test_hands_that_are_silent_for_long_stop_a_replay(desk):
 def test_a_fast_record_and_one_out_of_reach_are_judged_bad(desk):
     desk.step()
     found = desk.rehearse(fastest=0.06)
-    assert "moved with 60 mm/s (limit 50)" in text_of(found)
+    assert "moved at 60 mm/s (limit 50)" in text_of(found)
     desk.ask(Mode.TELEOPERATE)
     desk.ask(Mode.REHEARSE)
     desk.step(10)
@@ -368,9 +368,9 @@ BOTH = 'robots = ["raven_left", "raven_right"]'
     ("old", "new", "message"),
     [
         (BOTH, 'robots = ["ecm"]', r"scene.toml:\d+: .*there is no robot of a hand 'ecm'"),
-        (BOTH, 'robots = ["raven_left", "raven_left"]', "'raven_left' is there twice"),
+        (BOTH, 'robots = ["raven_left", "raven_left"]', "'raven_left' is listed twice"),
         ("start_mm = 2", "start_mm = 0", "start_mm"),
-        ('name = "ecm"\nrobot', 'name = "raven_left_model"\nrobot', "the model's name"),
+        ('name = "ecm"\nrobot', 'name = "raven_left_model"\nrobot', "reserved for the model of 'raven_left'"),
     ],
 )
 def test_a_wrong_trainer_is_refused(scene, tmp_path, old, new, message):

@@ -101,8 +101,8 @@ def test_command_writes_table_picture_and_numbers(tmp_path, capsys):
     ("options", "message"),
     [
         (["--sweep", "q9"], "--sweep: there is no active joint 'q9'"),
-        (["--compare", "serail"], "--compare: there is no stand-in 'serail'"),
-        (["--sweep", "--variant", "printed"], "give EQ=NAME pairs"),
+        (["--compare", "serail"], "--compare: there is no simplified loop model 'serail'"),
+        (["--sweep", "--variant", "printed"], "with --sweep, give EQ=NAME"),
     ],
 )
 def test_wrong_options_are_named(options, message, capsys):

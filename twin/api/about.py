@@ -23,7 +23,7 @@ SCENE_COMMANDS = ("info", "run", "view", "serve", "export")
 
 
 def scene_commands(scene: Scene) -> tuple[str, ...]:
-    """Return the commands that accept a scene; "run" and "export" require protocols, "operate" tasks or machines."""
+    """Return the commands for a scene: "run" and "export" require protocols, "operate" requires tasks or machines."""
     operated = ("operate",) if scene.tasks or scene.trainer is not None else ()
     return (*(SCENE_COMMANDS if scene.plays else ("info", "view", "serve")), *operated)
 
@@ -59,7 +59,7 @@ class Info(Result):
             + (f"loops closed by {', '.join(loops)}" if loops else "no loops")
         )
         for name, r in data["redundant"].items():
-            yield f"    redundant constraints of loop {name}: {r['count']} among {', '.join(r['among'])}"
+            yield f"    loop {name}: {r['count']} of its constraints {', '.join(r['among'])} are redundant"
         yield f"  frames: {', '.join(data['frames'])}   points: {', '.join(data['points']) or 'none'}\n"
         yield Table(("joint", "type", "between", "limits", ""), [_joint_row(j) for j in data["joints"]])
         yield ""

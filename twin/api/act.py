@@ -46,7 +46,7 @@ def operate(
         progress: see `Progress`.
 
     Raises:
-        TwinError: the protocol has no insertion, or a number is out of range.
+        TwinError: the protocol has no insertion, `trials` is below 1, or `scale` is not above 0.
         KinematicsError: the robot cannot reach the end pose of a phase.
     """
     from twin.planning.protocol import Protocol

@@ -230,7 +230,7 @@ class ConsoleSession(Result):
             )
 
     def content(self) -> dict[str, Any]:
-        """Return the measures; keys end with their unit."""
+        """Return the measures; the keys of quantities end with the unit."""
         c = self.console
         return {
             "scene": self.scene.name,
@@ -343,8 +343,9 @@ class ConsoleSession(Result):
             ]
             yield Table(("target", "touched at", "smallest distance"), targets)
         for machine in self.training:
-            yield f"\n  {machine.robot}: a machine beside its model"
-            yield Table(("phase", "time", "from its model, at most", "from the record", "why"), list(machine.rows()))
+            yield f"\n  {machine.robot}: machine compared with its model"
+            header = ("phase", "duration", "max distance to the model", "max distance to the rehearsed path", "reason")
+            yield Table(header, list(machine.rows()))
         if self.source and self.ran.difference is None:
             yield f"\n  replay: the same bytes in all {self.ran.ticks} ticks"
         yield ""

@@ -1,4 +1,4 @@
-"""Run a campaign of faults on the machine of a robot, in several processes; an interrupted campaign can continue."""
+"""Run a campaign of fault injections on the simulated machine of a robot, in several processes; runs can be resumed."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ FILE = "hazards.jsonl"
 """Name of the log in the folder of a campaign."""
 
 TRENDS = "trends"
-"""Name of the file of the paper's experiments in the robot's folder `campaigns`."""
+"""Name, without suffix, of the file in the robot's folder `campaigns` that describes the paper's experiments."""
 
 _POLL = 0.05
 """Time in s between two checks of the processes."""
@@ -44,7 +44,7 @@ class Software:
     released: tuple[str, ...] | None = None
 
     def parts(self, robot: Robot) -> Parts:
-        """Return what the machines of a robot with these settings are made of."""
+        """Return the compiled parts of a robot's machines with these settings."""
         return machine_parts(robot, mode=self.mode, overdrive=self.overdrive, released=self.released)
 
 
@@ -72,20 +72,21 @@ def hazards(
     software: Software = _AS_FILED,
     progress: Progress = silent,
 ) -> Hazards:
-    """Run the sessions of a campaign that are not yet in its log, and return the outcome of all.
+    """Run the sessions of a campaign that are not yet in its log, and return the outcomes of all logged sessions.
 
     Args:
         robot: a robot with machine.toml.
         campaign: name of a file in the folder `campaigns` of the robot, or a path.
         folder: folder of the log; it is created.
         source: name or path by which other processes load the robot; None: its name.
-        sessions: number of sessions to run now at most; None: all.
+        sessions: maximum number of sessions that this call runs; None: all that are not in the log.
         processes: number of processes; None: one for each processor.
         software: settings of the machine's software.
         progress: see `Progress`.
 
     Raises:
-        TwinError: a file is missing or malformed, a target is unknown, or the log belongs to another campaign.
+        TwinError: a file is missing or malformed, a fault has an unknown target, or the log belongs to another
+            campaign.
     """
     from twin.core.jobs import Stream
     from twin.simulation.hazards.campaign import load as load_campaign
@@ -158,7 +159,7 @@ def outcomes(share: Share) -> Iterator[dict[str, Any]]:
 
 @lru_cache(maxsize=1)
 def _arena(robot: str, campaign: str, software: Software) -> tuple[Campaign, Arena]:
-    """Return what all shares of a process have in common; compiled robot and runs of the model are kept."""
+    """Return the campaign and its arena; they are cached, so that all shares of a process use them."""
     from twin.simulation.hazards.attacked import Arena
     from twin.simulation.hazards.campaign import load as load_campaign
 
@@ -168,7 +169,9 @@ def _arena(robot: str, campaign: str, software: Software) -> tuple[Campaign, Are
 
 
 def trends(robot: Robot, *, software: Software = _AS_FILED, progress: Progress = silent) -> Trends:
-    """Run the second paper's experiments: deviation by motion scale, and a motor that is stuck every 8 s.
+    """Run the experiments of the second paper (sections 3.1 and 3.2.1), see `twin.simulation.hazards.trends`.
+
+    They are the deviation of machine and model at each motion scale, and a motor command that is stuck every 8 s.
 
     Args:
         robot: a robot with machine.toml.
@@ -188,7 +191,7 @@ def trends(robot: Robot, *, software: Software = _AS_FILED, progress: Progress =
 def campaign_file(robot: Robot, campaign: str | Path) -> Path:
     """Return the path of a campaign; a name without suffix is a file in the robot's folder `campaigns`.
 
-    A file with the key `same_as` alone stands for another file.
+    If the only key of this file is `same_as`, the path is that of the file named there.
     """
     if Path(campaign).suffix or robot.files is None:
         return Path(campaign)

@@ -152,7 +152,7 @@ def strokes(
 
     for name in standins:
         if name not in STANDINS:
-            raise TwinError(f"--compare: {unknown('stand-in', name, STANDINS)}")
+            raise TwinError(f"--compare: {unknown('simplified loop model', name, STANDINS)}")
     for name in joints:
         if name not in robot.joints:
             raise TwinError(f"--sweep: {unknown('active joint', name, robot.joints)}")

@@ -39,7 +39,7 @@ def study_sessions(groups: Mapping[str, Sequence[str | Path]], progress: Progres
         tasks.setdefault(task, path)
         if len(tasks) > 1:
             (a, first), (b, other) = tasks.items()
-            raise DescriptionError(f"{first} is of {a}, {other} is of {b}: compare sessions of one task")
+            raise DescriptionError(f"{first} is a session of {a}, {other} is a session of {b}: all must be of one task")
         rows.append((group, float(number), measures(found)))
     names = [n for n in rows[0][2] if all(n in row for _, _, row in rows)]
     table = {n: [row[n] for _, _, row in rows] for n in names}
@@ -70,7 +70,7 @@ def _content(path: Path) -> dict[str, Any]:
     if path.suffix != ".json":
         found = replay_session(path)
         if found.ran.difference is not None:
-            raise DescriptionError(f"{path}: the replay gives different bytes; see: twin session {path}")
+            raise DescriptionError(f"{path}: its replay differs from the recording; for details: twin session {path}")
         return found.as_dict()
     try:
         found = load_json(path)
@@ -78,6 +78,6 @@ def _content(path: Path) -> dict[str, Any]:
         raise DescriptionError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from error
     if not isinstance(found, dict) or found.get("schema") != f"twin/{ConsoleSession.kind}/1":
         raise DescriptionError(
-            f"{path}: is not the session.json of a session; `twin session FILE --out FOLDER` writes it"
+            f"{path}: this is not the session.json of a session; `twin session FILE --out FOLDER` writes one"
         )
     return found

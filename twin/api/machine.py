@@ -1,4 +1,4 @@
-"""Create the machine of a robot, in a child process or to run tick by tick; connect to the machines of a scene."""
+"""Create the simulated machine of a robot, in this or in a child process; connect to the machines of a scene."""
 
 from __future__ import annotations
 
@@ -29,15 +29,15 @@ def machine_parts(
 
     Args:
         robot: a robot with inertia.toml and machine.toml in its folder, and with a closed inverse.
-        mode: limits of the DAC; None: as in machine.toml.
-        overdrive: policy above these limits; None: as in machine.toml.
+        mode: name of the DAC limits in machine.toml; None: the mode of machine.toml.
+        overdrive: action for DAC commands above these limits; None: as in machine.toml.
         master_timeout: time in s without a packet after which the pedal counts as up; None: as in machine.toml.
-        released: findings of the released software that this one has, names of `settings.Released`, the others being
-            corrected; "none" stands for no name; None: as in machine.toml.
+        released: faults of the released control software to reproduce, as names of fields of `settings.Released`; all
+            others are corrected. ("none",): all are corrected; None: as in machine.toml.
 
     Raises:
-        TwinError: a file is missing or malformed, the mechanism has loops, the gains make it oscillate, a finding is
-            unknown, or the time-out is not above 0.
+        TwinError: a file is missing or malformed, the mechanism has loops, the gains make a joint oscillate, a name in
+            `released` is unknown, or `master_timeout` is not above 0.
     """
     from twin.simulation.dynamics import inertia
     from twin.simulation.dynamics.arm import arm
@@ -45,7 +45,9 @@ def machine_parts(
     from twin.simulation.machine.machine import Parts
 
     if robot.files is None:
-        raise TwinError(f"{robot.name} is a stage; a machine needs a robot folder with {settings.NAME}")
+        raise TwinError(
+            f"{robot.name} was loaded from a USD stage: a machine requires a robot folder with {settings.NAME}"
+        )
     model = arm(robot.mechanism, inertia.of_robot(robot.files.cad))
     table = settings.load(robot.files.cad / settings.NAME, model.mechanism)
     table = table.model_copy(update={"mode": mode or table.mode, "overdrive": overdrive or table.overdrive})
@@ -66,13 +68,14 @@ def machine_parts(
 def machine(
     parts: Parts, *, mass: float = 1.0, friction: float = 1.0, tilt: float = 0.0, faults: Sequence[Fault] = ()
 ) -> Machine:
-    """Return a machine at home, in E_STOP; the control software has no information on the changes below.
+    """Return a machine in its home posture and in the state E_STOP.
 
     `mass` and `friction` are factors of all masses and of all friction; `tilt` in rad turns the base about its x axis.
-    Faults change signals of `twin.simulation.machine.machine.LOCATIONS`.
+    The model in the control software keeps the nominal values. `faults` change signals of
+    `twin.simulation.machine.machine.LOCATIONS`.
 
     Raises:
-        TwinError: a mass is not above 0, a friction is negative, or a fault has an unknown signal.
+        TwinError: `mass` is not above 0, `friction` is negative, or a fault has an unknown signal.
     """
     from twin.simulation.machine.machine import Machine
 
@@ -91,7 +94,7 @@ class ChildMachine:
         """Start the machine of a robot, a name or folder, and press its start button; see `machine`.
 
         Raises:
-            TwinError: the robot cannot be a machine, or the process has ended.
+            DeviceError: the machine cannot be created (see `machine_parts` and `machine`), or its process has ended.
         """
         from twin.simulation.machine.link import Address
         from twin.simulation.machine.server import HOST
@@ -100,9 +103,9 @@ class ChildMachine:
         try:
             told = self._process.line.recv()
         except EOFError:
-            raise DeviceError(f"the machine of {robot} has ended before it was ready") from None
+            raise DeviceError(f"the process of the machine of {robot} ended before the machine was ready") from None
         if isinstance(told, str):
-            raise DeviceError(f"the machine of {robot} has not started: {told}")
+            raise DeviceError(f"the machine of {robot} cannot start: {told}")
         self.address = Address(HOST, *told)
 
     @property
@@ -165,7 +168,8 @@ class Machines:
             start: starts the machine of a robot, a name or folder.
 
         Raises:
-            TwinError: a robot cannot be a machine, a place is unknown, or a machine does not answer.
+            TwinError: the machine of a robot cannot be created (see `machine_parts`), a name in `running` is unknown,
+                or a machine does not answer.
         """
         from twin.simulation.machine.link import MachineLink
 
@@ -193,7 +197,7 @@ class Machines:
         self.close()
 
     def close(self) -> None:
-        """End the connections, and the machines that were started here."""
+        """Close the connections, and end the machines that this object has started."""
         for link in self.links.values():
             link.close()
         for child in self._children:

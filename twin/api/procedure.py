@@ -97,7 +97,7 @@ class ProcedureSession(Result):
         return out
 
     def content(self) -> dict[str, Any]:
-        """Return the checks and measures; keys end with their unit."""
+        """Return the checks and measures; the keys of quantities end with the unit."""
         m = self.measures
         return {
             "scene": self.scene.name,
@@ -129,8 +129,9 @@ class ProcedureSession(Result):
         yield ""
         measured = [("time", f"{m.time:.1f} s of {self.ran.duration:.1f} s")]
         measured += [(f"path of {n}", f"{p / MM:.0f} mm") for n, p in m.paths.items()]
-        measured += [("clips used", str(m.clips)), ("energy in the bed", f"{m.energy:.0f} J")]
-        measured += [("largest pull of a grasper", f"{m.largest_pull:.1f} N"), ("slipped", f"{m.slipped / MM:.1f} mm")]
+        measured += [("clips used", str(m.clips)), ("energy into the organ's bed", f"{m.energy:.0f} J")]
+        measured.append(("largest pull of a grasper", f"{m.largest_pull:.1f} N"))
+        measured.append(("largest slip in the jaws", f"{m.slipped / MM:.1f} mm"))
         if self.source:
             measured.append(("replay", "the same bytes" if self.ran.difference is None else "different bytes"))
         yield Table(("measure", "value"), measured)
@@ -179,7 +180,7 @@ def operate_procedure(
         progress: see `Progress`.
 
     Raises:
-        TwinError: the scene has no such task, or the task is no procedure.
+        TwinError: the scene has no such task, or the task is not a procedure.
         WorldError: there is no such mistake, no robot can carry a tool, or a link is inside an organ at the start.
     """
     chosen = task_of(scene, task)

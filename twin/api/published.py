@@ -64,7 +64,7 @@ class Study(Result):
         words = {
             "agree": f"AGREE: {self.what} are consistent",
             "disagree": f"DISAGREE: {n} {'inconsistencies' if n > 1 else 'inconsistency'} in {self.what}",
-            "unchecked": f"UNCHECKED: not all of {self.what} could be judged",
+            "unchecked": f"UNCHECKED: some of {self.what} could not be checked",
         }
         yield f"\n  {words[self.verdict]} (exit code {self.exit_code})"
         if self.what_to_do:
@@ -303,7 +303,9 @@ class PublishedMotion(Result):
 
 
 def equations_of_motion(robot: Robot, states: int = 200, seed: int = 0) -> PublishedMotion:
-    """Compare a robot's published equations of motion with the dynamics of its mechanism, masses of inertia.toml.
+    """Compare a robot's published equations of motion with the dynamics of its mechanism, with masses of inertia.toml.
+
+    The comparison uses `states` random states, which depend on `seed`.
 
     Raises:
         TwinError: the robot has no published equations of motion, or no masses.
@@ -338,6 +340,6 @@ def console(
         raise TwinError(unknown("console", name, ("davinci",)))
     if isinstance(variants, str):
         if variants not in equations.READINGS:
-            raise TwinError(f"--variant: {unknown('reading', variants, equations.READINGS)}")
+            raise TwinError(f"--variant: {unknown('variant', variants, equations.READINGS)}")
         variants = equations.READINGS[variants]
     return judge(equations.console(variants), progress)

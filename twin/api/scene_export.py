@@ -61,7 +61,7 @@ class SceneBundle(Result):
         return (*own, *(_finding(c) for c in self.checks if c["verdict"] != "agree"))
 
     def content(self) -> dict[str, Any]:
-        """Return dicts, lists, numbers and strings, as JSON has them."""
+        """Return plain data; the keys of quantities end with the unit."""
         bundles = self.bundles
         return {
             "scene": self.scene.name,
@@ -107,7 +107,7 @@ class SceneBundle(Result):
             (p.name, p.protocol or "console", f"{_seconds(bundles[p.name]):.1f} s", str(len(bundles[p.name].checks)))
             for p in self.scene.places
         ]
-        yield Table(("robot", "protocol", "takes", "checks"), rows)
+        yield Table(("robot", "protocol", "duration", "checks"), rows)
         yield ""
         for c in self.checks:
             if c["worst"] is not None:

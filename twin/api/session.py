@@ -83,14 +83,16 @@ def operate_machine(
     running: Mapping[str, Address] | None = None,
     progress: Progress = silent,
 ) -> ConsoleSession:
-    """Let a simulated trainee lead the machines of a scene in real time, rehearse in the model, and replay.
+    """Simulate a trainee who teleoperates the machines of a scene in real time, then rehearses a motion and replays it.
+
+    The trainee rehearses in the model alone; the machine replays the recorded motion.
 
     Args:
         scene: a scene with machines.
         seed: random seed of the trainee.
-        triangles: number of triangles by teleoperation.
+        triangles: number of triangles that the trainee traces by teleoperation.
         scale: motion scale, 0.05 to 1; default: the motion scale of the console.
-        running: addresses of machines that run already, by robot; the others are started in child processes.
+        running: addresses of the machines that are already running, by robot; the others start in child processes.
         progress: see `Progress`.
 
     Raises:

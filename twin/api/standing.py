@@ -16,7 +16,8 @@ def standing(scene: str, robot: str, load: Callable[[str], Any]) -> list[Still]:
     """Return the bodies of the props and of the other robots of a scene, with poses in one robot's base frame.
 
     `scene` is the name of a built-in scene, or the path of a scene.toml or of its folder; `load` returns the robot with
-    a name. `robot` is the name of a robot in the scene, or of a built-in robot: then the first one of that kind.
+    a name. `robot` is the name of a robot in the scene, or of a built-in robot; in the second case, the first robot of
+    that kind in the scene is used.
 
     Raises:
         TwinError: there is no such scene, or the robot is not in it.

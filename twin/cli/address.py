@@ -12,7 +12,7 @@ def free_port(host: str, port: int) -> int:
     """Return the given port if it is free; for 0, return any free port.
 
     Raises:
-        TwinError: the port is in use (the message names a free port), or the host is not this machine.
+        TwinError: the port is in use (the message names a free port), or `host` is not an address of this computer.
     """
     with socket.socket() as s:
         s.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -24,8 +24,8 @@ def free_port(host: str, port: int) -> int:
                     other.bind((host, 0))
                     free = other.getsockname()[1]
                 raise TwinError(
-                    f"port {port} is in use, possibly by another twin view: stop that process, or use --port {free}, "
-                    "which is free"
+                    f"port {port} is in use, possibly by another twin command: stop that process, or use the free port "
+                    f"{free} (--port {free})"
                 ) from error
             raise TwinError(f"cannot listen on {host}:{port}: {error.strerror or error}") from error
         return int(s.getsockname()[1])
@@ -56,7 +56,7 @@ class Address:
             if self.advice:
                 print(f"  {self.advice}")
         else:
-            print("  a device is connected; address for the next one:")
+            print("  a device is connected; address for the next device:")
         self._first = False
         try:
             require("segno", "a QR code").make(url, error="m").terminal(compact=True)

@@ -1,4 +1,4 @@
-"""Commands that analyse designs: workspace, tool error, other parameters and distances."""
+"""Commands that analyse designs: workspace, tool error, and sweeps over parameters and distances."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def tolerance(args: argparse.Namespace) -> int:
     from twin.analysis.tolerance import tolerance as compute
 
     if args.samples and args.samples < 1000:
-        raise TwinError(f"--samples {args.samples}: give at least 1000, or 0 for none")
+        raise TwinError(f"--samples {args.samples}: give at least 1000, or 0 to omit the Monte Carlo check")
     required = show.micrometres("--require-um", args.require_um)
     robot = api.load(args.robot)
     folder = show.folder(args, robot.name, "tolerance")

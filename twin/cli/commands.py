@@ -26,7 +26,8 @@ def info(args: argparse.Namespace) -> int:
     if (file := assets.scene_file(args.robot)) is not None:
         if args.inertia or args.motion:
             raise TwinError(
-                f"--{'inertia' if args.inertia else 'motion'} checks one robot, but {args.robot} is a scene"
+                f"--{'inertia' if args.inertia else 'motion'} checks one robot, but {args.robot} is a scene: name one "
+                "of its robots"
             )
         return show.finish(api.info_of_scene(api.load_scene(file), args.robot), args)
     robot = api.load(args.robot, tool=args.tool)
@@ -135,7 +136,7 @@ def _strokes(robot: api.Robot, args: argparse.Namespace) -> int:
     joints = () if args.sweep in (None, "all") else tuple(args.sweep.split(","))
     variants = asked(args.variant)
     if isinstance(variants, str):
-        raise TwinError("--sweep accepts no variant name alone; give EQ=NAME pairs")
+        raise TwinError(f"--variant {variants}: with --sweep, give EQ=NAME, such as eq1={variants}")
     folder = show.folder(args, robot.name) / "sweep"
     with show.progress(args.quiet or args.json) as progress:
         found = api.strokes(robot, joints, standins, variants, progress)

@@ -1,4 +1,4 @@
-"""`twin follow`: a twin that mirrors a machine, in the page of `twin serve` or, with --view, of `twin view`."""
+"""`twin follow`: show a machine live, in the page of `twin serve` or, with --view, in the page of `twin view`."""
 
 from __future__ import annotations
 
@@ -18,7 +18,10 @@ if TYPE_CHECKING:
 def follow(args: argparse.Namespace) -> int:
     """Show a machine until Ctrl-C."""
     if (args.states is None) == (args.packets is None):
-        raise TwinError("give --states HOST:PORT (a `twin machine`), or --packets PORT (any machine, by UDP)")
+        raise TwinError(
+            "give either --states HOST:PORT (TCP port of a `twin machine`) or --packets PORT (joint values of any "
+            "machine by UDP)"
+        )
     port = free_port(args.host, args.port)
     robot = api.load(args.robot)
     mirror = _mirror(robot, args)
@@ -51,7 +54,7 @@ def _mirror(robot: Robot, args: argparse.Namespace) -> Mirror:
         return Mirror(robot, source)
     host, _, port = args.states.rpartition(":")
     if not (port.isdigit() and 0 < int(port) < 65536):
-        raise TwinError(f"--states {args.states}: give HOST:PORT or PORT, as 127.0.0.1:36001")
+        raise TwinError(f"--states {args.states}: give HOST:PORT or PORT, such as 127.0.0.1:36001")
     return Mirror(robot, StateReader(host or "127.0.0.1", int(port), n))
 
 

@@ -1,4 +1,4 @@
-"""`twin hazards`: run a campaign of faults on the machine of a robot, or the experiments of the paper."""
+"""`twin hazards`: run a fault-injection campaign on the machine of a robot, or the experiments of the paper."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from twin.cli import show
 def hazards(args: argparse.Namespace) -> int:
     """Run the remaining sessions, and print and write the outcomes by class; the log contains each session.
 
-    The exit code is 1 after a false cue.
+    The exit code is 1 if a cue was given without a fault.
     """
     from twin.api.hazards import FILE, Software, trends
     from twin.api.hazards import hazards as run

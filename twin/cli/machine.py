@@ -31,15 +31,18 @@ def running(given: Sequence[str] | None) -> dict[str, Address]:
     for text in given or ():
         name, equal, where = text.partition("=")
         if not equal or not name:
-            raise TwinError(f"--machine {text}: give ROBOT=HOST:PORT:STATEPORT, as raven_left=127.0.0.1:36000:36001")
+            form = "ROBOT=HOST:PORT:STATEPORT, such as raven_left=127.0.0.1:36000:36001"
+            raise TwinError(f"--machine {text}: give {form}")
         if name in out:
-            raise TwinError(f"--machine {text}: {name} is given twice")
+            raise TwinError(f"--machine {text}: {name} is given twice; give each robot once")
         out[name] = Address.parse(where)
     return out
 
 
 def of_scene(scene: Scene, robots: Mapping[str, Robot], given: Sequence[str] | None) -> Machines | None:
-    """Connect to the machines of a scene, and start those that are not in the option --machine; None: it has none.
+    """Connect to the machines of a scene, and start those that are not in `given`; None for a scene without machines.
+
+    `given` contains the values of the option --machine.
 
     Raises:
         TwinError: --machine is wrong, or a machine does not answer.
@@ -58,7 +61,7 @@ def of_scene(scene: Scene, robots: Mapping[str, Robot], given: Sequence[str] | N
 
 
 def machine(args: argparse.Namespace) -> int:
-    """Run the machine until its time is over or Ctrl-C; print how punctual it was. The exit code is 0."""
+    """Run the machine for --duration or until Ctrl-C; print the delays of its control ticks. The exit code is 0."""
     from twin.api.machine import machine as made
     from twin.api.machine import machine_parts
     from twin.simulation.machine.server import HOST, Server

@@ -64,7 +64,9 @@ def _at_console(file: Path, args: argparse.Namespace) -> int:
     if scene.trainer is not None and args.task is None:
         return _machine(scene, args)
     if args.machine:
-        raise TwinError(f"--machine: scene '{scene.name}' has no machines; they are led without --task")
+        raise TwinError(
+            f"--machine applies only to a scene with a section [trainer] in {file.name}, and without --task"
+        )
     wrong = [n for n, v in (("trials", 1), ("clutch", "corrected"), ("solver", "damped")) if getattr(args, n) != v]
     if wrong:
         raise TwinError(
@@ -83,7 +85,7 @@ def _at_console(file: Path, args: argparse.Namespace) -> int:
 
 
 def _machine(scene: Scene, args: argparse.Namespace) -> int:
-    """Let a trainee lead the machines of a scene, rehearse, and replay; write the session and the report."""
+    """Simulate a trainee who teleoperates the machines of a scene; write the session and the report."""
     from twin.api.session import FILE, operate_machine
     from twin.cli.machine import running
     from twin.ui.report.files import write_result

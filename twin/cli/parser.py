@@ -106,10 +106,12 @@ class _Command(_Parser):
 
     def software(self) -> None:
         """Add the options of a machine's control software."""
-        self.choice("--mode", ("advanced", "moderate", "beginner"), "limits of the DAC")
-        self.choice("--overdrive", ("none", "soft", "hard"), "action above the limits: count, clip, or stop")
-        text = "findings of the released software that it has, with commas: shared_counter, rates_without_coupling, "
-        self.text("--released", "NAMES", text + "whole_counts, or none (default: as in machine.toml)")
+        self.choice("--mode", ("advanced", "moderate", "beginner"), "set of DAC limits in machine.toml")
+        text = "action for DAC commands above the limits: count (none), clip (soft), or stop after too many (hard)"
+        self.choice("--overdrive", ("none", "soft", "hard"), text)
+        text = "comma-separated list of the faults of the released software to reproduce: shared_counter, "
+        text += "rates_without_coupling, whole_counts; or none (default: as in machine.toml)"
+        self.text("--released", "NAMES", text)
 
     def tool(self) -> None:
         """Add the option --tool."""
@@ -121,8 +123,9 @@ class _Command(_Parser):
         self.robot(_SHOWN)
         self.protocol()
         self.address(port, what)
-        self.text("--task", "NAME", "task at the console of a scene: its rings can be grasped")
-        text = "whether the hands lead the tips of instruments in ports, or their outer ends (default: the tips)"
+        self.text("--task", "NAME", "task at the console of a scene, such as pegboard with rings to grasp")
+        text = "end of an instrument in a port that the hand moves: its tip (compensated, default) or its outer end, "
+        text += "so that the port inverts the motion of the tip (direct)"
         self.choice("--fulcrum", ("compensated", "direct"), text)
         self.flag("--protocols", "play the protocols of a scene that has a console")
         self.machines()
@@ -132,8 +135,8 @@ class _Command(_Parser):
         text = f"port of the {what} (default {port}; 0: any free port)"
         self.add_argument("--port", type=_port, default=port, help=text)
         text = (
-            "address to serve on (default 127.0.0.1: only this machine); others open the server to the network, with a "
-            "one-time address for each device"
+            "address to serve on (default 127.0.0.1: reachable only from this computer); any other address opens the "
+            "server to the network, with a one-time link for each device"
         )
         self.add_argument("--host", default="127.0.0.1", help=text)
         self.flag("--no-browser", "do not open a browser")
@@ -141,8 +144,8 @@ class _Command(_Parser):
     def machines(self) -> None:
         """Add the option for machines that run already."""
         text = (
-            "a running `twin machine` of the scene, with its ports of packets and states; this command starts the "
-            "other machines"
+            "robot of the scene whose `twin machine` is already running, with its host, UDP port of packets and TCP "
+            "port of states; this command starts the other machines"
         )
         self.text("--machine", "ROBOT=HOST:PORT:STATEPORT", text, action="append")
 
@@ -385,7 +388,7 @@ def _pages(add: Add) -> None:
     sub.text("--cert", "FILE", "certificate (PEM) for https, which headsets require for AR")
     sub.text("--key", "FILE", "private key (PEM) of the certificate, if it is not in the same file")
     sub.choice("--haptics", ("on", "off"), "forces on the hands at the start (default: the scene's)")
-    sub.integer("--participant", "number of a participant in a study; chooses the run with forces")
+    sub.integer("--participant", "number of the participant in a study; determines which run has forces")
     sub.integer("--run", "number of the participant's run: only one has forces", metavar="1|2")
 
 
@@ -428,7 +431,7 @@ def _trials(add: Add) -> None:
         "  twin session hands.session --out session/       page, plots, CSV, tracks, GLB, MCAP",
     )
     sub.add_argument("file", help="a file of twin serve --session, or hands.session of twin operate")
-    sub.text("--scene", "SCENE", "path of the session's scene (default: the built-in scene that it names)")
+    sub.text("--scene", "SCENE", "path of the session's scene (default: the built-in scene named in the file)")
     sub.text("--out", "FOLDER", "folder to write to (default: nothing is written)")
 
     sub = add(
@@ -451,7 +454,7 @@ def _trials(add: Add) -> None:
 
     sub = add(
         "machine",
-        "run a robot as a machine: control software, motors and links at 1 kHz, with packets by UDP, states by TCP",
+        "simulate a robot as a machine (control software, motors and links at 1 kHz): commands by UDP, states by TCP",
         "  twin machine raven_left --port 36000 --state-port 36001 --start\n"
         "  twin machine raven_left --mass-error 5 --friction-error 20 --overdrive hard",
     )
@@ -459,16 +462,18 @@ def _trials(add: Add) -> None:
     for name, text in (("--port", "UDP port of the packets"), ("--state-port", "TCP port of the states")):
         sub.add_argument(name, type=_port, default=0, help=f"{text} (default 0: any free port)")
     sub.flag("--start", "press the start button at once")
-    sub.number("--duration", "S", "stop after a time (default: run until Ctrl-C)")
+    sub.number("--duration", "S", "running time in seconds (default: run until Ctrl-C)")
     sub.software()
     sub.number("--master-timeout-ms", "MS", "time without packets after which the pedal counts as up")
-    sub.number("--mass-error", "PERCENT", "excess of the machine's masses over the masses in its software", 0.0)
-    sub.number("--friction-error", "PERCENT", "excess of the machine's friction over the friction in its software", 0.0)
-    sub.number("--tilt-deg", "DEG", "tilt of the machine's base about x", 0.0)
+    text = "difference of the machine's masses from the masses in its software, in percent"
+    sub.number("--mass-error", "PERCENT", text, 0.0)
+    text = "difference of the machine's friction from the friction in its software, in percent"
+    sub.number("--friction-error", "PERCENT", text, 0.0)
+    sub.number("--tilt-deg", "DEG", "rotation of the machine's base about its x axis, unknown to its software", 0.0)
 
     sub = add(
         "follow",
-        "show a twin that mirrors a machine: as measured, as desired (a ghost), and the curve of their deviation",
+        "show a machine live: its measured pose, its desired pose as a ghost, and a plot of their deviation",
         "  twin follow raven_left --states 127.0.0.1:36001      a machine that `twin machine` runs\n"
         "  twin follow pa10 --packets 36002                     joint values by UDP (docs/raven.md, Follow)\n"
         "  twin follow raven_left --states 36001 --view         in the page of twin view",
@@ -482,7 +487,7 @@ def _trials(add: Add) -> None:
 
     sub = add(
         "hazards",
-        "run a campaign of faults on the machine of a robot; the same command continues an interrupted campaign",
+        "run a fault-injection campaign on the machine of a robot; the same command resumes an interrupted campaign",
         "  twin hazards raven_left --campaign table1\n"
         "  twin hazards pa10 --sessions 100 --processes 1\n"
         "  twin hazards raven_left --overdrive hard --released none --out hard\n"
@@ -490,11 +495,12 @@ def _trials(add: Add) -> None:
     )
     sub.robot()
     sub.software()
-    text = "instead of a campaign: deviation by motion scale, and the first motor stuck every 8 s, as in the paper"
+    text = "instead of a campaign, run the two experiments of the paper: deviation at each motion scale, and deviation "
+    text += "with the command of the first motor stuck every 8 s"
     sub.flag("--trends", text)
     text = "name of a campaign of the robot, or path of a file (default table1)"
     sub.text("--campaign", "NAME", text, default="table1")
-    sub.integer("--sessions", "maximum number of the remaining sessions to run (default: all)")
+    sub.integer("--sessions", "maximum number of sessions to run now (default: all that are not yet in the log)")
     sub.integer("--processes", "number of processes (default: number of processors)")
     sub.out("./twin-out/<robot>/<name>-hazards/")
 
@@ -606,14 +612,14 @@ def _analyses(add: Add) -> None:
         "  twin tolerance sils --protocol table2 --samples 100000 --json",
     )
     sub.robot()
-    sub.text("--protocol", "NAME", "evaluate along this protocol instead of in every posture")
+    sub.text("--protocol", "NAME", "evaluate along this protocol instead of in the robot's postures")
     sub.number("--sigma-um", "UM", "standard deviation of a joint frame's position", 10.0)
     sub.number("--sigma-deg", "DEG", "standard deviation of a joint frame's rotation about each of its axes", 0.001)
     sub.number("--encoder-um", "UM", "standard deviation of a slide's encoder", 1.0)
     sub.number("--encoder-deg", "DEG", "standard deviation of a rotary joint's encoder", 0.001)
     text = "required 95th-percentile position error (default: the requirement of the robot)"
     sub.number("--require-um", "UM", text)
-    sub.number("--samples", "N", "number of Monte Carlo samples; 0: none", 20_000, _count)
+    sub.number("--samples", "N", "number of Monte Carlo samples, at least 1000, or 0 for none", 20_000, _count)
     sub.integer("--seed", "random seed", 0)
     sub.out("./twin-out/<robot>/tolerance/")
 
@@ -629,7 +635,7 @@ def _analyses(add: Add) -> None:
     text = "parameter of the equations, or distance body:joint-joint, with its range; may be given more than once"
     sub.text("--vary", "NAME=LOW..HIGH", text, action="append", default=[])
     sub.number("--samples", "N", "number of samples of the Latin hypercube", 64, _count)
-    sub.integer("--grid", "number of levels of each factor: a full grid, no samples")
+    sub.integer("--grid", "number of values of each varied quantity: evaluate the full grid instead of samples")
     sub.text("--objective", "NAMES", "comma-separated list of volume, conditioning, margin, tolerance")
     sub.text("--protocol", "NAME", _TROCAR)
     sub.integer("--seed", "random seed of the Latin hypercube", 0)

@@ -69,7 +69,7 @@ def _what(args: argparse.Namespace) -> tuple[str, Callable[[], Served]]:
     scene.require_protocols()
     if args.protocols:
         _refuse(args, _CONSOLE, "and --protocols cannot be combined: robots that play protocols have no console")
-    lacking = f"scene '{scene.name}' has no console: add the table [console] to {file.name}"
+    lacking = f"scene '{scene.name}' has no console: add a section [console] to {file.name}"
     _refuse(args, _CONSOLE, f"requires a console; {lacking}")
     return scene.name, lambda: served.of_scene(scene, robots, props, plans, scenes.organs(scene, robots))
 
@@ -90,7 +90,7 @@ def _at_console(
     if args.participant is not None:
         condition = randomised(args.participant, args.run)
     if args.fulcrum is not None and not console_of(scene).instrument_mm:
-        key = f"instrument_mm to the table [console] of {scene.file.name}"
+        key = f"the key instrument_mm to the section [console] of {scene.file.name}"
         raise TwinError(f"--fulcrum: the instruments of scene '{scene.name}' have no length: add {key}")
     connections = (args.packets, args.mqtt, args.mqtt_topic)
     more = {"fulcrum": args.fulcrum or "compensated", **scenes.bending(scene, robots, task)}
@@ -143,7 +143,7 @@ def _require_compatible(args: argparse.Namespace) -> None:
 async def run(
     args: argparse.Namespace, name: str, make: Callable[[], Served], port: int, context: ssl.SSLContext | None
 ) -> None:
-    """Serve a source, which `make` starts in the event loop, until Ctrl-C."""
+    """Serve what `make` returns until Ctrl-C; `make` is called in the event loop."""
     from twin.ui.door.gate import Gate
     from twin.ui.headset import files
     from twin.ui.headset.recording import Recording, Replay

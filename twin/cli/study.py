@@ -24,7 +24,7 @@ def study(args: argparse.Namespace) -> int:
     from twin.validation.ranks import Ranks
 
     if not isinstance(found, Ranks):
-        raise TwinError("--out is for groups of users (a CSV file) or of sessions (GROUP=FILE)")
+        raise TwinError("--out applies only to groups of users (a CSV file) or of sessions (GROUP=FILE); omit --out")
     return show.store(found, args, folder, ["users.csv"])
 
 
@@ -33,7 +33,7 @@ def _found(args: argparse.Namespace) -> Result:
     if not named:
         if len(args.subject) > 1:
             raise TwinError(
-                f"{len(args.subject)} subjects are given; give one, or groups of sessions as GROUP=FILE: "
+                f"{len(args.subject)} names or files are given: give one, or groups of sessions as GROUP=FILE, such as "
                 f"first={args.subject[0]} last={args.subject[1]}"
             )
         return published.study(args.subject[0])

@@ -62,9 +62,9 @@ class ConsoleTable(Sourced):
     """A surgeon's console: robots of each hand, in the order of selection by clutch taps, and the shared camera.
 
     `tip` is the frame of these robots for targets and path lengths; default: the tool frame.
-    `instrument_mm` is the length of a robot's instrument from its tip to its outer end: such a hand can also lead the
-    outer end. `through` names the robots without a mechanical RCM: the controller keeps their
-    shaft, the z axis of the tool, in the port. `camera_range` replaces the range of the da Vinci's endoscope.
+    `instrument_mm` is the length of a robot's instrument from its tip to its outer end; the hand can then control
+    either end. `through` names the robots without a mechanical RCM: the controller keeps their shaft, the z axis of the
+    tool, in the port. `camera_range` replaces the range of the da Vinci's endoscope.
     """
 
     right: list[Identifier] = Field(min_length=1)

@@ -39,7 +39,7 @@ class Deformable:
 
     @property
     def size(self) -> int:
-        """Number of numbers in the signal."""
+        """Length of the signal: three times the number of vertices or nodes."""
         return 3 * (len(self.mesh.vertices) if self.weights is None else self.weights.shape[1])
 
     def vertices(self, values: Array) -> Array:

@@ -139,7 +139,7 @@ class Scene:
 
     @property
     def models(self) -> tuple[Place, ...]:
-        """The models beside the machines, each at the place of its machine."""
+        """The places of the models of the machines; each model has the place of its machine."""
         machines = [] if self.trainer is None else self.trainer.robots
         return tuple(replace(p, name=p.name + MODEL) for p in self.places if p.name in machines)
 
@@ -168,14 +168,16 @@ def load_scene(path: Path) -> Scene:
     for k, robot in enumerate(table.robot):
         if robot.protocol is None and table.console is None:
             raise error_at(
-                path, ("robot", k), "protocol is missing: a robot without a protocol needs a [console] in the scene"
+                path,
+                ("robot", k),
+                "this robot has no protocol: add the key protocol, or a section [console]",
             )
         for trocar, port in _ports(robot).items():
             if port not in table.port:
                 keys = ("robot", k, "ports", trocar) if trocar else ("robot", k, "port")
                 raise error_at(path, keys, unknown("port", port, table.port))
         if names.count(robot.name) > 1:
-            raise error_at(path, ("robot", k, "name"), f"'{robot.name}' is listed twice")
+            raise error_at(path, ("robot", k, "name"), f"'{robot.name}' is listed twice; give each robot its own name")
     for name, camera in table.camera.items():
         if camera.robot not in names:
             raise error_at(path, ("camera", name, "robot"), unknown("robot", camera.robot, names))
@@ -184,7 +186,7 @@ def load_scene(path: Path) -> Scene:
     trainer.check(path, table.trainer, table.console, names)
     for name, t in table.task.items():
         if table.console is None and t.procedure is None:
-            raise error_at(path, ("task", name), "a task needs a console: add the table [console]")
+            raise error_at(path, ("task", name), "a task needs a console: add a section [console]")
         task.check_transfers(path, name, t, table.object, table.contact is not None)
     props = None if table.props is None else path.parent / table.props
     if props is not None and not props.is_file():
@@ -226,7 +228,7 @@ def _organs(path: Path, table: SceneTable, names: list[str]) -> None:
     """Raise if only one of organs and anatomy is given, a file is missing, or a link names an unknown robot."""
     if (table.anatomy is None) != (not table.tissue):
         key = "tissue" if table.anatomy is None else "anatomy"
-        raise error_at(path, (key,), "organs need both the table [anatomy] and one table [tissue.NAME] for each organ")
+        raise error_at(path, (key,), "organs need both a section [anatomy] and a section [tissue.NAME] for each organ")
     if table.anatomy is None:
         return
     if not (path.parent / table.anatomy.file).is_file():
@@ -264,7 +266,7 @@ def _tools(path: Path, table: SceneTable, names: list[str]) -> None:
                 raise error_at(
                     path,
                     (*keys, "start"),
-                    f"{robot} cannot carry '{first}', a tool of {', '.join(table.tool[first].robots)}",
+                    f"{robot} cannot carry '{first}'; only {', '.join(table.tool[first].robots)} can carry it",
                 )
 
 

@@ -1,4 +1,4 @@
-"""Closed triangle surfaces: checks, even triangles, volume, and which points are inside."""
+"""Closed triangle surfaces: checks, subdivision of long edges, volume, and tests for points inside."""
 
 from __future__ import annotations
 
@@ -161,7 +161,7 @@ def _halved(v: Array, f: Index, edge: float) -> tuple[Array, Index] | None:
 
 
 def nearest(p: Array, vertices: Array, triangles: Index) -> tuple[Array, int, Array]:
-    """Return the point (3,) of a surface nearest to p (3,), its triangle, and the shares (3,) of its corners.
+    """Return the point (3,) of a surface nearest to p (3,), its triangle, and its barycentric coordinates (3,) there.
 
     The regions around a triangle are those of C. Ericson, "Real-Time Collision Detection" (2005), 5.1.5.
     """

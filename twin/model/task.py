@@ -125,7 +125,7 @@ def check_transfers(path: Path, name: str, task: TaskTable, objects: Mapping[str
         DescriptionError: with file, line, key and value.
     """
     if task.transfer and not contact:
-        raise error_at(path, ("task", name), "a task with `transfer` needs the table [contact]")
+        raise error_at(path, ("task", name), "a task with `transfer` requires a section [contact] in this file")
     for k, transfer in enumerate(task.transfer):
         keys = ("task", name, "transfer", k, "ring")
         if transfer.ring not in objects:

@@ -97,7 +97,8 @@ class Tissue:
     def gradients(self) -> Array:
         """Deformation gradients at the vertices as weights (3, n, k) of the nodes.
 
-        gradients[i] @ nodes is (n, 3): the change of place in the World per m along axis i of the grid at rest.
+        gradients[i] @ nodes is (n, 3): the derivative of the position in the World by the coordinate along axis i of
+        the grid at rest, dimensionless.
         """
         return np.stack([self._interpolated(self.local, axis) for axis in range(3)])
 

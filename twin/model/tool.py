@@ -34,7 +34,7 @@ DOES: dict[Kind, str] = {
 class ToolTable(Sourced):
     """A tool, and the robots of the scene that can carry it.
 
-    The signal `<robot>.tool` of a console is its number in the order of the scene file.
+    The signal `<robot>.tool` of a console is the index of the chosen tool, from 0, in the order of the scene file.
 
     Its jaws, legs or blades are `jaw_mm` long, end at the tip of the instrument, and are along its shaft; `open_mm` is
     the gap between them, or the width of the stroke of a scalpel. A grasper pinches with `pinch_n`; grasped tissue

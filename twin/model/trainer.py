@@ -1,4 +1,4 @@
-"""The table `[trainer]` of a scene: robots that are machines, each with its model beside it, and their limits."""
+"""The section `[trainer]` of a scene: robots that are machines with a model each, and the limits of their motions."""
 
 from __future__ import annotations
 
@@ -14,14 +14,17 @@ from twin.model.console import ConsoleTable
 from twin.schema import Identifier, Sourced, Table, error_at
 
 MODEL = "_model"
-"""End of the name of the model beside a machine: `raven_left_model` beside `raven_left`."""
+"""Suffix of the name of a machine's model: `raven_left_model` is the model of `raven_left`."""
 
 _Positive = Annotated[float, Field(gt=0)]
 _NotNegative = Annotated[float, Field(ge=0)]
 
 
 class CueTable(Table):
-    """The force of the cue: gains in N/mm and N s/mm, above a deviation of `tol_mm`, at most `largest_n`."""
+    """Cue, a force on the hand by the deviation of a machine from its model.
+
+    The force begins at a deviation of `tol_mm`, has gains in N/mm and N s/mm, and is at most `largest_n`.
+    """
 
     reading: Literal["printed", "corrected"] = "corrected"
     tol_mm: _Positive
@@ -34,9 +37,10 @@ class CueTable(Table):
 class TrainerTable(Sourced):
     """Robots of the scene that are machines, and the limits of teleoperation and rehearsal.
 
-    `speed_mm_s` and `turn_deg_s` limit the tool that packets move. A rehearsed motion is refused if its tip was faster
-    than `rehearsed_mm_s`, or if the machine is farther than `start_mm` and `start_deg` from its start; it is stopped on
-    the machine above `replayed_mm_s`, and above a deviation of `deviation_mm` from the model.
+    `speed_mm_s` and `turn_deg_s` limit the speed of the tool that packets command. The replay of a rehearsed motion is
+    refused if its tip was faster than `rehearsed_mm_s`, or if the machine is farther than `start_mm` or `start_deg`
+    from its start. The replay stops above a tip speed of `replayed_mm_s` or a deviation of `deviation_mm` from the
+    model.
     """
 
     robots: list[Identifier] = Field(min_length=1)
@@ -59,17 +63,18 @@ def check(path: Path, trainer: TrainerTable | None, console: ConsoleTable | None
     if trainer is None:
         return
     if console is None:
-        raise error_at(path, ("trainer",), "machines are led from a console: add the table [console]")
+        raise error_at(path, ("trainer",), "machines are controlled from a console: add a section [console]")
     for i, name in enumerate(trainer.robots):
         if name not in (hands := [*console.right, *console.left]):
             raise error_at(path, ("trainer", "robots", i), unknown("robot of a hand", name, hands))
         if name in console.instrument_mm:
-            text = f"'{name}' has its instrument in `instrument_mm`; the tool of a machine is led at its tip only"
+            text = f"'{name}' is a machine, of which a hand controls the tip only: remove it from console.instrument_mm"
             raise error_at(path, ("trainer", "robots", i), text)
         if name in trainer.robots[:i]:
-            raise error_at(path, ("trainer", "robots", i), f"'{name}' is there twice")
+            raise error_at(path, ("trainer", "robots", i), f"'{name}' is listed twice")
         if name + MODEL in names:
-            raise error_at(path, ("trainer", "robots", i), f"the scene has a robot '{name + MODEL}', the model's name")
+            text = f"the name '{name + MODEL}' is reserved for the model of '{name}': rename this robot of the scene"
+            raise error_at(path, ("trainer", "robots", i), text)
 
 
 def listed(trainer: TrainerTable | None) -> Iterator[Parameter]:

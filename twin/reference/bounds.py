@@ -123,9 +123,9 @@ class Grid:
         start: (3,) first node in m.
         cell: edge of a cell in m.
         low, high: (3,) corners of the bounding box of the surface in m.
-        error: in m, maximum of (distance of a node from the surface - its value) if the value is below `known`.
-        known: in m, see `error`.
-        far: in m, the same maximum for the other nodes.
+        error: maximum in m of (distance of a node from the surface minus stored value), for values below `known`.
+        known: stored value in m below which `error` applies.
+        far: the same maximum in m for nodes with values of at least `known`.
     """
 
     values: np.ndarray
@@ -211,14 +211,14 @@ def _kept(kind: str, triangles: Array, make: Callable[[], dict[str, np.ndarray]]
 
 
 class Bounds:
-    """Bounds of the distances of pairs of surfaces: each pair has a grid of the one and balls of the other."""
+    """Bounds of the distances of pairs of surfaces: each pair has a grid of one surface and balls of the other."""
 
     def __init__(self, triangles: Sequence[Array], pairs: np.ndarray) -> None:
         """Define the pairs; grids and balls are made, or loaded from the cache, when they are required.
 
         Args:
             triangles: (k, 3, 3) of each shape, in its own frame.
-            pairs: (pairs, 2) numbers of the shape with the grid and of the shape with the balls.
+            pairs: (pairs, 2) index of the shape with the grid, and index of the shape with the balls.
         """
         self._triangles, self._pairs, self._ready = triangles, pairs, np.zeros(len(pairs), bool)
         self._grid: dict[int, int] = {}
@@ -266,9 +266,10 @@ class Bounds:
         Args:
             poses: (k, shapes, 4, 4) T_base_shape in each state.
             states: (n,) rows of `poses`.
-            pairs: (n,) numbers of the pairs.
-            enough: (n,) in m; a larger lower bound is not required, and the upper bound may then be infinite.
-            reject: (n,) in m; where the upper bound is below it, the lower bound is 0. None: 0.
+            pairs: (n,) indices of the pairs.
+            enough: (n,) in m; the search for a larger lower bound ends at this value, and the upper bound may then be
+                infinite.
+            reject: (n,) in m; where the upper bound is below this value, the lower bound is 0. None: 0.
             fine: in m; balls with this radius are not replaced by smaller ones.
         """
         if not self._ready[pairs].all():

@@ -17,8 +17,8 @@ class Conditioning:
     Attributes:
         stands: (k,) smallest divided by largest singular value of the tool Jacobian (twist per rate of the active
             joints); 0 at a type I singularity, where the joints can move while the tool is at rest.
-        moves: (k,) inverse of the largest rate of a passive joint per rate of an active joint, at most 1; 0 at a type
-            II singularity, where the mechanism can move while all active joints are at rest.
+        moves: (k,) inverse of the largest rate of the passive joints per unit rate of the active joints, at most 1; 0
+            at a type II singularity, where the mechanism can move while all active joints are at rest.
     """
 
     stands: Array

@@ -223,7 +223,7 @@ class Dynamics:
 
     @cached_property
     def _followers(self) -> Index:
-        """Places in the configuration of the passive joints that follow by couplings."""
+        """Configuration indices of the passive joints that couplings move."""
         return np.unique([i for c in self._tree.loops.couplings for i in c.places if i not in self._places]).astype(int)
 
     @cached_property

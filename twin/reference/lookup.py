@@ -1,8 +1,8 @@
 """The loop of `bounds` as machine code: balls of one surface looked up in the distance grid of the other.
 
 Each item has a pair of shapes and a state. The balls of a shape are in the order of a depth-first search. Each ball has
-the number of the first ball after its own smaller balls. So the search requires no stack: it goes to the next ball, or
-skips the smaller balls of a ball.
+the index of the first ball after its own smaller balls. The search therefore requires no stack: it continues with the
+next ball, or skips the smaller balls of a ball.
 """
 
 from __future__ import annotations

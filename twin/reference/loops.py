@@ -42,7 +42,7 @@ class Loops:
         joints: the loop joints.
         names: names of loop joints and couplings, in the order used by `row_loop`.
         row_loop: (m,) index in `names` of the loop or coupling of each row.
-        row_axis: (m,) index in `AXES` of the direction that each row locks.
+        row_axis: (m,) index in `AXES` of the direction that each row locks ("sum": a coupling).
         joint_numbers: Pinocchio numbers of the tree joints that carry the two frames of each loop joint.
     """
 

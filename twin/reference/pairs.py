@@ -242,8 +242,8 @@ class Pairs:
     def near(self, X: Array, *, exact: bool = True) -> np.ndarray:
         """Return (k,) bool: whether any pair is nearer than required at configurations X (k, nq).
 
-        Pairs that the bounds do not decide are decided by the exact distance, or without `exact` by the middle
-        between both bounds.
+        Pairs that the bounds do not decide are decided by the exact distance or, without `exact`, by the mean of both
+        bounds.
         """
         out = np.zeros(len(X), bool)
         if not len(self):

@@ -100,10 +100,10 @@ class Certificate:
     """Distance between bodies along a path.
 
     Attributes:
-        proven: in m, never more than the smallest distance along the whole path.
-        found: in m, smallest distance at the tested values of s.
-        s: where it was found.
-        bodies: the two bodies; "" if there are none.
+        proven: lower bound in m of the distance along the whole path.
+        found: smallest distance in m at the tested values of s.
+        s: value of s at which this distance was found.
+        bodies: names of the two bodies with this distance; "" if there are none.
     """
 
     proven: float
@@ -225,7 +225,7 @@ class JointSpace:
     def free(self, q: Array, *, exact: bool = True) -> np.ndarray:
         """Return (k,) bool: whether joint values q (k, n) are within limits, with closed loops and the clearance.
 
-        Without `exact`, the middle between the bounds of a distance decides where they do not; see `Pairs.near`.
+        Without `exact`, a distance whose bounds do not decide is taken as the mean of its bounds; see `Pairs.near`.
         """
         q = np.asarray(q, float).reshape(-1, len(self.weights))
         ok = self._within(q)
@@ -418,14 +418,14 @@ class JointSpace:
     ) -> np.ndarray:
         """Return (count,) bool: whether all pairs have the required distance where tested, and half of it elsewhere.
 
-        Without `exact`, the middle between both bounds of a distance decides where the bounds do not.
+        Without `exact`, a distance whose bounds do not decide is taken as the mean of its bounds.
 
         Args:
             count: number of paths.
             at: function of path (k,) and s (k,): configurations (k, nq), or None if loops open.
             ahead: function of path (k,), s (k,) and width: (k, nv), largest motion of each coordinate from s to both
                 ends of an interval of this width around s.
-            exact: see above.
+            exact: whether exact distances decide where bounds do not.
         """
         pairs, ok = self._pairs, np.ones(count, bool)
         # items: one pair in one interval of one path
@@ -465,7 +465,7 @@ class JointSpace:
         return ok
 
     def free_each(self, a: Array, b: Array) -> np.ndarray:
-        """Return (m,) bool: whether the straight paths from a (m, n) to b (m, n), with free ends, seem free.
+        """Return (m,) bool: whether the straight paths from a (m, n) to b (m, n), with free ends, are probably free.
 
         As `free_between`, for all paths at once, but by bounds of distances only, unless the mechanism has loops.
         """
@@ -506,8 +506,8 @@ class JointSpace:
 
         In an interval of s, the distance of a pair is at least its distance in the middle minus the largest possible
         approach (`travel`) in half of the interval. Intervals are halved until this bound is less than `within` below
-        the smallest distance found. Of two bodies of the mechanism, those that are nearer than twice the clearance in
-        the rest poses are left out: `free_along` tests them against half of their distance there.
+        the smallest distance found. Pairs of bodies of the mechanism that are nearer than twice the clearance in the
+        rest poses are not included: for them, `free_along` requires half of their distance in the rest poses.
 
         Args:
             path: a path for which `free_along` is true.

@@ -24,7 +24,7 @@ Placed = tuple[int, Array]
 
 
 class Reach:
-    """Bounds of the relative motion of `pairs` of bodies, per motion of each coordinate."""
+    """Upper bounds of the relative motion of pairs of bodies, per m or rad of each coordinate."""
 
     def __init__(self, tree: Tree, pairs: Sequence[tuple[Placed, Placed]]) -> None:
         self._tree = tree
@@ -101,7 +101,7 @@ class Levers:
         Args:
             tree: the tree; see `possible`.
             numbers: (bodies,) Pinocchio joint that carries each body, 0 if at rest.
-            pairs: (pairs, 2) numbers of the bodies.
+            pairs: (pairs, 2) indices of the bodies.
         """
         model = tree.model
         above = np.zeros((len(numbers), model.njoints), bool)
@@ -120,7 +120,7 @@ class Levers:
 
     @staticmethod
     def possible(tree: Tree) -> bool:
-        """Return whether all joints of a tree are single turns about z or slides along z."""
+        """Return whether every joint of a tree is one rotation about z or one translation along z."""
         kinds = {tree.model.joints[n].shortname() for n in range(1, tree.model.njoints)}
         return kinds <= {"JointModelRZ", "JointModelPZ"}
 

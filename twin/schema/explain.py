@@ -138,7 +138,9 @@ def _problem(item: Any, keys: Keys, value: Any, nodes: list[dict], data: Any) ->
     if kind == "missing":
         if isinstance(keys[-1], int):
             return f"the list is too short: value {keys[-1] + 1} is missing{also}"
-        return f"this key is missing{also}"
+        return "this key is missing" + (
+            f"; its value must be {'one of ' * (',' in allowed)}{allowed}" if allowed else ""
+        )
     if kind == "union_tag_not_found":
         tag = context["discriminator"].strip("'")
         tags = [v for n in nodes for v in _choices(n.get("properties", {}).get(tag, {}))]

@@ -30,7 +30,7 @@ class Track(Table):
     quaternion_order: Literal["xyzw"]
     rate: Annotated[float, Field(gt=0, description="keys per second; the last interval may be shorter")]
     frames: Annotated[int, Field(ge=1, description="number of keys")]
-    times: Annotated[list[float], Field(description="frames, s: time of each key")]
+    times: Annotated[list[float], Field(description="frames values, time of each key in s")]
     links: Annotated[list[Identifier], Field(description="names of the links, in the order of poses")]
     poses: Annotated[
         list[float], Field(description="frames x links x 7, pose of each link in the world (the base frame)")

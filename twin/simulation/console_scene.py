@@ -110,12 +110,12 @@ def world(
         haptics: whether the forces on the hands are on at the start; None: the World has none. With forces, the
             instruments touch the solid bodies and each other in every task.
         organs: the organs of the scene; only needed for a procedure.
-        parts: what the machines of the scene are made of, by the names of their places. `device` also writes their
+        parts: compiled parts of the machines of the scene, by the names of their places. `device` also writes their
             states (`devices.machine_states`); None: machines move like other robots, without dynamics and states.
 
     Raises:
         TwinError: the scene has no console, the camera is not on its robot's tool, a start value is wrong, or a solid
-            body is not in the props; or the procedure needs a robot or an organ that is not there.
+            body is not in the props; or a robot or an organ of the procedure is missing.
         WorldError: a link is inside an organ at the start.
     """
     table, led = console_of(scene), led_by(scene)
@@ -185,7 +185,7 @@ def _jaws(
 def _operated(
     scene: Scene, mechanisms: Mapping[str, Mechanism], task: Task, q: Mapping[str, Array], organs: Sequence[Tissue]
 ) -> tuple[operating_scene.Field, list[Block]]:
-    """Return what the robots of a procedure operate on, and the blocks by which grippers close the jaws of tools."""
+    """Return organs, vessels and objects of a procedure, and the blocks by which grippers close the jaws of tools."""
     procedure = operating_scene.procedure_of(scene, task)
     hands = {n: hand for hand in HANDS for n in getattr(console_of(scene), hand)}
     if without := [n for n in procedure.start if n not in hands]:
@@ -202,7 +202,7 @@ def console_of(scene: Scene) -> ConsoleTable:
         TwinError: the scene has no console.
     """
     if scene.console is None:
-        raise TwinError(f"scene '{scene.name}' has no console: add the table [console] to {scene.file.name}")
+        raise TwinError(f"scene '{scene.name}' has no console: add a section [console] to {scene.file.name}")
     return scene.console
 
 
@@ -240,9 +240,9 @@ def drag(table: ConsoleTable) -> Drag:
 def settings(scene: Scene, fulcrum: Fulcrum = "compensated", task: Task | None = None) -> dict[str, float]:
     """Return the settings of the device of a scene's console, with their first values.
 
-    `pedals.fulcrum`: which end of the instruments the hands lead, see `pivot`. `<robot>.tool`: number of the chosen
-    tool, in the order of the scene file; the first one is that of the task, if the task is a procedure. Without
-    instruments in ports or without tools, there are no such settings.
+    `pedals.fulcrum`: end of the instruments that the hands control, see `pivot`. `<robot>.tool`: index of the chosen
+    tool, in the order of the scene file; in a procedure, the first value is the tool at the start of the task. A scene
+    without instruments in ports has no `pedals.fulcrum`, and a scene without tools has no `<robot>.tool`.
     """
     table = console_of(scene)
     out = {FULCRUM: float(FULCRUMS.index(fulcrum))} if table.instrument_mm else {}
@@ -338,7 +338,7 @@ def _forces(
 
 
 def surface(scene: Scene) -> Surface:
-    """Return the numbers of the forces in a scene."""
+    """Return the parameters of the forces on the hands in a scene."""
     if (h := scene.haptics) is None:
         return Surface()
     return Surface(h.stiffness_n_m, h.damping_ns_m, h.largest_n, h.device_damping_ns_m)

@@ -42,7 +42,7 @@ def contact(
     """Return the contact of objects with the solid bodies of a scene and the instruments.
 
     Args:
-        scene: a scene with the table [contact].
+        scene: a scene with a section [contact].
         props: mechanism of the props.
         arms: place, mechanism and equations of each instrument, by robot.
         q: joint values (n,) of the instruments at the start, by robot.
@@ -90,7 +90,7 @@ def pegs(scene: Scene, props: Mechanism | None, task: Task) -> dict[str, Peg]:
 
 def _table(scene: Scene) -> ContactTable:
     if scene.contact is None:
-        raise TwinError(f"scene '{scene.name}' has no contact: add the table [contact] to {scene.file.name}")
+        raise TwinError(f"scene '{scene.name}' has no contact: add a section [contact] to {scene.file.name}")
     return scene.contact
 
 

@@ -1,4 +1,4 @@
-"""The machines of a scene in a World: the trainer that makes their packets, their models, and the cue in the hands."""
+"""The machines of a scene in a World: the trainer that writes their packets, their models, and the cue in the hands."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ class Machined:
     """The machines of a World.
 
     Attributes:
-        parts: what they are made of, by robot; empty: there are none.
+        parts: compiled parts of the machines, by robot; empty: there are no machines.
     """
 
     def __init__(self, scene: Scene, parts: Mapping[str, Parts]) -> None:
@@ -102,9 +102,9 @@ class Machined:
 
 
 class CueHand(Block):
-    """Writes `<hand>.force` (3,) in N in {H}: the sum of the cues of the machines that a hand leads; and their switch.
+    """Writes `<hand>.force` (3,) in N in {H}: the sum of the cues of the machines that a hand controls.
 
-    Reads `haptics.on`, `<robot>.cue` in the base of each machine, and `<camera>.view`, whose axes {H} has.
+    Reads `haptics.on` (0: no force), `<robot>.cue` in the base of each machine, and `<camera>.view`, the axes of {H}.
     """
 
     def __init__(self, hand: str, camera: str, bases: Mapping[str, Array]) -> None:

@@ -1,4 +1,4 @@
-"""The plant of a procedure: the organs, vessels and tools of a scene under its robots, whatever leads these."""
+"""The plant of a procedure: organs, vessels and tools of a scene, independent of the device that moves the robots."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _LAST = {"provenance", "note"}
 
 @dataclass(frozen=True)
 class Field:
-    """What the tools touch: the contact simulation, and the deformables and objects that it moves."""
+    """The operating field: the simulation of contact with the tools, and the deformables and objects that it moves."""
 
     plant: Operating
     deformables: Sequence[Deformable]
@@ -42,10 +42,11 @@ def procedure_of(scene: Scene, task: Task) -> ProcedureTable:
     """Return the procedure of a task.
 
     Raises:
-        TwinError: the task is another one.
+        TwinError: the task is not a procedure.
     """
     if task.procedure is None:
-        raise TwinError(f"{scene.name}: task '{task.name}' is no procedure; it is performed at a console")
+        text = f"task '{task.name}' is not a procedure: choose a task with a section [task.NAME.procedure]"
+        raise TwinError(f"{scene.name}: {text}")
     return task.procedure
 
 
@@ -70,10 +71,10 @@ def robots_of(scene: Scene, procedure: ProcedureTable) -> list[Place]:
 
 
 def organ_of(procedure: ProcedureTable, organs: Sequence[Tissue]) -> Tissue:
-    """Return the organ that is taken out.
+    """Return the organ that the procedure removes.
 
     Raises:
-        TwinError: it is not among the organs.
+        TwinError: this organ is not in `organs`.
     """
     found = next((o for o in organs if o.name == procedure.organ), None)
     if found is None:
@@ -89,7 +90,7 @@ def field(
     organs: Sequence[Tissue],
     period: float = PERIOD,
 ) -> Field:
-    """Return what the robots of a procedure operate on.
+    """Return the operating field of a procedure.
 
     Args:
         scene: a scene with organs.
@@ -100,7 +101,7 @@ def field(
         period: time in s between two steps of the organs.
 
     Raises:
-        TwinError: the task is no procedure, a robot is not among those that touch organs, or the organs are not given.
+        TwinError: the task is not a procedure, a robot has no link in `touching` of [anatomy], or an organ is missing.
         WorldError: a link is inside an organ at the start.
     """
     procedure = procedure_of(scene, task)

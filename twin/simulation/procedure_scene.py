@@ -34,19 +34,21 @@ def world(
     records: bool = True,
     watch: Sequence[Block] = (),
 ) -> World:
-    """Return a World in which a device leads the tips of the robots of a procedure through their ports.
+    """Return a World in which a device moves the tips of the robots of a procedure through their ports.
 
     Args:
         scene: a scene with organs.
         members: robots by the names of their places.
         task: a task with a procedure.
         drawn: mechanism whose bodies are the organs.
-        device: block that writes `<robot>.target` of each robot, and what `Operating` reads of those with tools.
+        device: block that writes `<robot>.target` of each robot, and the signals of robots with tools that `Operating`
+            reads.
         records: whether every tick is recorded; see `World`.
         watch: blocks without outputs that read all signals at the end of a tick.
 
     Raises:
-        TwinError: the task is no procedure, a robot is not among those that touch organs, or an organ cannot be built.
+        TwinError: the task is not a procedure, a robot has no link in `touching` of [anatomy], or an organ cannot be
+            built.
         WorldError: a link is inside an organ at the start.
     """
     places = operating_scene.robots_of(scene, operating_scene.procedure_of(scene, task))

@@ -150,7 +150,7 @@ class Dragger:
     def take(self, q: Array, u: Array, body: str, p_body: Array) -> Grip:
         """Return a grip on a point of a body, which moves the point along straight lines by the smallest joint motion.
 
-        u (numbers,) contains the unknowns that close the loops at q (n,). `p_body` (3,) is the point in the body frame,
+        u (m,) contains the loop unknowns that close the loops at q (n,). `p_body` (3,) is the point in the body frame,
         in m.
         """
         p_body = np.asarray(p_body, float)

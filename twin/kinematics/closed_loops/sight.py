@@ -22,10 +22,11 @@ class Look:
     """Point, tool and Jacobians in one state with closed loops.
 
     Attributes:
-        q, u: active joints (n,) and unknowns (numbers,), as `Closed.states`.
+        q, u: active joints (n,) and loop unknowns (m,), as `Closed.states`.
         p: position (3,) of the point in base, in m.
         J: (3, n) velocity of the point per rate of each active joint.
-        answers: (steps, n) rates of the unknowns per rate of each active joint.
+        answers: (steps, n) rates of the loop unknowns (one row for each step, see `Equations`) per rate of each active
+            joint.
         loops: Jacobian of each loop with respect to its unknowns; with full rank, the loop determines these unknowns.
         tool: (6, n) tool twist per rate of each active joint, rotations times `LENGTH_SCALE`.
     """
@@ -62,7 +63,7 @@ class Sight:
         self._bodies: dict[str, Callable[..., Array]] = {}
 
     def __call__(self, q: Array, u: Array, body: str, p_body: Array) -> Look:
-        """Return the `Look` at q (n,) and unknowns u (numbers,), for a point (3,) in the body frame in m."""
+        """Return the `Look` at q (n,) and loop unknowns u (m,), for a point (3,) in the body frame in m."""
         n = self._n
         if body not in self._bodies:
             self._bodies[body] = self._point(body)

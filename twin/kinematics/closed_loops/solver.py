@@ -4,7 +4,8 @@ Blocks of equations are solved in sequence (see `structure`): planar loops first
 loops. Every solution is checked: the loops are closed, no joint is inverted, and the determinant of each block has the
 same sign as in the CAD's rest poses. If a check fails, the state is solved again in small steps from the rest poses.
 
-In array shapes, `numbers` is the total number of state values of all passive joints: (numbers,) are all unknowns.
+In array shapes, n is the number of active joints and m is the number of loop unknowns: the state values of all passive
+joints.
 """
 
 from __future__ import annotations
@@ -50,7 +51,7 @@ class Closed:
 
     Attributes:
         Ts_base_tool: (k, 4, 4); NaN where the loops cannot be closed.
-        states: (numbers, k) values of all unknowns; usable as seeds of the next call.
+        states: (m, k) values of all loop unknowns; usable as seeds of the next call.
         offset, tilt: (k,) norms over all loops of their gaps in m and misalignments in rad.
         margin: (k,) smallest determinant of a block relative to its value in the rest poses, at most 1; 0 at a
             singularity of the loops, negative in another assembly mode.
@@ -104,8 +105,7 @@ class LoopSolver:
     def forward(self, q: Array, seed: Array | None = None) -> Array:
         """Return T_base_tool (4, 4) at active joints q (n,).
 
-        `seed` (numbers,) contains the unknowns to start from, as in `Closed.states`; default: unknowns of the rest
-        poses.
+        `seed` (m,) contains the loop unknowns to start from, as in `Closed.states`; default: those of the rest poses.
 
         Raises:
             AssemblyError: the loops cannot be closed at q.
@@ -132,7 +132,7 @@ class LoopSolver:
         )
 
     def close(self, q: Array, seed: Array) -> Array | None:
-        """Return the unknowns (numbers,) that close the loops at q (n,), by Newton's method from `seed` (numbers,).
+        """Return the loop unknowns (m,) that close the loops at q (n,), by Newton's method from `seed` (m,).
 
         The answer may be in any assembly, usually in the assembly of the seed; None if the method does not converge.
         """
@@ -140,13 +140,13 @@ class LoopSolver:
         return out[15:] if out[12] <= self._gap and out[13] <= self._tilt else None
 
     def pose(self, q: Array, states: Array) -> Array:
-        """Return T_base_tool (4, 4) at q (n,) and unknowns (numbers,) that close the loops."""
+        """Return T_base_tool (4, 4) at q (n,) and loop unknowns (m,) that close the loops."""
         return np.vstack([self._single(q, states)[:12].reshape(3, 4), [0.0, 0.0, 0.0, 1.0]])
 
     def forward_many(self, qs: Array, seeds: Array | None = None, threads: int | None = None) -> Closed:
         """Return the states at active joints qs (k, n), each solved independently; NaN poses without a solution.
 
-        `seeds` (numbers, k) contains the unknowns to start from; default: unknowns of the rest poses. `threads` is the
+        `seeds` (m, k) contains the loop unknowns to start from; default: those of the rest poses. `threads` is the
         maximum number of threads; default: the number of processors.
         """
         qs = np.asarray(qs, float)
@@ -175,7 +175,7 @@ class LoopSolver:
         return Closed(Ts, states, *gaps)
 
     def link_poses(self, qs: Array, states: Array) -> dict[str, Array]:
-        """Return T_base_body (k, 4, 4) of every body at active joints qs (k, n) and unknowns states (numbers, k)."""
+        """Return T_base_body (k, 4, 4) of every body at active joints qs (k, n) and loop unknowns `states` (m, k)."""
         (rows,) = self._links(np.ascontiguousarray(np.asarray(qs, float).T), np.ascontiguousarray(states))
         rows = rows.T
         Ts = np.zeros((len(rows), len(self.mechanism.bodies), 4, 4))
@@ -185,7 +185,7 @@ class LoopSolver:
 
     @cached_property
     def links_at(self) -> Callable[..., Array]:
-        """Function of q (n,) and unknowns (numbers,) that returns T_base_body (3, 4) of all bodies as one vector."""
+        """Function of q (n,) and loop unknowns (m,) that returns T_base_body (3, 4) of all bodies as one vector."""
         return self._links_kernel(single=True).single()
 
     @cached_property

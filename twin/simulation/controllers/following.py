@@ -155,7 +155,7 @@ class Arm:
         robot: name of the robot in the World.
         kin: the robot's equations.
         T_world_base: (4, 4) pose of the robot's base in the World.
-        pivot: the instrument in its port; None: the hand leads the tool, and the mechanism has the port.
+        pivot: the instrument in its port; None: the hand controls the tool, and the mechanism keeps it in the port.
     """
 
     robot: str
@@ -170,8 +170,8 @@ class HandToPose(Block):
     Reads `<hand>.pose` (16,), W in {H} row by row, `<hand>.grip` in rad, `<device>.scale`, `console.mode`,
     `console.taps`, `<robot>.encoder` of each arm and, for a movable camera, `<camera>.view` (16,) in the World. Writes
     `<robot>.goal` (16,), the tool pose in the robot's base, `<robot>.follows` (0 or 1), and `<robot>.jumps`, the number
-    of jumps of the hand. A quick tap of the clutch selects the next arm. If the device writes `<device>.fulcrum`, 1
-    lets the hand lead the outer end of an instrument with a pivot.
+    of jumps of the hand. A quick tap of the clutch selects the next arm. If the device writes `<device>.fulcrum`, the
+    value 1 means that the hand controls the outer end of an instrument with a pivot.
     """
 
     def __init__(

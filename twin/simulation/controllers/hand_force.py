@@ -23,7 +23,7 @@ DEVICE_DAMPING = 2.0
 
 FORCE, LAST, ENERGY, DEPTH, RATE = slice(0, 3), slice(3, 6), 6, 7, 8
 STATE = 9
-"""Places in the state of a hand, and its size: force in N and position of the hand in m, both (3,) in {H} and of this
+"""Indices in the state of a hand, and its size: force in N and position of the hand in m, both (3,) in {H} and of this
 tick; energy in J; depth in m and its filtered rate in m/s."""
 
 _AT_LIMIT = 1e-6
@@ -32,7 +32,7 @@ _AT_LIMIT = 1e-6
 
 @dataclass(frozen=True)
 class Surface:
-    """Numbers of the forces.
+    """Parameters of the forces on the hands.
 
     Attributes:
         stiffness: in N/m.
@@ -59,7 +59,7 @@ def hand_force(
 
     Args:
         laws: equations of the console.
-        surface: numbers of the forces.
+        surface: parameters of the forces.
         limits: joint limits of the arm.
         moves: (n,) whether a joint moves the tool.
         sources: number of signals with planes.

@@ -92,13 +92,13 @@ class HapticHand(Block):
             arms: the arms of this hand, in the order in which taps select them.
             sources: last parts of the names of signals with planes, such as "planes"; see `local_plane`.
             objects: names of objects whose grasp is felt.
-            surface: numbers of the forces; None: the defaults.
+            surface: parameters of the forces; None: the defaults.
             dt: duration of a tick in s.
             laws: equations of the console; None: the correct reading.
             bounds: whether the observed energy bounds the force; without the bound, the surface may be active.
 
         Raises:
-            WorldError: a number of the surface is out of range, or the surface is not passive on the device.
+            WorldError: a parameter of the surface is out of range, or the surface is not passive on the device.
         """
         self.surface = surface or Surface()
         s = self.surface

@@ -1,7 +1,7 @@
-"""An instrument that passes a port: the hand leads its tip, or its outer end, which moves the tip the other way.
+"""An instrument that passes a port: the hand controls its tip, or its outer end, which moves the tip the other way.
 
-The port is the fulcrum of a lever. If the hand leads the outer end ("direct"), as a hand outside the patient does, a
-motion to the right moves the tip to the left by inner / outer length times the motion. If the hand leads the tip
+The port is the fulcrum of a lever. If the hand controls the outer end ("direct"), as a hand outside the patient does, a
+motion to the right moves the tip to the left by inner / outer length times the motion. If the hand controls the tip
 ("compensated"), the controller computes the motion of the outer end.
 """
 
@@ -19,7 +19,7 @@ from twin.core.units import DEG, MM
 Fulcrum = Literal["compensated", "direct"]
 
 FULCRUMS: tuple[Fulcrum, ...] = ("compensated", "direct")
-"""The two ways in which a hand leads an instrument; the number of each is its value in `<device>.fulcrum`."""
+"""The two ways in which a hand controls an instrument; the index of each is its value in `<device>.fulcrum`."""
 
 SHALLOW = 20 * MM
 """Smallest length of an instrument on each side of its port; ASSUMED, so that tip and handle stay on their sides."""
@@ -51,11 +51,11 @@ class Pivot:
         return spatial.pose(T[:3, :3], self.p_port - way * ((self.length - depth) / depth))
 
     def tool(self, T: Array, direct: bool) -> Array:
-        """Return the tool pose (4, 4) in base that belongs to a led pose, within `SHALLOW` and `CONE`.
+        """Return the tool pose (4, 4) in base for the pose that the hand controls, within `SHALLOW` and `CONE`.
 
         Args:
-            T: (4, 4) pose in base that the hand leads: of the outer end if `direct`, else of the tool.
-            direct: whether the hand leads the outer end.
+            T: (4, 4) pose in base that the hand controls: of the outer end if `direct`, else of the tool.
+            direct: whether the hand controls the outer end.
         """
         way = self.p_port - T[:3, 3] if direct else T[:3, 3] - self.p_port
         away = float(np.linalg.norm(way))

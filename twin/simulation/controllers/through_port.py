@@ -1,7 +1,8 @@
 """Joint values of an arm that keeps its shaft in a port by its motion alone, within joint and speed limits.
 
-Every pose on the way has its shaft in the port. If the limits allow only a part of the way of a tick, the arm makes
-this part. If a limit stops the whole way, the arm makes the parts of it that remain: direction, depth or roll.
+At every intermediate pose, the shaft is in the port. If the limits allow only a part of the motion of a tick, the arm
+makes this part. If a limit blocks the whole motion, the arm makes the components that are still possible: direction,
+depth or roll.
 """
 
 from __future__ import annotations
@@ -21,13 +22,13 @@ _NEAR = 0.05
 """Largest joint step in rad or m per tick; a larger one may belong to another working mode."""
 
 _TRIES, _SAFE = 4, 0.98
-"""Number of inverse solutions for one way; factor on the part of it that the limits should allow."""
+"""Maximum number of inverse solutions for one motion; factor on the part of the motion that the limits allow."""
 
 _STUCK = 0.02
-"""Part of the way below which its coordinates are tried one by one."""
+"""Part of a motion below which its components (direction, depth, roll) are tried one by one."""
 
 _STILL = 1e-12
-"""Length of a way in m and rad that counts as none."""
+"""Size of a motion in m and rad that counts as zero."""
 
 
 class ThroughPort(Block):

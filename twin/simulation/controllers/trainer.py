@@ -1,9 +1,9 @@
-"""Lead a machine and its model from a console: together, the model alone, or both by a rehearsed record.
+"""Control a machine and its model from a console: together, the model alone, or both by a rehearsed record.
 
 The goal of the console becomes packets: increments that follow it by a critically damped filter within limits of speed,
-because a jump would stop the machine. While a motion is rehearsed, the machine stands with its pedal up and the model
-gets the packets, which are recorded. The record is judged when it ends. It is replayed on the machine only if that is
-where the record began; the replay stops when the machine is too fast or deviates too far from its model.
+because a jump would stop the machine. While a motion is rehearsed, the machine is at rest with its pedal up; the model
+receives the packets, which are recorded. The record is checked when it ends. It is replayed only if the machine is at
+the start of the record; the replay stops when the machine is too fast or deviates too far from its model.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ _SILENCE = 1.0
 
 
 class Mode(IntEnum):
-    """What the trainer is asked for."""
+    """Requested mode of the trainer."""
 
     TELEOPERATE = 0
     REHEARSE = 1
@@ -59,17 +59,17 @@ class Mode(IntEnum):
 
 
 def asked(mode: Mode, count: int) -> float:
-    """Return the setting that asks for a mode; with another count, it asks again for the same one."""
+    """Return the setting that requests a mode; a different `count` requests the same mode again."""
     return float(mode + len(Mode) * count)
 
 
 def mode_of(setting: float) -> Mode:
-    """Return the mode that a setting asks for."""
+    """Return the mode that a setting requests."""
     return Mode(int(setting) % len(Mode))
 
 
 class Phase(IntEnum):
-    """What the trainer does."""
+    """Current phase of the trainer."""
 
     TELEOPERATE = 0
     REHEARSE = 1
@@ -80,7 +80,7 @@ class Phase(IntEnum):
 
 
 class Why(IntEnum):
-    """Why a record is refused, or a replay has stopped."""
+    """Reason why a record was refused, or why a replay stopped."""
 
     NOTHING = 0
     NO_RECORD = 1
@@ -119,7 +119,7 @@ def told(why: Why, value: float, bounds: Bounds, robot: str) -> str:
         Why.NOT_JUDGED: f"the record of {robot} was not judged good: rehearse again",
         Why.NOT_READY: f"{robot} is not ready (run level {Level(int(value)).name if 0 <= value <= 3 else value}): "
         "press its start button, and wait for PEDAL_UP",
-        Why.TOO_FAST: f"the rehearsed tip moved with {value / MM:.0f} mm/s (limit {bounds.rehearsed / MM:.0f}): "
+        Why.TOO_FAST: f"the rehearsed tip moved at {value / MM:.0f} mm/s (limit {bounds.rehearsed / MM:.0f}): "
         f"{again} more slowly",
         Why.OUT_OF_REACH: f"{value:.0f} packets asked for a pose out of reach (limit 0): {again} within the ranges",
         Why.MODEL_STOPPED: f"the model stopped in the rehearsal: {again} more slowly",
@@ -127,10 +127,10 @@ def told(why: Why, value: float, bounds: Bounds, robot: str) -> str:
         f"it to the start by teleoperation, or {again} from here",
         Why.START_ANGLE: f"a joint of {robot} is {value / DEG:.1f} deg from where the record begins "
         f"(limit {bounds.start_angle / DEG:g}): lead it to the start by teleoperation, or {again} from here",
-        Why.MACHINE_FAST: f"the replay was stopped: the tip of {robot} moved with {value / MM:.0f} mm/s "
+        Why.MACHINE_FAST: f"the replay was stopped: the tip of {robot} moved at {value / MM:.0f} mm/s "
         f"(limit {bounds.replayed / MM:.0f})",
         Why.DEVIATES: f"the replay was stopped: the tip of {robot} was {value / MM:.1f} mm from its model "
-        f"(limit {bounds.deviation / MM:g}); look for the fault before you go on",
+        f"(limit {bounds.deviation / MM:g}); find the cause before the next replay",
         Why.MACHINE_STOPPED: f"the replay was stopped: {robot} left PEDAL_DN "
         f"(run level {Level(int(value)).name if 0 <= value <= 3 else value})",
         Why.OPERATOR: "the replay was stopped by the clutch, or because the hands are silent",
@@ -203,7 +203,7 @@ def _turn(R: Array) -> Array:
 
 
 def _chased(v: Array, way: Array, most: float, dt: float) -> Array:
-    """Return the rate after a tick of a critically damped filter that still has to go `way`, at most `most`."""
+    """Return the rate, at most `most`, after a tick of a critically damped filter with remaining displacement `way`."""
     v = (v + dt * _FOLLOW**2 * way) / (1 + dt * _FOLLOW) ** 2
     size = math.hypot(*v.tolist())
     return v * (most / size) if size > most else v
@@ -213,7 +213,7 @@ class Tips:
     """Compares joint values of one arm at its tip."""
 
     def __init__(self, kin: Kinematics, angles: Array) -> None:
-        """Prepare for an arm with equations; `angles` (n,) says which joints turn."""
+        """Prepare for an arm with equations; `angles` (n,) marks the joints that are angles."""
         self._kin, self._turns = kin, np.asarray(angles, bool) & ~kin.auxiliary
         self._auxiliary = np.flatnonzero(kin.auxiliary)[:1]
 
@@ -235,10 +235,11 @@ class Tips:
 
 
 class Trainer(Block):
-    """Makes the packets of a machine and of its model.
+    """Writes the packets of a machine and of its model.
 
     Writes `<robot>.packet` (9,) for the machine, `<robot>.given` (10,) for the model, whose last value is 1 in a tick
-    in which the model is put to where the machine is, and `<robot>.phase` (3,): `Phase`, `Why`, and the value.
+    in which the model takes the joint values of the machine, and `<robot>.phase` (3,): `Phase`, `Why`, and the value
+    for `told`.
 
     Reads `pedals.training`, `console.mode`, `<robot>.goal`, `<robot>.follows`, `<robot>.jaw`, `<robot>.run`,
     `<robot>.measured`, and of the model `<robot>.model`, `<robot>.deviation` and `<robot>_model.q`; see `Modelled`.
@@ -252,7 +253,7 @@ class Trainer(Block):
             device: name of the device of the pedals.
             bounds: limits.
             grasp_step: opening of the jaws in rad for one unit of a packet.
-            tips: tip of the tool, and what angles are.
+            tips: compares joint values at the tip.
             dt: duration of a tick in s.
         """
         self.robot, self.bounds, self._tips, self._dt = robot, bounds, tips, dt

@@ -36,7 +36,7 @@ class Manner:
     """Habits of the surgeon, SI; all ASSUMED.
 
     Attributes:
-        hand: tremor of a hand; the trocar reduces it by nothing.
+        hand: tremor of a hand; the trocar does not reduce it.
         aim: standard deviation of the aim in m, along each axis.
         quick, slow: mean speeds in m/s far from and near to tissue.
         before: distance from which a tool approaches.
@@ -139,7 +139,9 @@ class ProcedureSurgeon(Block):
         p = self.procedure
         able = [n for n in among if any(t.kind == kind and n in t.robots for t in self._tools.values())]
         if not able:
-            raise WorldError(f"none of {', '.join(among) or 'the robots'} can carry a {kind}: add a table [tool.NAME]")
+            raise WorldError(
+                f"none of {', '.join(among) or 'the robots'} can carry a {kind}: add a section [tool.NAME]"
+            )
         return next((n for n in able if self._tools[p.start[n]].kind == kind), able[0])
 
     def step(self, signals: Signals, t: float, dt: float) -> dict[str, ArrayLike] | None:

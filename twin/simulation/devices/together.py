@@ -1,4 +1,4 @@
-"""Several devices as one, whose input ends with that of the first."""
+"""Several devices as one device; its input ends as soon as the input of one of them ends."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Together(Block):
             device.attach(signals, {name: memory[name] for name in device.outputs})
 
     def step(self, signals: Signals, t: float, dt: float) -> dict[str, ArrayLike] | None:
-        """Step all devices; None: the input of one has ended."""
+        """Step all devices; return None if the input of one device has ended."""
         out: dict[str, ArrayLike] = {}
         for device in self.devices:
             if (said := device.step(signals, t, dt)) is None:

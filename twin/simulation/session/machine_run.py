@@ -29,10 +29,10 @@ _CHUNK = 100
 """Number of ticks between two writes."""
 
 _OWED = 0.1
-"""Largest delay in s that the World makes up for; after a longer one, it goes on from there."""
+"""Largest delay in s that the World catches up; a larger delay is dropped, so that the World lags behind real time."""
 
 _HOME = 20.0
-"""Longest time in s until the machine is at home."""
+"""Maximum time in s in which a machine must reach its home posture after its start."""
 
 
 def train(
@@ -48,22 +48,22 @@ def train(
     props: Mechanism | None = None,
     progress: Progress,
 ) -> Ran:
-    """Let a trainee teleoperate, rehearse and replay, and write the session.
+    """Simulate a trainee who teleoperates, rehearses and replays, and write the session.
 
     Args:
         scene: a scene with machines.
         members: robots by the names of their places.
-        parts: what the machines are made of.
+        parts: compiled parts of the machines, by the names of their places.
         links: connections to the machines.
         path: the session file.
-        seed: random seed of the trainee; states of the machine differ from run to run all the same.
-        triangles: number of triangles by teleoperation.
+        seed: random seed of the trainee; with the same seed, the states of real machines still differ between runs.
+        triangles: number of triangles that the trainee traces by teleoperation.
         scale: motion scale; None: that of the console.
         props: mechanism of the props.
-        progress: called with what is done, and the fraction of it.
+        progress: called with the current step of the exercise, and the fraction done.
 
     Raises:
-        DeviceError: a machine does not answer, is not ready, or has another master.
+        DeviceError: a machine does not answer, is not ready, or accepts packets from another master.
         OutputError: the file cannot be written.
     """
     table = console_scene.console_of(scene)

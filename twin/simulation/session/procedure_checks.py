@@ -1,7 +1,7 @@
 """Judge a procedure from the signals of its World: five stages, and what must not happen in any of them.
 
-Nothing that the surgeon says is used: clips, cuts, the bed, depths and places are those of the World. A page shows the
-checks of a `ProcedureReferee` so far; a report shows those of another one from the recorded signals.
+Clips, cuts, the bed, depths and positions are taken from the World, never from signals of the surgeon. A page shows the
+checks of a running `ProcedureReferee`; a report computes them again from the recorded signals.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ class ProcedureMeasures:
         time: time in s until the last stage was passed; of the session if one was not.
         paths: length in m of the path of each tip.
         clips: number of clips used.
-        energy: energy in J that the bed got.
+        energy: total energy in J that cautery applied to the cells of the bed.
         largest_pull: largest force of a grasper in N.
         slipped: largest distance in m by which something slipped in the jaws.
     """
@@ -71,7 +71,11 @@ class ProcedureMeasures:
 
 @dataclass(frozen=True)
 class Closed:
-    """A clip that was closed at t in s: on which vessel (-1: on none), where along it in m, and its cover."""
+    """A clip that was closed at `t` in s.
+
+    `on` is the index of its vessel (-1: no vessel), `at` its position along the vessel in m, `cover` the fraction of
+    the vessel's width between its legs.
+    """
 
     t: float
     on: int

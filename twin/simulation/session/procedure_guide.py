@@ -108,7 +108,7 @@ class ProcedureGuide(ProcedureReferee):
                 self._tell("good" if c.done else "bad", f"{_TITLES[c.name]}: {'passed' if c.done else c.text}")
             self._told[c.name] = state
         rows = [["Time", f"{self.t:.1f} s"], ["Clips left", f"{self.clips - len(self.closed)} of {self.clips}"]]
-        rows.append(["Energy in the bed", f"{self.energy.sum():.0f} J"])
+        rows.append(["Energy into the bed", f"{self.energy.sum():.0f} J"])
         m = self.measures()
         rows.append(["Largest pull of a grasper", f"{m.largest_pull:.1f} N"])
         rows += [[f"Path of {n}", f"{path / MM:.0f} mm"] for n, path in m.paths.items()]

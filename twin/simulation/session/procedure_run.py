@@ -45,8 +45,8 @@ def surgeon(
     """Return the simulated surgeon of a procedure; `manner`: habits, None: the defaults.
 
     Raises:
-        TwinError: the task is no procedure, or an organ cannot be built.
-        WorldError: there is no such mistake, or no robot can carry a tool that is needed.
+        TwinError: the task is not a procedure, or an organ cannot be built.
+        WorldError: there is no such mistake, or no robot can carry a required tool.
     """
     procedure = operating_scene.procedure_of(scene, task)
     *arms, camera = (_arm(p, members[p.name]) for p in operating_scene.robots_of(scene, procedure))
@@ -60,7 +60,7 @@ def by_hand(session: Session) -> bool:
 
 
 def keep_for(world: World, task: Task, sample: float = _SAMPLE) -> Keep:
-    """Return what keeps, every `sample` s, the signals that measures use: not the nodes of vessels and other organs."""
+    """Return a `Keep` of the signals that measures use, every `sample` s, without nodes of vessels and other organs."""
     assert task.procedure is not None
     own = f"{task.procedure.organ}.nodes"
     names = [n for n in world.signals.sizes if n == own or not n.endswith((".nodes", ".pose", ".goal", ".command"))]
@@ -92,8 +92,9 @@ def perform(
 
     Raises:
         OutputError: the file cannot be written.
-        TwinError: the task is no procedure, or an organ cannot be built.
-        WorldError: there is no such mistake, no robot can carry a tool, or a link is inside an organ at the start.
+        TwinError: the task is not a procedure, or an organ cannot be built.
+        WorldError: there is no such mistake, no robot can carry a required tool, or a link is inside an organ at the
+            start.
     """
     device, tape = surgeon(scene, members, task, drawn, seed, mistake), Tape()
     world = procedure_scene.world(scene, members, task, drawn, device, records=False, watch=[tape])

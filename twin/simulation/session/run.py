@@ -35,7 +35,7 @@ SAMPLE = 5e-3
 _KEPT = (".q", ".follows", ".jaw", ".grip", ".pose", ".at", ".holder", ".touches", ".meets", ".force")
 _KEPT += (".deviation", ".apart", ".phase", ".run", ".cue")
 _KEPT_OF = ("console.", f"{PEDALS}.", "surgeon.", "haptics.")
-"""Beginnings of names of signals to be kept; signals whose names end with an item of `_KEPT` are kept as well."""
+"""Prefixes of the names of kept signals; signals whose names end with an item of `_KEPT` are kept as well."""
 
 Progress = Callable[[str, float], None]
 
@@ -118,7 +118,7 @@ def task_of(scene: Scene, name: str | None) -> Task:
         TwinError: the scene has no such task.
     """
     if not scene.tasks:
-        raise TwinError(f"scene '{scene.name}' has no task: add a table [task.NAME] to {scene.file.name}")
+        raise TwinError(f"scene '{scene.name}' has no task: add a section [task.NAME] to {scene.file.name}")
     if name is not None and name not in scene.tasks:
         raise TwinError(f"{scene.name}: {unknown('task', name, scene.tasks)}")
     return scene.tasks[name or next(iter(scene.tasks))]
@@ -277,7 +277,7 @@ def replay(
         members: robots by the names of their places.
         progress: called with "replay" and the fraction done.
         props: mechanism of the props; only needed for a task with transfers, and for forces on the hands.
-        parts: what the machines of the scene are made of; their states are in the session.
+        parts: compiled parts of the machines of the scene; the states of the machines are read from the session.
 
     Raises:
         WorldError: the signals of the World are not those of the session.

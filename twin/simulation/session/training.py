@@ -23,7 +23,7 @@ from twin.simulation.session import movement
 from twin.simulation.world import Recording
 
 _LAG = 0.3
-"""Longest time in s by which a replay on the machine may come later than its record."""
+"""Maximum delay in s of a replay on the machine relative to its record, for the comparison of their paths."""
 
 _NAMES = {
     Phase.TELEOPERATE: "teleoperation",
@@ -81,11 +81,11 @@ class Training:
 
     @property
     def led(self) -> float:
-        """Largest deviation in m by teleoperation; nan without any."""
+        """Largest deviation in m during teleoperation; nan without teleoperation."""
         return max((s.deviation for s in self.steps if s.phase == Phase.TELEOPERATE), default=float("nan"))
 
     def rows(self) -> Iterator[tuple[str, ...]]:
-        """Yield phase, duration, deviation, distance from the record, and why it ended, as text."""
+        """Yield phase, duration, deviation from the model, distance from the rehearsed path, and reason, as text."""
         for s in self.steps:
             shown = ("-" if np.isnan(x) else f"{x / MM:.2f} mm" for x in (s.deviation, s.record))
             yield (_NAMES[s.phase], f"{s.end - s.begin:.1f} s", *shown, s.text or "-")

@@ -1,4 +1,4 @@
-"""Draw a campaign of faults: peak deviation by class, ROC curves of detection, and when the trainee acted."""
+"""Draw a fault-injection campaign: peak deviation by class, ROC curves of detection, reaction times of the trainee."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _LEAST = 1e-2
-"""Smallest drawn deviation in mm; smaller ones are drawn there."""
+"""Smallest drawn deviation in mm; smaller deviations are drawn at this value."""
 
 
 def figure(found: Hazards) -> Figure:
-    """Return a figure with a row of points per class, and below it ROC curves and times of the trainee."""
+    """Return a figure: a row of points for each class of faults; below, ROC curves and times of the trainee."""
     with styled():
         n = len(found.by_class)
         height = 5.2 + 0.28 * n
@@ -71,8 +71,8 @@ def _roc(ax: Axes, found: Hazards) -> None:
         ax.plot([0], [share], "^", color=PALETTE[2], ms=7, clip_on=False, label="checks of the software", zorder=4)
     ax.set_xlim(-0.01, 1)
     ax.set_ylim(0, 1.02)
-    ax.set_xlabel("share of false alarms")
-    ax.set_ylabel("dangerous sessions detected in time")
+    ax.set_xlabel("share of sessions with a false alarm")
+    ax.set_ylabel("share of dangerous sessions detected in time")
     _legend(ax, loc="lower right")
 
 

@@ -33,7 +33,7 @@ def figure(found: ProcedureSession) -> Figure:
         (f"{p.organ} raised, mm", (middle[:, 2] - middle[0, 2]) / MM, None, p.lift_mm),
         ("pull, N", pulls, None, 1.0),
         (f"{p.vessel} seen", kept[f"{p.vessel}.seen"][:, 0], p.seen, 1.0),
-        ("bed free", kept[f"{p.organ}.freed"].mean(axis=1), None, 1.0),
+        ("bed detached", kept[f"{p.organ}.freed"].mean(axis=1), None, 1.0),
         ("depth in organs, mm", depth / MM, p.depth_mm, p.depth_mm),
     )
     out = Figure(figsize=(WIDTH, 1.1 + 1.05 * len(rows)), layout="constrained")

@@ -106,7 +106,7 @@ def _deviation(ax: Axes, found: ConsoleSession) -> None:
     ax.axhline(found.training[0].limit / MM, color=INK, lw=0.6, ls=(0, (5, 2)))
     ax.set_ylim(0, None)
     ax.set_xlabel("time [s]")
-    ax.set_title("from the model [mm]; grey: rehearsed, yellow: replayed", loc="left", fontsize=9)
+    ax.set_title("deviation from model [mm]; grey: rehearsal, yellow: replay", loc="left", fontsize=9)
     ax.yaxis.tick_right()
     ax.grid(True, color=GRID)
     ax.tick_params(length=2.5)

@@ -1,4 +1,4 @@
-"""Draw the paper's experiments: deviation by motion scale, and in time with a stuck motor command."""
+"""Draw the paper's experiments: deviation at each motion scale, and over time with a stuck motor command."""
 
 from __future__ import annotations
 

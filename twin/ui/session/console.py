@@ -118,9 +118,9 @@ class LiveConsole:
             props: mechanism of the props; only needed for such a task, and for the forces of contacts.
             report: makes the report of an attempt, in another process; None: no reports.
             condition: condition of the session, with the switch of the forces; None: the default of the scene.
-            fulcrum: which end of the instruments the hands lead at the start; only for `device` None.
+            fulcrum: end of the instruments that the hands control at the start (see `pivot`); only for `device` None.
             organs: the organs of the scene; only needed for a procedure.
-            machines: connections to the machines of the scene, which `close` ends; None: its robots are no machines.
+            machines: connections to the machines of the scene, which `close` ends; None: the scene has no machines.
 
         Raises:
             TwinError: the scene has no console, the console does not match its robots, or the task its props.
@@ -128,7 +128,7 @@ class LiveConsole:
             OutputError: the session cannot be written.
         """
         if scene.console is None:
-            raise TwinError(f"scene '{scene.name}' has no console: add the table [console] to {scene.file.name}")
+            raise TwinError(f"scene '{scene.name}' has no console: add a section [console] to {scene.file.name}")
         self.scene, self.table = scene, scene.console
         settings = console_scene.settings(scene, fulcrum, task)
         self.device = device or GivenHands(console_scene.PEDALS, HANDS, self.table.scale, settings=settings)
@@ -398,15 +398,15 @@ class LiveConsole:
         self.device.feel(on)
 
     def lead_by(self, client: str, fulcrum: Fulcrum) -> None:
-        """Choose the end of the instruments that the hands lead.
+        """Choose the end of the instruments that the hands control.
 
         Raises:
             HeldError: another client controls the hands.
-            TwinError: the instruments of the scene have no length.
+            TwinError: the scene file has no instrument lengths (`instrument_mm`).
         """
         self.require_free(client)
         if not self.table.instrument_mm:
-            raise TwinError(f"scene '{self.scene.name}' has no fulcrum: add instrument_mm to its table [console]")
+            raise TwinError(f"scene '{self.scene.name}' has no fulcrum: add instrument_mm to its section [console]")
         self.device.set(console_scene.FULCRUM, FULCRUMS.index(fulcrum))
 
     def take_tool(self, client: str, hand: str, tool: str) -> None:
@@ -421,11 +421,11 @@ class LiveConsole:
         if tool not in tools:
             raise TwinError(f"scene '{self.scene.name}': {unknown('tool', tool, tools)}")
         if robot not in tools[tool].robots:
-            raise TwinError(f"{robot} cannot carry '{tool}', a tool of {', '.join(tools[tool].robots)}")
+            raise TwinError(f"{robot} cannot carry '{tool}'; only {', '.join(tools[tool].robots)} can carry it")
         self.device.set(f"{robot}.tool", list(tools).index(tool))
 
     def train(self, client: str, mode: Mode) -> None:
-        """Ask the trainer of the machines for teleoperation, a rehearsal, its judgement, or its replay.
+        """Request a mode of the machines' trainer: teleoperation, rehearsal, check of the rehearsed motion, or replay.
 
         Raises:
             HeldError: another client controls the hands.
@@ -435,7 +435,7 @@ class LiveConsole:
         self._require_machines().ask(mode)
 
     def press(self, client: str, button: str) -> None:
-        """Press the button "start" or "stop" of all machines; anybody may stop them.
+        """Press the button "start" or "stop" of all machines; every client may press "stop".
 
         Raises:
             HeldError: another client controls the hands.

@@ -1,4 +1,4 @@
-"""A twin that mirrors a machine: the measured joints as a solid robot, the desired joints as a ghost."""
+"""Mirror a machine: a solid robot at the measured joint values, and a ghost at the desired joint values."""
 
 from __future__ import annotations
 

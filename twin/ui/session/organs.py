@@ -16,7 +16,7 @@ from twin.ui.session.feed import Surface
 from twin.ui.session.timeline import RATE
 
 _BEHIND = 4
-"""Largest number of steps for one picture; a page that is slower shows organs that follow more slowly."""
+"""Maximum number of steps of the organs for each picture; on a slower page, the organs lag behind the links."""
 
 _AWAY = spatial.pose(p=np.array([0.0, 0.0, 100.0]))
 """Pose of the links before the first picture: a link that is inside an organ there has jumped into it."""

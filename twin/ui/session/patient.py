@@ -138,7 +138,7 @@ def patient_of(robot: Robot, protocol: Protocol, floor: float) -> Patient | None
 
 def none_there(robot: Robot, protocol: Protocol) -> str:
     """Return a text on why a protocol has no patient, with the robot's protocols that have one."""
-    why = protocol.no_patient or "its file has no table [patient]"
+    why = protocol.no_patient or "its file has no section [patient]"
     out = f"{protocol.name}: no patient: {why}"
     names = [] if robot.files is None else [n for n in robot.files.protocols() if robot.protocol(n).patient is not None]
     others = [n for n in names if n != protocol.name and n not in why]

@@ -112,7 +112,7 @@ class ConsoleFront(Loop):
             stopping: set when the page shall end.
             task: a task, or None.
             report: makes the report of an attempt, see `LiveConsole`.
-            fulcrum: which end of the instruments the hands lead at the start.
+            fulcrum: end of the instruments that the hands control at the start, see `LiveConsole`.
             feed: deformables that are not in the World; None: none.
             organs: the organs of the scene; only needed for a procedure, whose World has them.
             machines: connections to the machines of the scene; their models are shown as ghosts.
@@ -366,7 +366,7 @@ class ConsoleFront(Loop):
             self._tools[hand] = choice
         self._direct = None
         if (fulcrum := self.console.reading["fulcrum"]) is not None:
-            self._direct = gui.add_checkbox("direct fulcrum", fulcrum == "direct", hint="The hands lead the outer ends")
+            self._direct = gui.add_checkbox("direct fulcrum", fulcrum == "direct", hint="The hands move the outer ends")
             self._on(self._direct, "fulcrum", lambda c, v: self.console.lead_by(c, FULCRUMS[int(v)]))
 
     def _tool(self, hand: str) -> str:

@@ -1,4 +1,4 @@
-"""The curve of the distance between two tips, in the panel of a page of viser, and the joint that differs most."""
+"""Curve of the distance between the tips of machine and model, in a panel of viser; the joint that differs most."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The page of viser for a twin that mirrors a machine: solid, ghost, and the curve of their deviation."""
+"""The page of viser that mirrors a machine: solid robot (measured), ghost (desired), and a plot of their deviation."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from twin.ui.viewer.room import OUTSIDE, furnish
 
 
 class MirrorFront(Loop):
-    """The page of a twin that mirrors a machine.
+    """The page that mirrors a machine.
 
     Attributes:
-        mirror: the twin.
+        mirror: the mirrored robot.
         nodes: scene nodes of the solid robot and of the ghost.
     """
 
