@@ -295,7 +295,7 @@ def test_a_wrong_entry_of_the_console_or_of_a_tool_is_named(scene, tmp_path, old
     ("arguments", "said"),
     [
         (["sils", "--fulcrum", "direct"], "--fulcrum requires a scene with a console"),
-        (["davinci", "--fulcrum", "direct"], "add instrument_mm to the table"),
+        (["davinci", "--fulcrum", "direct"], "add the key instrument_mm to the section [console]"),
         (["vsrs", "--protocols", "--mqtt", "localhost"], "--mqtt and --protocols cannot be combined"),
     ],
 )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
 import socket
 import subprocess
@@ -300,7 +301,7 @@ def test_a_port_that_is_taken_is_told_with_a_free_one(capsys):
         port = other.getsockname()[1]
         assert main(["view", "hibou", "--port", str(port), "--no-browser"]) == 2
     assert f"port {port} is in use" in (said := capsys.readouterr().err)
-    assert "use --port" in said
+    assert re.search(r"use the free port (\d+) \(--port \1\)", said)
 
 
 def test_what_cannot_be_shown_is_told_before_anything_opens(capsys):
