@@ -62,6 +62,11 @@ _SEARCH = 6 * MM
 _FAR = 100 * MM
 """Distance in m beyond which bounds for a certificate need not be better, as long as no distance is known."""
 
+
+def _nothing() -> None:
+    """Do nothing."""
+
+
 Keep = Callable[[Array, Array], np.ndarray]
 """Additional test of states: T_base_tool (k, 4, 4), q (k, n) -> (k,) bool: whether each state is allowed."""
 
@@ -140,6 +145,7 @@ class JointSpace:
             around: function that returns the obstacles, called at first use; None: there are none.
         """
         self._make, self.clearance, self._keep, self._around = make, clearance, keep, around
+        self._check: Callable[[], None] = _nothing
         self._known: list[tuple[Array, Array]] = []
 
     def keeping(self, keep: Keep) -> JointSpace:
@@ -147,6 +153,16 @@ class JointSpace:
         _ = self._pairs
         out = copy(self)
         out._keep = keep
+        return out
+
+    def interruptible(self, check: Callable[[], None]) -> JointSpace:
+        """Return the same space, whose tests call `check` every few milliseconds; its exception ends them.
+
+        Shapes and stored distances are shared.
+        """
+        _ = self._pairs
+        out = copy(self)
+        out._check = check
         return out
 
     @cached_property
@@ -227,6 +243,7 @@ class JointSpace:
 
         Without `exact`, a distance whose bounds do not decide is taken as the mean of its bounds; see `Pairs.near`.
         """
+        self._check()
         q = np.asarray(q, float).reshape(-1, len(self.weights))
         ok = self._within(q)
         if self._loops:
@@ -359,6 +376,7 @@ class JointSpace:
         s = np.linspace(0.0, 1.0, max(count, 2))
         tree, X, before = self._model.tree, [x], np.zeros(self._model.tree.model.nv)
         for q in path(s[1:]):
+            self._check()
             guess = tree.integrate(X[-1][None], before[None])
             guess[0, self._driven] = q
             new, converged = minimise(tree, guess, self._model.loops_only, tree.passive, _ITERATIONS)
@@ -454,6 +472,7 @@ class JointSpace:
         path, pair = np.divmod(np.arange(count * len(pairs)), max(len(pairs), 1))
         place, level = np.zeros(len(path), int), 0
         while len(path):
+            self._check()
             width = 0.5**level
             keys, row = np.unique(path * 2**level + place, return_inverse=True)
             paths, s = keys >> level, ((keys & (2**level - 1)) + 0.5) * width
@@ -473,6 +492,7 @@ class JointSpace:
             # where the bounds do not decide and the interval is short, exact distances do
             split = [] if exact else left[way[left] > _SEARCH]
             for i in left if exact else ():
+                self._check()
                 if not ok[path[i]]:
                     continue
                 p, T = int(pair[i]), poses[row[i]]
@@ -545,6 +565,7 @@ class JointSpace:
         place, level = np.zeros(len(pair), int), 0
         least, proven, at, names = np.inf, np.inf, 0.0, ("", "")
         while len(pair):
+            self._check()
             width = 0.5**level
             places, row = np.unique(place, return_inverse=True)
             X = self._at(seen, (places + 0.5) * width)
@@ -559,6 +580,7 @@ class JointSpace:
             bound[near] = np.maximum(bound[near], pairs.bounds(poses, row[near], pair[near], wanted)[0])
             for i in np.argsort(bound - ahead, kind="stable"):
                 if bound[i] - ahead[i] < least - within:
+                    self._check()
                     bound[i] = pairs.distance(int(pair[i]), poses[row[i]])
                     if bound[i] < least:
                         least, at = float(bound[i]), float((places[row[i]] + 0.5) * width)
