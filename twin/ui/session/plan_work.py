@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import queue
 import threading
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
@@ -16,8 +16,9 @@ from typing import Any
 import numpy as np
 
 from twin.core import spatial
-from twin.core.errors import TwinError
+from twin.core.errors import CancelledError, TwinError
 from twin.core.spatial import Array
+from twin.core.units import MM
 
 DT = 1e-3
 """Time in s between two poses of a plan: a tick of the World."""
@@ -30,6 +31,9 @@ _EVERY = 0.05
 
 _PLACES = 64
 """Number of places along a path at which the clearance is shown."""
+
+_CLEARANCE = 2 * MM
+"""Smallest clearance of a plan in m: a search with less takes seconds, and an arm does not follow more closely."""
 
 _SPEED, _RISE = (0.1, 1.0), 0.25
 """Speed in m/s or rad/s of a joint without a limit; time in s to it for a joint without one (ASSUMED)."""
@@ -121,10 +125,6 @@ class Proven:
     bodies: tuple[str, str]
 
 
-class _Cancelled(Exception):  # noqa: N818 - no error: the job is no longer wanted
-    """Raised in the thread of a plan that is cancelled."""
-
-
 def work(job: Check | Plan) -> Iterator[Any]:
     """Yield the results of a job.
 
@@ -147,18 +147,13 @@ def _beside(job: Plan) -> Iterator[Any]:
     ends, done = threading.Event(), [0.0]
 
     def report(fraction: float) -> None:
-        if ends.is_set():
-            raise _Cancelled
         done[0] = fraction
 
     def run() -> None:
         try:
-            for piece in plan(job, report):
+            for piece in plan(job, report, ends.is_set):
                 said.put(piece)
-                report(1.0)
             said.put(None)
-        except _Cancelled:
-            pass
         except BaseException as error:
             said.put(error)
 
@@ -181,18 +176,25 @@ def _beside(job: Plan) -> Iterator[Any]:
         thread.join()
 
 
-def plan(job: Plan, report: Callable[[float], None] = lambda fraction: None) -> Iterator[Found | Clear | Proven]:
-    """Yield the results of a plan; `report` is called with the part of the search that is done, and may end it.
+def plan(
+    job: Plan, report: Callable[[float], None] = lambda fraction: None, cancelled: Callable[[], bool] = lambda: False
+) -> Iterator[Found | Clear | Proven]:
+    """Yield the results of a plan; `report` is called with the part of the search that is done.
 
     Raises:
+        CancelledError: `cancelled` was true.
         TwinError: there is no plan; the message has the reason.
     """
     from twin.planning.around import around
 
-    arm = _arm_of(job.room)
-    space = arm.space
-    path = around(space, job.start, job.goal, seed=job.seed, progress=report)
-    report(1.0)
+    def check() -> None:
+        if cancelled():
+            raise CancelledError
+
+    arm, trees = _arm_of(job.room), []
+    path = around(
+        arm.space, job.start, job.goal, seed=job.seed, progress=report, cancelled=cancelled, grown=trees.append
+    )
     s = _timed(path, arm, job)
     q = path(s)
     times = np.arange(len(s)) * DT
@@ -200,12 +202,19 @@ def plan(job: Plan, report: Callable[[float], None] = lambda fraction: None) -> 
     links = [arm.links(x) for x in q[rows]]
     names = tuple(links[0])
     shown = np.array([[row[n] for n in names] for row in links])
-    yield Found(arm.kin.forward_many(q), shown, names, np.zeros((0, 2, 3)))
-    for part in np.array_split(np.unique(np.linspace(0, len(s) - 1, _PLACES).astype(int)), 8):
-        report(1.0)
-        yield Clear(times[part], np.array([space.nearest(x)[0] for x in q[part]]))
-    seen = space.certify(path)
+    yield Found(arm.kin.forward_many(q), shown, names, _tips(arm, trees))
+    for part in np.array_split(np.unique(np.linspace(0, len(s) - 1, _PLACES).astype(int)), _PLACES // 8):
+        check()
+        yield Clear(times[part], np.array([arm.space.nearest(x)[0] for x in q[part]]))
+    seen = arm.space.interruptible(check).certify(path)
     yield Proven(seen.proven, seen.found, seen.bodies)
+
+
+def _tips(arm: _Arm, trees: Sequence[Any]) -> Array:
+    """Return the tips (edges, 2, 3) in base at both ends of the connections of the last tree."""
+    if not trees or not len(trees[-1].branches):
+        return np.zeros((0, 2, 3))
+    return arm.kin.forward_many(trees[-1].q)[:, :3, 3][trees[-1].branches]
 
 
 def _timed(path: Any, arm: _Arm, job: Plan) -> Array:
@@ -258,7 +267,7 @@ def _make(room: Room) -> _Arm:
     robot = _load(place.robot)
     space = JointSpace(
         lambda: ReferenceModel(robot.mechanism),
-        scene.clearance,
+        max(scene.clearance, _CLEARANCE),
         around=lambda: standing(room.scene, room.robot, _load, room.poses),
     )
     active = robot.mechanism.active
