@@ -12,7 +12,7 @@ name = "dome_console"
 title = "Both arms of the Raven-II at a dome, under a console"
 source = "arrangement ASSUMED, for tests"
 props = "props.toml"
-clearance_mm = 1.0
+clearance_mm = 2.0
 
 [port.left]
 position_mm = [0, 0, 0]
@@ -25,7 +25,7 @@ provenance = "ASSUMED"
 note = "RCM"
 
 [port.camera]
-position_mm = [120, -60, 60]
+position_mm = [60, -60, 80]
 provenance = "ASSUMED"
 note = "between the arms"
 
@@ -50,9 +50,9 @@ note = "beside the dome"
 name = "ecm"
 robot = "davinci_ecm"
 port = "camera"
-position_mm = [120, -60, 60]
+position_mm = [60, -60, 80]
 yaw_deg = 0
-start = { q1 = 28, q2 = -34, q3 = 20, q4 = 0 }
+start = { q1 = -15, q2 = -40, q3 = 45, q4 = 0 }
 provenance = "ASSUMED"
 note = "it looks at the dome"
 

@@ -73,7 +73,7 @@ class PlanMode:
         assert scene.console is not None
         self._scene, self._members, self._world, self._source = scene, members, world, source
         self._table, self._machines = scene.console, set(scene.trainer.robots) if scene.trainer else set()
-        self._stream: Stream[Any] = Stream(work)
+        self._stream: Stream[Any] = Stream(work, nice=0)  # the user waits for it
         arms = {n: Led(members[n].kin, n in self._machines) for n in (*self._table.right, *self._table.left)}
         self.plans = Plans(PEDALS, arms)
         self._numbers, self._room = itertools.count(1), None

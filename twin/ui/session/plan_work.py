@@ -197,7 +197,7 @@ def plan(
     )
     s = _timed(path, arm, job)
     q = path(s)
-    times = np.arange(len(s)) * DT
+    times: Array = np.arange(len(s), dtype=np.float64) * DT
     rows = np.unique(np.append(np.arange(0, len(s), round(SHOWN / DT)), len(s) - 1))
     links = [arm.links(x) for x in q[rows]]
     names = tuple(links[0])
