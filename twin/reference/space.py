@@ -269,6 +269,28 @@ class JointSpace:
                     worst = f"{names} collide (required: {required / MM:.3g} mm apart)"
         return worst
 
+    def nearest(self, q: Array) -> tuple[float, tuple[str, str]]:
+        """Return the smallest distance in m of two bodies at joint values q (n,), and the names of these bodies.
+
+        The pairs are those of `certify`. Infinity and empty names: there are no pairs.
+
+        Raises:
+            MechanismError: the loops of the mechanism do not close.
+        """
+        if (x := self._state(np.asarray(q, float))) is None:
+            raise MechanismError("the loops of the mechanism do not close")
+        pairs = self._pairs
+        which, poses = np.flatnonzero(pairs.required >= self.clearance), pairs.poses(x[None])
+        gaps, least, names = pairs.gaps(poses, 0 * which, which), np.inf, ("", "")
+        for k in np.argsort(gaps, kind="stable"):
+            pair = int(which[k])
+            if gaps[k] >= least:
+                break
+            if pairs.hulls_apart(pair, poses[0]) < least and (found := pairs.distance(pair, poses[0])) < least:
+                a, b = (pairs.shapes[i].name for i in pairs.rows[pair])
+                least, names = found, (a, b)
+        return least, names
+
     def named(self, q: Array) -> str:
         """Return joint values q (n,) as text, with names and units as in a waypoint of a protocol."""
         names = [
