@@ -23,7 +23,7 @@ from twin.core.spatial import Array
 from twin.core.units import DEG, MM
 from twin.reference.closing import Closing
 from twin.reference.model import ReferenceModel
-from twin.reference.pairs import SEARCHED, Pairs, Still
+from twin.reference.pairs import Pairs, Still
 
 _ANGLE = 0.1
 """Length in m that is equivalent to 1 rad in comparisons of paths."""
@@ -421,10 +421,14 @@ class JointSpace:
             margin = np.maximum(required, required / 2 + way)
             left = np.flatnonzero(pairs.gaps(poses, row, pair) < margin)
             least, most = pairs.bounds(
-                *(poses, row[left], pair[left], margin[left], required[left]), 0.0 if exact else SEARCHED
+                *(poses, row[left], pair[left], margin[left], required[left]),
+                0.0 if exact else pairs.searched[pair[left]],
             )
-            blocked = most if exact else (least + most) / 2
-            ok[path[left[blocked < required[left]]]] = False
+            if exact:
+                near = most < required[left]
+            else:
+                near = pairs.seem_near(X, poses, row[left], pair[left], least, most, ok[paths])
+            ok[path[left[near]]] = False
             left = left[(least < margin[left]) & ok[path[left]]]
             # where the bounds do not decide and the interval is short, exact distances do
             split = [] if exact else left[way[left] > _SEARCH]
