@@ -44,9 +44,10 @@ class TargetTable(Table):
 class TaskTable(Sourced):
     """A task: targets to touch in this order, rings to bring to pegs, a camera to align, or a surgical procedure.
 
-    A target is touched when all its tips have been within the tolerance for `hold_s`, without interruption. A ring is
-    transferred when it lies around its peg and nothing holds it. For `align`, see `AlignTable`; for `procedure`, which
-    needs no console, `ProcedureTable`.
+    A target has a point for one hand or for both. It is touched when the tips of these hands have all been within the
+    tolerance of their points for `hold_s`, without interruption. A ring is transferred when it lies around its peg and
+    nothing holds it. `AlignTable` describes `align`, `ProcedureTable` describes `procedure`; only a task with
+    `procedure` needs no console.
     """
 
     title: str = Field(min_length=1)
