@@ -17,7 +17,7 @@ TOO_GOOD = 3.0
 """Maximum ratio of the estimated error to the stated error; at higher ratios, the stated error is too small."""
 
 TOO_BAD = 20.0
-"""Maximum ratio of the stated error to the estimated error.
+"""Maximum ratio of the stated error to the estimated error; at higher ratios, the stated error is too large.
 
 The ratio 4 is normal for a stage, whose stated error is measured with every second sample removed.
 """
@@ -100,7 +100,7 @@ def _short(value: Any) -> str:
 
 
 def _check_same_robot(tracks: Sequence[Content]) -> None:
-    """Report data of the robot that differ between tracks."""
+    """Report names and types of the robot's joints, frames and tool that differ from the first track."""
     if not tracks:
         return
     first = tracks[0]

@@ -29,7 +29,7 @@ _FAMILY = {"usda": "usd", "usdc": "usd", "gltf": "glb", "csv": "tracks"}
 
 
 _ZERO = 1e-6
-"""Size up to which a ratio of a coupling counts as zero (rounding of single precision).
+"""Absolute value up to which a ratio of a coupling counts as zero (rounding of single precision).
 
 The ratios of each coupling are first divided by the largest absolute ratio of the coupling."""
 
