@@ -82,7 +82,7 @@ def audit(
 def _audited(
     path: Path, truth: Truth, mechanism: Mechanism | None, tell: Progress
 ) -> tuple[list[Content], list[Ledger]]:
-    """Return the contents of one robot's files, compared with each other, and their ledgers."""
+    """Read one robot's files and compare them with each other; return (their contents, their checks and findings)."""
     found = find(path)
     contents: list[Content] = []
     ledgers: list[Ledger] = []

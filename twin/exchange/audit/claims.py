@@ -78,7 +78,7 @@ def _check_heads(table: Content, other: Content) -> None:
     for key in dict.fromkeys((*its, *mine)):
         if key not in mine or key not in its:
             here, there = (other.file, table.file) if key in its else (table.file, other.file)
-            text = f"{here} has the entry '{key}', {there} does not."
+            text = f"the entry '{key}' is in {here}, but not in {there}."
         elif not _equal(mine[key], its[key]):
             text = f"'{key}' is {_short(mine[key])}; in {other.file} it is {_short(its[key])}."
         else:
