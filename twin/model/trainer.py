@@ -24,9 +24,9 @@ _NotNegative = Annotated[float, Field(ge=0)]
 
 
 class CueTable(Table):
-    """Cue, a force on the hand by the deviation of a machine from its model.
+    """Cue: a force on the hand, from the distance and the relative velocity of the tips of a machine and its model.
 
-    The force begins at a deviation of `tol_mm`, has gains in N/mm and N s/mm, and is at most `largest_n`.
+    The force begins at a distance of `tol_mm`, has the gains `kp_n_mm` and `kd_ns_mm`, and is at most `largest_n`.
     """
 
     reading: Literal["printed", "corrected"] = "corrected"

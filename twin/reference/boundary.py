@@ -35,7 +35,7 @@ _FLAT = 1e-2
 """Relative slope per radian of a margin below which the margin counts as being at its minimum."""
 
 _ENDS = 0.05
-"""Relative size of another margin below which it counts as zero; the walk then ended because of that margin."""
+"""Relative size of another margin below which it counts as zero; a search then ended because of that margin."""
 
 _MOSTLY = 0.3
 """Minimum ratio of two sums of an aspect's values: values with the preferred sign, and values with the other sign.

@@ -56,7 +56,7 @@ class Cause:
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """All findings of the cause, the head first."""
+        """All findings of the cause, `head` first."""
         return (self.head, *self.also, *self.follows, *self.perhaps)
 
     def lines(self) -> Iterator[str]:
