@@ -31,7 +31,7 @@ _WIDE = 4.0
 """Difference of two bounds, in units of the radius of balls for a search, beyond which the distance is computed."""
 
 _FEW = 3
-"""Largest number of turns between two bodies for which cells are stored."""
+"""Maximum number of revolute joints between two bodies for which results are stored in cells (see `Pairs.closer`)."""
 
 
 @dataclass(frozen=True)
@@ -136,11 +136,11 @@ class Pairs:
 
     @cached_property
     def levers(self) -> Levers | None:
-        """Bounds of motion around a state; None if the tree has other joints than turns and slides."""
+        """Bounds of motion around a state; None if the tree has joints that are neither revolute nor prismatic."""
         return Levers(self._tree, self._numbers, self.rows) if Levers.possible(self._tree) else None
 
     def around(self, X: Array, moved: Array) -> tuple[Array, Array]:
-        """Return (poses as of `poses`, bounds (k, pairs) in m of the relative motion around configurations X (k, nq)).
+        """Return (poses as `poses` returns them, bounds (k, pairs) in m of the relative motion) around X (k, nq).
 
         Args:
             X: configurations.
