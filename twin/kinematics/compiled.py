@@ -118,7 +118,10 @@ class Compiled(ABC):
         return self._named("passive", Ts, qs)
 
     def inverse_jacobian(self, T: ArrayLike | None = None, q: ArrayLike | None = None) -> Array:
-        """Return the derivative (n, 6) of q with respect to a twist, at a pose, or at q without inverse equations."""
+        """Return the derivative (n, 6) of q with respect to a twist, at pose T or at q.
+
+        If both are given, T is used; without inverse equations, q is used.
+        """
         return self.inverse_jacobian_many(_one(T), _one(q))[0]
 
     def inverse_jacobian_many(self, Ts: ArrayLike | None = None, qs: ArrayLike | None = None) -> Array:

@@ -48,9 +48,10 @@ class TargetTable(Table):
 class TaskTable(Sourced):
     """A task: targets to touch in order, rings to bring to pegs, a ring to guide, a camera to align, or a procedure.
 
-    A target is touched when all its tips have been within the tolerance for `hold_s`, without interruption. A ring is
-    transferred when it lies around its peg and nothing holds it. For `guide`, see `GuideTable`; for `align`,
-    `AlignTable`; for `procedure`, which needs no console, `ProcedureTable`.
+    A target has a point for one hand or for both. It is touched when the tips of these hands have all been within the
+    tolerance of their points for `hold_s`, without interruption. A ring is transferred when it lies around its peg and
+    nothing holds it. `GuideTable` describes `guide`, `AlignTable` describes `align`, `ProcedureTable` describes
+    `procedure`; only a task with `procedure` needs no console.
     """
 
     title: str = Field(min_length=1)

@@ -202,7 +202,7 @@ def _check_speed(joint: RawJoint, line: Timeline, q: Array) -> Iterator[Finding]
     if speed[worst] <= limit * SPEED_MARGIN:
         return
     if joint.is_angle and limit <= RADIAN_SPEED and speed[worst] <= limit / DEG * SPEED_MARGIN:
-        yield _radians(joint, f"its speed exceeds maxJointVelocity {limit:.5g} unless this number is in rad/s", limit)
+        yield _radians(joint, f"its speed exceeds maxJointVelocity {limit:.5g} deg/s, which looks like rad/s", limit)
         return
     yield _SPEED(
         joint.path,
