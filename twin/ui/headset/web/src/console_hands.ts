@@ -72,6 +72,7 @@ export class ConsoleHands {
   forget(): void {
     this.leading.clear();
     this.console.pens.lost.clear();
+    this.console.plan.forget('headset');
     for (const pedal of ['clutch', 'camera'] as const)
       if (this.console.pens.presses(pedal, 'headset')) this.console.pens.press(pedal, 'headset', false);
   }
