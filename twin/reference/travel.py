@@ -90,9 +90,9 @@ class Reach:
 class Levers:
     """Bounds of the relative motion of pairs of bodies around given states; much smaller than those of `Reach`.
 
-    For trees of turns and slides. In a state, let rho be the distance of a body's farthest point from an axis. While
-    the joints between axis and body move the body by at most S, rho grows by at most S. So, from the body to the base,
-    a turn by dx adds (rho + S) dx to S, a slide adds dx.
+    All joints of the tree must be revolute or prismatic. In a state, let rho be the distance of a body's farthest point
+    from an axis. While the joints between axis and body move the body by at most S, rho grows by at most S. Therefore
+    S is summed from the body to the base: a rotation by dx adds (rho + S) dx to S, a translation adds dx.
     """
 
     def __init__(self, tree: Tree, numbers: np.ndarray, pairs: np.ndarray) -> None:

@@ -281,7 +281,10 @@ class Record(_Message):
 
 
 class Hand(BaseModel):
-    """One hand: pose of its handle in frame {H} (x y z in m, quaternion x y z w), and angle of its gripper in rad."""
+    """Input of one hand: pose of the console's handle, and angle of the gripper in rad.
+
+    The pose is in frame {H}, the axes of the endoscope's picture: x y z in m, quaternion x y z w.
+    """
 
     model_config = ConfigDict(strict=True, extra="forbid", frozen=True, allow_inf_nan=False)
 
