@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import base64
+import json
+
 import numpy as np
 import pytest
 
@@ -16,6 +19,9 @@ from twin.simulation.devices.given import HandState
 from twin.simulation.devices.plans import Led, Plans
 from twin.simulation.session import run as sessions
 from twin.simulation.session.file import read_session
+from twin.ui.headset import protocol as wire
+from twin.ui.headset.operation import Operation
+from twin.ui.headset.protocol import RefusedError
 from twin.ui.session import plan_mode, plan_work
 from twin.ui.session.console import HeldError, LiveConsole
 from twin.ui.session.plan_work import Check, Checked, Clear, Found, Plan, Proven, Room
@@ -300,6 +306,43 @@ def test_the_camera_rests_from_the_plan_to_the_end_of_the_motion(planned):
     planned.wait(5, camera=True)
     planned.lead([0, 0, 10 * MM], 5)
     assert np.array_equal(planned.console.world.signals["ecm.q"], at)
+
+
+def test_pages_get_ghost_motion_and_clearance_and_a_new_page_gets_all_of_them(dome, monkeypatch):
+    monkeypatch.setattr(plan_mode, "Stream", Here)
+    scene, robots, props = dome
+    op = Operation(scene, robots, props=props)
+    documents, bodies = [], len(op.members[ARM].mechanism.bodies)
+    op.send = documents.append
+    client = Operator(op)
+    op.ask("me", wire.parse(json.dumps({"type": "plan", "do": "aim", "hand": "left"})))
+    client.lead([3 * MM, 0, -4 * MM], 5)
+    op.frame(1, 0.0)
+    with pytest.raises(RefusedError, match="there is no plan to accept"):
+        op.ask("me", wire.parse(json.dumps({"type": "plan", "do": "accept", "hand": "left"})))
+    assert len(floats(next(d for d in documents if d["type"] == "target")["poses"])) == 7 * bodies
+    op.ask("me", wire.parse(json.dumps({"type": "plan", "do": "find", "hand": "left"})))
+    for tick in range(2, 400):
+        client.wait(1)
+        op.frame(tick, 0.0)
+        if documents[-1].get("proven"):
+            break
+    plan, clearance = op.welcome()[1:]
+    assert documents[-1] == clearance
+    assert plan in documents
+    assert len(floats(plan["poses"])) % (7 * bodies) == 0
+    assert plan["duration"] == pytest.approx(clearance["t"][-1], abs=2e-3)
+    assert 2 * MM < clearance["proven"] <= min(clearance["distance"])
+    assert op.state()["console"]["plan"]["phase"] == "preview"
+    op.ask("another", wire.parse(json.dumps({"type": "plan", "do": "cancel", "hand": "left"})))
+    op.frame(400, 0.0)
+    assert documents[-1]["poses"] == ""
+    assert op.welcome() == []
+    op.close()
+
+
+def floats(text):
+    return np.frombuffer(base64.b64decode(text), "<f4")
 
 
 # --------------------------------------------------------------------------------------------------- the device
