@@ -216,3 +216,13 @@ def test_the_audit_loads_no_writer():
     loaded = set(done.stdout.split())
     wrong = ("twin.exchange.write", "twin.usd.write", "twin.reference", "twin.planning", "casadi", "pinocchio")
     assert not {m for m in loaded if m.startswith(wrong)}
+
+
+def test_a_file_without_anything_to_check_is_not_passed(tmp_path):
+    path = tmp_path / "bare.urdf"
+    path.write_text('<robot name="bare"><link name="base"/></robot>')
+    report = audit(path)
+    assert (report.verdict, report.checks) == ("unchecked", [])
+    assert report.exit_code == 2
+    assert "nothing that can be checked" in report.findings[0].message
+    assert "--robot NAME" in report.findings[0].suggestion

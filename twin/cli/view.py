@@ -42,10 +42,10 @@ def view(args: argparse.Namespace) -> int:
         assets.require_writable(Path(args.html).parent)
     if args.html is not None:
         return _write(load, title, port, args)
-    from twin.ui.viewer.front import Front
 
     def open_page(server: viser.ViserServer, stopping: threading.Event, local: bool) -> Page:
         from twin.cli.terminal import Terminal
+        from twin.ui.viewer.front import Front  # after the server is up, so that the browser loads its page meanwhile
 
         front = load(server, {"stopping": stopping, "local": local, "terminal": Terminal.here() if local else None})
         if isinstance(front, Front):

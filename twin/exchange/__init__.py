@@ -1,1 +1,1 @@
-"""Other formats: `read` imports files, `write` exports them, `audit` checks exports. They do not import each other."""
+"""Other formats: `read` imports files, `write` exports them, `audit` checks exports. None of the three uses another."""

@@ -295,22 +295,23 @@ class ReferenceModel:
     def _reach(self, x: Array, target: Array, move: Move) -> Array:
         """Return the configuration at the target, reached from x in steps in which no coordinate jumps."""
         start = x[self._active_q] if target.ndim == 1 else self.tree.tool(self.tree.update(x[None])[0])[0]
-        open_there = self._misfits(x[None], start[None])[0]
+        origin, misfit = x, np.inf
         s, step = 0.0, 1.0 / max(1, int(np.ceil(walk.distance(start, target) / _STRIDE)))
         stride, smallest, left = step, step / 256, 0
         while s < 1:
             ahead = 1.0 if s + step > 1 - 1e-9 else s + step
-            X, converged = move(x[None], walk.between(start, target, ahead)[None])
-            closed = converged[0] and self._misfits(X, walk.between(start, target, ahead)[None])[0] < GAP_TOLERANCE
-            if closed and self.jumps(x[None], X)[0] < _JUMP:
+            there = walk.between(start, target, ahead)[None]
+            X, converged = move(x[None], there)
+            misfit = self._misfits(X, there)[0] if converged[0] else np.inf
+            if misfit < GAP_TOLERANCE and self.jumps(x[None], X)[0] < _JUMP:
                 x, s, step = X[0], ahead, 2 * step
                 continue
             step /= 2
             if step < smallest:
                 ahead = min(1.0, s + stride)
                 away = self._depart(x, walk.between(start, target, ahead), move) if left < _DEPARTURES else None
-                if away is not None:
-                    x, s, step, left = away, ahead, stride, left + 1
+                if away is not None:  # a departure's misfit is below `_THERE`
+                    x, s, step, left, misfit = away, ahead, stride, left + 1, 0.0
                     continue
                 best = self.state(X[0] if converged[0] else x)
                 raise AssemblyError(
@@ -320,7 +321,8 @@ class ReferenceModel:
                     best,
                     best.worst_gap,
                 )
-        stuck = self._misfits(x[None], target[None])[0] > 2 * open_there + _THERE  # for example, with collinear links
+        # `misfit` is that of x at the target. It is large, for example, with collinear links.
+        stuck = misfit > _THERE and misfit > 2 * self._misfits(origin[None], start[None])[0] + _THERE
         away = self._depart(x, target, move) if stuck else None
         return x if away is None else away
 

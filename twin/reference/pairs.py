@@ -28,7 +28,7 @@ SEARCHED = 2 * MM
 """Radius in m of balls that are small enough for a search; a found path is tested with smaller ones."""
 
 _FEW = 3
-"""Largest number of turns between two bodies for which cells are stored."""
+"""Maximum number of revolute joints between two bodies for which results are stored in cells (see `Pairs.closer`)."""
 
 
 @dataclass(frozen=True)
@@ -130,11 +130,11 @@ class Pairs:
 
     @cached_property
     def levers(self) -> Levers | None:
-        """Bounds of motion around a state; None if the tree has other joints than turns, slides, balls."""
+        """Bounds of motion around a state; None if a joint of the tree is neither revolute, prismatic nor a ball."""
         return Levers(self._tree, self._numbers, self.rows) if Levers.possible(self._tree) else None
 
     def around(self, X: Array, moved: Array) -> tuple[Array, Array]:
-        """Return (poses as of `poses`, bounds (k, pairs) in m of the relative motion around configurations X (k, nq)).
+        """Return (poses as `poses` returns them, bounds (k, pairs) in m of the relative motion) around X (k, nq).
 
         Args:
             X: configurations.

@@ -93,10 +93,10 @@ class Reach:
 class Levers:
     """Bounds of the relative motion of pairs of bodies around given states; much smaller than those of `Reach`.
 
-    For trees of turns, slides and ball joints. In a state, let rho be the distance of a body's farthest point from an
-    axis. While the joints between axis and body move the body by at most S, rho grows by at most S. So, from the body
-    to the base, a turn by dx adds (rho + S) dx to S, a slide adds dx. For a ball joint, rho is the distance from its
-    centre.
+    All joints of the tree must be revolute, prismatic or ball joints. In a state, let rho be the distance of a body's
+    farthest point from an axis, or from the centre of a ball joint. While the joints between axis and body move the
+    body by at most S, rho grows by at most S. Therefore S is summed from the body to the base: a rotation by dx adds
+    (rho + S) dx to S, a translation adds dx.
     """
 
     def __init__(self, tree: Tree, numbers: np.ndarray, pairs: np.ndarray) -> None:

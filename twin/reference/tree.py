@@ -108,7 +108,7 @@ class Tree:
         self._body[joint.child] = (number, T_joint_child)
 
     def _look(self) -> dict[bool, list[Array]]:
-        """Return views of rotation (3, 3) and position (3, 1) of each joint, in turn, in Pinocchio's memory.
+        """Return views of Pinocchio's memory: rotation (3, 3) and position (3, 1) of joint 1, then of joint 2, ...
 
         The key is `closing_only` of `update`. Copying all views at once takes half the time of one call per pose.
         """
@@ -173,7 +173,7 @@ class Tree:
     def place(self, X: Array) -> Array:
         """Return the poses (k, joints, 4, 4) of all joint frames in base at configurations X (k, nq), for many at once.
 
-        Numpy computes them; `update` asks Pinocchio, one configuration at a time.
+        NumPy computes the poses; `update` lets Pinocchio compute them, one configuration at a time.
         """
         poses = np.zeros((len(X), self.model.njoints, 4, 4))
         poses[:, 0] = np.eye(4)

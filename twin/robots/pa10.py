@@ -81,7 +81,10 @@ def places(T_base_tool, P_c, P_m, RL8):
 
 @equation("helper", "reach and singularity", gives="stretch fold s2 s4 s6 aside", source="DERIVED")
 def margins(q2, q4, q6, P_m, RL3, RL5):
-    """Return reach margins in m, sines that vanish at singularities, and the wrist's relative distance from z."""
+    """Return margins of reach in m, sines that are zero at singularities, and how far the wrist is from the z axis.
+
+    The last is the distance from the axis of joint 1, divided by the length RL3 + RL5 of the arm.
+    """
     D = norm_2(P_m)
     aside = sqrt(P_m[0] ** 2 + P_m[1] ** 2)
     return RL3 + RL5 - D, D - sqrt((RL3 - RL5) ** 2), sin(q2), sin(q4), sin(q6), aside / (RL3 + RL5)

@@ -9,6 +9,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any, NamedTuple
 
+from twin.core import format
 from twin.core.findings import Finding, Severity, Verdict, by_severity, finding
 from twin.core.quantity import Quantity
 from twin.core.result import Part, Result, Table
@@ -89,8 +90,8 @@ class AuditReport(Result):
         yield from shown
         notes = len(self.findings) - len(shown)
         yield ("\n" if shown else "") + (
-            f"  {len(self.checks)} checks, {len(self.findings)} findings"
-            + (f", {notes} of which are notes (--all shows them)" if notes else "")
+            f"  {format.count(len(self.checks), 'check')}, {format.count(len(self.findings), 'finding')}"
+            + (f", of which {format.count(notes, 'note')} (shown by --all)" if notes else "")
             + f"; poses agree within {POSITION_TOL * 1e6:g} µm and {math.degrees(ROTATION_TOL):.3g} deg"
         )
 
@@ -98,7 +99,7 @@ class AuditReport(Result):
 _VERDICTS = {
     "agree": "PASS: all files are valid and consistent with each other",
     "disagree": "FAIL: files are invalid or inconsistent with each other; see the findings",
-    "unchecked": "UNCHECKED: something could not be read",
+    "unchecked": "UNCHECKED: something could not be read or checked",
 }
 _MARKS = {"agree": "ok", "disagree": "WRONG", "unchecked": "?"}
 
@@ -260,8 +261,12 @@ class Ledger:
 
 def finished(path: str, files: list[dict[str, Any]], ledgers: list[Ledger]) -> AuditReport:
     """Return the report with the checks and findings of all ledgers."""
-    found = by_severity(f for ledger in ledgers for f in ledger.findings)
-    return AuditReport(path, files, [c for ledger in ledgers for c in ledger.checks], found)
+    checks = [c for ledger in ledgers for c in ledger.checks]
+    if not checks and all(f.severity == "info" for g in ledgers for f in g.findings):  # "agree" would be false
+        none = Ledger(path)
+        none.add("audit.no_checks", "error", "the files have nothing that can be checked.", suggestion=_NO_CHECKS)
+        ledgers = [*ledgers, none]
+    return AuditReport(path, files, checks, by_severity(f for ledger in ledgers for f in ledger.findings))
 
 
 def quantity(value: float, unit: str, digits: int = 4) -> str:
@@ -280,5 +285,7 @@ def told_apart(a: float, b: float) -> tuple[str, str]:
             break
     return one, two
 
+
+_NO_CHECKS = "audit it together with an export of the same robot in another format, or with --robot NAME"
 
 _LENGTHS = ((1e-3, 1e6, "um"), (1.0, 1e3, "mm"), (math.inf, 1.0, "m"))

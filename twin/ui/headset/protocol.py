@@ -281,7 +281,10 @@ class Record(_Message):
 
 
 class Hand(BaseModel):
-    """One hand: pose of its handle in frame {H} (x y z in m, quaternion x y z w), and angle of its gripper in rad."""
+    """Input of one hand: pose of the console's handle, and angle of the gripper in rad.
+
+    The pose is in frame {H}, the axes of the endoscope's picture: x y z in m, quaternion x y z w.
+    """
 
     model_config = ConfigDict(strict=True, extra="forbid", frozen=True, allow_inf_nan=False)
 
@@ -348,6 +351,14 @@ class Button(_Message):
     button: Literal["start", "stop"]
 
 
+class Plan(_Message):
+    """Make a step of planning mode for the arm of a hand: lead a target, find a motion to it, accept, or cancel it."""
+
+    type: Literal["plan"]
+    do: Literal["aim", "find", "accept", "cancel"]
+    hand: Literal["right", "left"]
+
+
 class Tool(_Message):
     """Choose the tool of the instrument that a hand controls."""
 
@@ -382,6 +393,7 @@ Message = (
     | Fulcrum
     | Training
     | Button
+    | Plan
     | Tool
     | Record
     | Ping

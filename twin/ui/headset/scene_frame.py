@@ -66,7 +66,7 @@ def pack_field(vertices: Array) -> bytes:
     """
     v = np.asarray(vertices, float).reshape(-1, 3)
     if len(v) > VERTICES:
-        raise TwinError(f"a field of {len(v)} vertices exceeds the maximum of {VERTICES}: send a coarser surface")
+        raise TwinError(f"a deformable of {len(v)} vertices exceeds the maximum of {VERTICES}: send a coarser surface")
     low = (v.min(axis=0) if len(v) else np.zeros(3)).astype("<f4")
     step = ((v.max(axis=0) - low) / LEVELS if len(v) else np.zeros(3)).astype("<f4")
     parts = np.divide(v - low, step, out=np.zeros_like(v), where=step > 0)

@@ -10,8 +10,9 @@ import logging
 import math
 import time
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -38,7 +39,7 @@ from twin.simulation.controllers.trainer import Mode
 from twin.simulation.devices.given import GivenHands, HandState
 from twin.simulation.devices.together import Together
 from twin.simulation.plants.tissue import clips_of
-from twin.simulation.session import rings
+from twin.simulation.session import guiding, rings
 from twin.simulation.session.camera_referee import CameraReferee
 from twin.simulation.session.condition import Condition
 from twin.simulation.session.procedure_guide import ProcedureGuide
@@ -48,6 +49,7 @@ from twin.simulation.world import World
 from twin.ui.session import walls
 from twin.ui.session.force_peaks import ForcePeaks
 from twin.ui.session.live_machines import LiveMachines
+from twin.ui.session.plan_mode import PlanMode
 from twin.ui.session.recorder import Recorder
 from twin.ui.session.world_feed import WorldFeed
 
@@ -62,6 +64,8 @@ _STUCK = 30.0
 
 _NICE = 10
 """Increase of the nice value of the process that makes a report: a lower priority keeps the World in real time."""
+
+PlanStep = Literal["aim", "find", "accept", "cancel"]
 
 MakeReport = Callable[[str, str], bytes]
 """Function at the top level of a module: (session file, scene file) -> page of the report, HTML."""
@@ -82,9 +86,10 @@ class LiveConsole:
         members: mechanism and equations of each robot.
         task: the task; None: no task.
         objects: the movable objects of the World.
-        referee: judge of a task with rings, of the camera task or of a procedure; None for other tasks.
+        referee: judge of a task with rings or a wire, of the camera task or of a procedure; None for other tasks.
         feed: deformables of the World; None: it has none.
         machines: connections to machines; None: there are none.
+        planning: planning mode of the arms.
         shown: mechanism and equations of all robots that are shown: those of `members`, and the models of machines.
         attempt: number of times that the World has been started, from 1.
         condition: condition of the session, for its file.
@@ -113,7 +118,7 @@ class LiveConsole:
             device: the input device; None: `GivenHands`.
             session: session file; the files of later attempts have its name with a number. None: no file, or a
                 temporary one if a report is made.
-            task: a task; if it has transfers, the World has movable objects and contact; if it is a procedure, organs,
+            task: a task; if it has rings, the World has movable objects and contact; if it is a procedure, organs,
                 vessels and clips.
             props: mechanism of the props; only needed for such a task, and for the forces of contacts.
             report: makes the report of an attempt, in another process; None: no reports.
@@ -134,18 +139,20 @@ class LiveConsole:
         self.device = device or GivenHands(console_scene.PEDALS, HANDS, self.table.scale, settings=settings)
         self.machines = None if machines is None else LiveMachines(scene, machines, self.device)
         self.members = {n: Member(r.mechanism, r.kinematics(), LinkPoses(r.loops)) for n, r in robots.items()}
+        self.planning = PlanMode(scene, self.members, lambda: self.world, str(scene.file))
         self.task, self._props, self._make_report = task, props, report
         on = scene.haptics is None or scene.haptics.on
         self.condition = condition or Condition(haptics=on)
         self.device.feel(self.condition.haptics)
-        with_rings = task is not None and bool(task.transfers)
+        with_rings = task is not None and task.grasps
         self._organs, self._first = tuple(organs), settings
         self.objects: Sequence[Movable] = scene.objects if with_rings else ()
         if task is not None and task.procedure is not None:
             self.objects = clips_of(scene.tools)
         self._pegs = contact_scene.pegs(scene, props, task) if task is not None and with_rings else {}
         self._scratch = None
-        judged = task is not None and bool(task.transfers or task.alignment or task.procedure)
+        self._course = contact_scene.course(scene, props, task) if task is not None and task.guide else None
+        judged = task is not None and bool(with_rings or task.alignment or task.procedure)
         if session is None and judged and report is not None:
             self._scratch = Scratch()
             session = Path(self._scratch.name) / "hands.session"
@@ -174,14 +181,17 @@ class LiveConsole:
         if self.task is not None and self.task.transfers:
             robots = [n for hand in HANDS for n in getattr(self.table, hand)]
             referee = rings.Referee(self.task, self.objects, self._pegs, robots, SAMPLE)
+        elif self.task is not None and self._course is not None:
+            referee = guiding.Referee.of(self.scene, self.task, self.members, self._course, SAMPLE)
         elif self.task is not None and self.task.alignment is not None:
             referee = CameraReferee(self._camera, SAMPLE)
         elif self.task is not None and self.task.procedure is not None:
             referee = self._guide(self.task.procedure)
-        peaks, device, outbox, parts = ForcePeaks(HANDS), self.device, [], None
+        peaks, states, outbox, parts = ForcePeaks(HANDS), [], [], None
         if self.machines is not None:
             states, packets = self.machines.connect()
-            device, outbox, parts = Together([self.device, *states]), [packets], self.machines.parts
+            outbox, parts = [packets], self.machines.parts
+        device = Together([self.device, self.planning.plans, *states])
         world = console_scene.world(
             self.scene,
             self.members,
@@ -223,6 +233,7 @@ class LiveConsole:
         self._require_task()
         self.require_free(client)
         old, ticks = self.recorder, self.world.tick
+        self.planning.cancel()
         for robot in {} if self.task is None or self.task.procedure is None else self.task.procedure.start:
             self.device.set(f"{robot}.tool", self._first[f"{robot}.tool"])
         self._begin()
@@ -252,6 +263,7 @@ class LiveConsole:
     def _finish(self, why: str) -> None:
         """Stop the World, complete the session file, and begin to make the report."""
         self._over, self.owner = why, None
+        self.planning.cancel()
         self.device.leave()
         if self.recorder is None:
             return
@@ -279,6 +291,7 @@ class LiveConsole:
 
     def close(self) -> None:
         """Complete the session file, and remove temporary files."""
+        self.planning.close()
         if self.recorder is not None:
             self.recorder.close(self.world.tick)
         if self._report is not None:
@@ -298,16 +311,15 @@ class LiveConsole:
         if not self._stopped and not self._over and passed > 0:
             self._step(passed)
             self._judge()
+            self.planning.poll(self.arm(self.planning.hand) if self.planning.hand else "")
         return self._tell(self._read())
 
     def _judge(self) -> None:
-        """End the attempt if all rings are on their pegs, or if the session file is full."""
+        """End the attempt if the task is completed, or if the session file is full."""
         if self.referee is None:
             return
         if self.referee.complete:
-            self._finish(
-                self.referee.ending if isinstance(self.referee, ProcedureGuide) else "All rings are on their pegs."
-            )
+            self._finish(self.referee.ending)
         elif self.recorder is not None and not self.recorder.running:
             self._finish("The task was ended: the session is no longer recorded.")
 
@@ -360,8 +372,9 @@ class LiveConsole:
         if self._over:
             raise HeldError(f"{self._over} Restart the task to move the instruments.")
         self.own(client)
-        self.device.give(right)
-        self.device.give(left)
+        rests = self.planning.holds_camera
+        for state in (right, left):
+            self.device.give(replace(state, camera=False) if rests else state)
 
     def own(self, client: str) -> None:
         """Make a client the owner of the hands.
@@ -452,6 +465,25 @@ class LiveConsole:
             )
         return self.machines
 
+    def plan(self, client: str, do: PlanStep, hand: str) -> None:
+        """Make a step of planning mode for the arm of a hand ("right" or "left"); every client may cancel.
+
+        "aim": the hand leads the target. "find": plan a motion to it. "accept": the arm makes this motion. "cancel":
+        end planning mode, or stop the arm where it is.
+
+        Raises:
+            HeldError: another client controls the hands, or the task has ended.
+            TwinError: this step is not possible now.
+        """
+        if do == "cancel":
+            return self.planning.cancel()
+        if self._over:
+            raise HeldError(f"{self._over} Restart the task to plan a motion.")
+        self.require_free(client)
+        if do == "aim":
+            return self.planning.aim(hand, self.arm(hand))
+        return self.planning.find() if do == "find" else self.planning.accept()
+
     def release(self, client: str) -> None:
         """End the control by this client's hands, if this client has control."""
         if self.owner == client:
@@ -508,8 +540,8 @@ class LiveConsole:
         hands = {}
         for hand in HANDS:
             arm = self.arm(hand)
-            follows = bool(signals[f"{arm}.follows"][0])
-            wall = self._wall(arm) if follows else None
+            follows = bool(signals[f"{arm}.follows"][0] or signals[f"{arm}.target"][0])
+            wall = self._wall(arm) if signals[f"{arm}.follows"][0] else None
             jumps = int(sum(signals[f"{a}.jumps"][0] for a in getattr(self.table, hand)))
             hands[hand] = {"robot": arm, "follows": follows, "wall": wall, "jumps": jumps}
             if self.scene.tools:
@@ -529,6 +561,7 @@ class LiveConsole:
             "stopped": self._stopped or None,
             "task": self._task(),
             "machines": None if self.machines is None else self.machines.state(self.world),
+            "plan": self.planning.state(),
         }
 
     def deviations(self) -> dict[str, dict[str, Any]]:

@@ -1,4 +1,4 @@
-"""The patient of a protocol, with the table: shapes from cad/patients, placed so that the port is at the RCM."""
+"""The patient of a protocol and the operating table: shapes of cad/patients, placed with the port at the RCM."""
 
 from __future__ import annotations
 

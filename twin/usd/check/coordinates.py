@@ -38,7 +38,7 @@ _RADIANS = Kind("stage.radians", "disagreement", "multiply by 180/pi", word="")
 _STATE = Kind(
     "stage.state",
     "disagreement",
-    "author the coordinate of the authored pose: simulators start there",
+    "author the coordinate given by the body poses as the joint state: simulators start at the joint state",
     word="tolerance",
 )
 _SPEED = Kind(
@@ -202,7 +202,7 @@ def _check_speed(joint: RawJoint, line: Timeline, q: Array) -> Iterator[Finding]
     if speed[worst] <= limit * SPEED_MARGIN:
         return
     if joint.is_angle and limit <= RADIAN_SPEED and speed[worst] <= limit / DEG * SPEED_MARGIN:
-        yield _radians(joint, f"its speed exceeds maxJointVelocity {limit:.5g} unless this number is in rad/s", limit)
+        yield _radians(joint, f"its speed exceeds maxJointVelocity {limit:.5g} deg/s, which looks like rad/s", limit)
         return
     yield _SPEED(
         joint.path,

@@ -36,7 +36,11 @@ class Fit:
 
 
 class Numbers:
-    """Residuals of the rows as functions of the parameters; `complete`: whether every wrong row has a value."""
+    """Residuals of the used rows as functions of the parameters.
+
+    Helper rows are used only if no printed row is wrong. Rows with a residual that is not finite are not used;
+    `complete`: whether no wrong row is left out for this reason.
+    """
 
     def __init__(self, judge: Judge, noise: float = 0.0, seed: int = 0) -> None:
         """Store the rows; `noise`: standard deviation, in units of the tolerance, added to the mechanism's values."""

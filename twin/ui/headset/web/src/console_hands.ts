@@ -24,6 +24,7 @@ export const TRACKED: readonly (readonly [what: string, how: string])[] = [
   ['Jaws', 'trigger, or thumb and index finger'],
   ['Clutch', 'grip button, or one fist'],
   ['Camera', 'A, X or the stick pushed in, or two fists'],
+  ['Plan a motion', 'hold B or Y and lead the target, release; then the panel'],
   ['Panel', 'a hand that points at it moves no instrument'],
 ];
 
@@ -71,6 +72,7 @@ export class ConsoleHands {
   forget(): void {
     this.leading.clear();
     this.console.pens.lost.clear();
+    this.console.plan.forget('headset');
     for (const pedal of ['clutch', 'camera'] as const)
       if (this.console.pens.presses(pedal, 'headset')) this.console.pens.press(pedal, 'headset', false);
   }
@@ -81,6 +83,9 @@ export class ConsoleHands {
     const fists = hands.filter((hand) => hand?.fist).length;
     const { pens } = this.console;
     pens.press('clutch', 'headset', fists === 1 || hands.some((hand) => hand?.clutch));
+    const planned = SIDES.find((side) => this.leading.has(side) && seen[side]?.plan);
+    if (planned) this.console.chosen = planned;
+    this.console.plan.press('headset', planned !== undefined);
     pens.press('camera', 'headset', fists === 2 || hands.some((hand) => hand?.camera));
   }
 
