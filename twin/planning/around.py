@@ -8,6 +8,7 @@ import numpy as np
 
 from twin.core.errors import CancelledError, ProtocolError
 from twin.core.spatial import Array
+from twin.planning.costs import Cost
 from twin.planning.fmt import Search, Tree
 from twin.planning.nearest import nearest_free
 from twin.planning.smooth import Smooth, fit, line
@@ -34,6 +35,7 @@ def around(
     seed: int = 0,
     progress: Callable[[float], None] = lambda fraction: None,
     cancelled: Callable[[], bool] | None = None,
+    cost: Cost | None = None,
     grown: Callable[[Tree], None] = lambda tree: None,
 ) -> Smooth:
     """Return a smooth collision-free path from start to goal; the same seed gives the same path.
@@ -45,6 +47,7 @@ def around(
         seed: seed of the random samples.
         progress: called with the fraction done of the current search.
         cancelled: asked every few milliseconds, in the same thread; once it is true, the search ends. None: never.
+        cost: what the search minimises; None: the length of the path.
         grown: called with the tree of each search: none if the straight path is free, more than one if the first
             search finds no path.
 
@@ -74,7 +77,7 @@ def around(
         low, high = np.minimum(start, goal) - wider, np.maximum(start, goal) + wider
         box = np.column_stack([np.maximum(low, space.limits[:, 0]), np.minimum(high, space.limits[:, 1])])
         box[still] = start[still, None]
-        search = Search(space, start, goal, box, rng)
+        search = Search(space, start, goal, box, rng, cost)
         found, curve = searched(search, samples, rng, progress)
         grown(search.tree)
         if curve is not None:

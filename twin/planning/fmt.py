@@ -79,7 +79,7 @@ class Search:
             goal: (n,) joint values at the goal, free of collisions.
             box: (n, 2) lower and upper bounds of the samples; a joint with equal bounds does not move.
             rng: random generator; the same seed gives the same path.
-            cost: what the path minimises; None: its length.
+            cost: what the path minimises; None: its length. A connection that is not allowed has an infinite cost.
 
         Raises:
             ProtocolError: start, goal or box have values that are not finite, or start or goal are not in the box.
@@ -128,17 +128,18 @@ class Search:
         volume = max(self._good, 1) / max(self._tried, 1) * float(np.prod(edges))
         radius = _radius(len(x), int(self._moving.sum()), volume)
         near = neighbours(x, radius)
-        way = [self.cost(np.broadcast_to(self._q[i], (len(n), len(self._box))), self._q[n]) for i, n in enumerate(near)]
+        way = [self.cost(self._q[n], np.broadcast_to(self._q[i], (len(n), len(self._box)))) for i, n in enumerate(near)]
         self._graph, self._parent = (near, way), np.full(len(x), -1)
         rows = self._grow(near, way, self._parent, lambda f: progress((1 + f) / 2))[0]
         return None if rows is None else self._q[rows]
 
     def reached(self) -> tuple[int, int]:
         """Return how many samples of the last `path`, which found none, are connected with start and goal."""
-        none = np.full(len(self._graph[0]), -1)
-        ends = (0, 1), (1, 0)
-        first, second = (self._grow(*self._graph, none.copy(), ends=pair)[1] for pair in ends)
-        return first, second
+        (near, way), none = self._graph, np.full(len(self._graph[0]), -1)
+        back = [
+            self.cost(np.broadcast_to(self._q[i], (len(n), len(self._box))), self._q[n]) for i, n in enumerate(near)
+        ]
+        return self._grow(near, way, none.copy())[1], self._grow(near, back, none, ends=(1, 0))[1]
 
     def inform(self, corners: Array) -> None:
         """From now on, use only samples through which a path can be shorter than the path along corners (k, n).
@@ -196,8 +197,8 @@ class Search:
     ) -> tuple[list[int] | None, int]:
         """Grow a tree between the samples `ends`; return the rows of the path, None if there is none, and its size.
 
-        `near` are the neighbours of each sample, `way` the costs of the connections; `parent` (k,), all -1, receives
-        the rows of the parents. Tests of many connections together
+        `near` are the neighbours of each sample, `way` the costs of the connections from them; `parent` (k,), all -1,
+        receives the rows of the parents. Tests of many connections together
         are much faster than single ones, so those that the next nodes of the front will probably need are
         added.
         """
@@ -208,17 +209,23 @@ class Search:
         waiting[root], cost[root], front[root] = False, 0.0, 0.0
         heap, z = [(0.0, root)], root
 
-        def best(i: int) -> int:
-            """Return the node of the front through which the path to sample i would be shortest."""
-            return int(near[i][np.argmin(front[near[i]] + way[i])])
+        def candidates(to: np.ndarray) -> list[tuple[int, int]]:
+            """Return (node of the front through which the path to i would be shortest, i) of samples; none if none."""
+            out = []
+            for i in to.tolist():
+                through = front[near[i]] + way[i]
+                k = int(np.argmin(through))
+                if np.isfinite(through[k]):
+                    out.append((int(near[i][k]), i))
+            return out
 
         while z != target:
             to = near[z][waiting[near[z]]]
-            pairs = [(best(i), i) for i in to.tolist()]
+            pairs = candidates(to)
             if any(p not in self._known for p in pairs):
                 coming = np.concatenate([near[i] for _, i in heapq.nsmallest(_AHEAD, heap)])
                 coming = np.unique(coming[waiting[coming]])
-                self._test([*pairs, *((best(i), i) for i in coming.tolist())])
+                self._test([*pairs, *candidates(coming)])
             front[z] = np.inf
             heapq.heappop(heap)
             for j, i in pairs:

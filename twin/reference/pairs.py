@@ -56,7 +56,9 @@ class Pairs:
         required: (pairs,) required distances in m.
     """
 
-    def __init__(self, model: ReferenceModel, stills: Sequence[Still], clearance: float) -> None:
+    def __init__(
+        self, model: ReferenceModel, stills: Sequence[Still], clearance: float, arms: Sequence[str] = ()
+    ) -> None:
         """Find the pairs.
 
         Args:
@@ -64,7 +66,10 @@ class Pairs:
             stills: the obstacles.
             clearance: required distance in m; for two bodies of the mechanism at most half of their distance in the
                 rest poses.
+            arms: beginnings of the names of bodies, for a mechanism that consists of several arms: for two bodies of
+                different arms, their rest poses do not matter.
         """
+        arm = {b.name: next((a for a in arms if b.name.startswith(f"{a}_")), "") for b in model.mechanism.bodies}
         self._tree, self._clearance = model.tree, clearance
         own: dict[str, Shape] = {}
         neighbours = apart(model.mechanism)
@@ -84,6 +89,9 @@ class Pairs:
         row = {s.name: i for i, s in enumerate(self.shapes)}
         home, found = model.home().link_poses, []
         for a, b in neighbours:
+            if arm[a.name] != arm[b.name]:
+                found.append((row[a.name], row[b.name], clearance))
+                continue
             drawn = distance_between(a, b, home[a.body], home[b.body])
             if drawn > TOUCHING:
                 found.append((row[a.name], row[b.name], min(clearance, drawn / 2)))

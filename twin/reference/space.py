@@ -132,6 +132,7 @@ class JointSpace:
         *,
         keep: Keep | None = None,
         around: Callable[[], Sequence[Still]] | None = None,
+        arms: Sequence[str] = (),
     ) -> None:
         """Define the space of a mechanism; nothing is computed yet.
 
@@ -140,7 +141,9 @@ class JointSpace:
             clearance: required distance in m between bodies; see the class.
             keep: additional test of states; None: all states are allowed.
             around: function that returns the obstacles, called at first use; None: there are none.
+            arms: names of the arms of a mechanism that is `twin.model.joined`.
         """
+        self._arms = arms
         self._make, self.clearance, self._keep, self._around = make, clearance, keep, around
         self._check: Callable[[], None] = _nothing
 
@@ -167,7 +170,7 @@ class JointSpace:
 
     @cached_property
     def _pairs(self) -> Pairs:
-        return Pairs(self._model, self._around() if self._around else (), self.clearance)
+        return Pairs(self._model, self._around() if self._around else (), self.clearance, self._arms)
 
     @cached_property
     def _closing(self) -> Closing:

@@ -1,0 +1,62 @@
+"""Several mechanisms as one, in which each name begins with the name of its arm."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from twin.core.spatial import Array
+from twin.model.body import Body, Frame
+from twin.model.joint import Joint
+from twin.model.mechanism import Mechanism
+
+WORLD = "world"
+"""Name of the body that carries all arms."""
+
+
+def joined(arms: Mapping[str, tuple[Mechanism, Array]]) -> Mechanism:
+    """Return one mechanism with all arms, whose active joints are those of the arms in order.
+
+    Motors are left out: the joints count as driven directly. The tool is that of the last arm.
+
+    Args:
+        arms: by name: mechanism, and T_world_base (4, 4).
+    """
+    bodies, joints, couplings, frames, rest = [Body(WORLD)], [], [], (), {WORLD: np.eye(4)}
+    for name, (mechanism, T_world_base) in arms.items():
+
+        def own(inner: str, name: str = name) -> str:
+            return f"{name}_{inner}"
+
+        for body in mechanism.bodies:
+            meshes = tuple(replace(m, name=own(m.name)) for m in body.meshes)
+            bodies.append(replace(body, name=own(body.name), meshes=meshes))
+        joints.append(Joint(own("stand"), "fixed", WORLD, own(mechanism.base), T_world_base))
+        for joint in mechanism.joints:
+            ends = {"parent": own(joint.parent), "child": own(joint.child)}
+            mating = tuple(own(m) for m in joint.mating)
+            joints.append(replace(joint, name=own(joint.name), **ends, mating=mating))
+        couplings += [replace(c, name=own(c.name), joints=tuple(map(own, c.joints))) for c in mechanism.couplings]
+        rest |= {own(body): T_world_base @ T for body, T in mechanism.rest.items()}
+        tool = mechanism.frame(mechanism.tool)
+        frames = (Frame(mechanism.tool, own(tool.body), tool.T_body_frame),)
+    home = {f"{n}_{j.name}": x for n, (m, _) in arms.items() for j, x in zip(m.active, _home(m), strict=True)}
+    postures = {"home": home} if all(m.home is not None for m, _ in arms.values()) else {}
+    last = next(reversed(list(arms.values())))[0]
+    return Mechanism(
+        "_".join(arms),
+        WORLD,
+        tuple(bodies),
+        tuple(joints),
+        frames,
+        rest=rest,
+        postures=postures,
+        tool=last.tool,
+        couplings=tuple(couplings),
+    )
+
+
+def _home(mechanism: Mechanism) -> Array:
+    return mechanism.home if mechanism.home is not None else np.zeros(len(mechanism.active))

@@ -1,0 +1,204 @@
+"""Several arms at once, by priority: each further arm moves while those before it follow their common path.
+
+M. Erdmann, T. Lozano-Perez, "On multiple moving objects", Algorithmica 2, 1987: the arms are planned one after the
+other, and time is a coordinate of each search after the first. Here, the coordinate is the part u from 0 to 1 of the
+path of the arms before, which must not decrease: they may wait for the new arm, but they do not leave their path. The
+result is one path of all arms. Bodies of all arms are tested along this whole path, so that it is free of collisions
+with any timing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+
+from twin.core.spatial import Array
+from twin.planning.around import around
+from twin.planning.costs import Cost, length
+from twin.planning.path import Path
+from twin.planning.smooth import line
+from twin.planning.space import Certificate, Space
+
+_SHORTEST = 0.05
+"""Length in m as which the path of the arms before counts at least, in comparisons of paths."""
+
+_PARTS = 8
+"""Number of straight parts that replace a connection in a search, if the path of the arms before is not straight."""
+
+_BACKWARDS = 1e-9
+"""Amount by which u may decrease: values of a series are rounded."""
+
+_SAMPLES = 513
+
+
+class Composed:
+    """Path q(s) of all arms: `first` of the arms before at u(s), followed by the joint values of the new arm.
+
+    `path` has the joint values of the new arm, then u.
+    """
+
+    def __init__(self, first: Path, path: Path) -> None:
+        self._first, self._path = first, path
+
+    def __call__(self, s: Array, order: int = 0) -> Array:
+        """Return q (k, n) at s (k,), or its derivative of order 1 or 2."""
+        s = np.asarray(s, float)
+        z = self._path(s)
+        u = np.clip(z[:, -1], 0.0, 1.0)
+        if order == 0:
+            return np.column_stack([self._first(u), z[:, :-1]])
+        z1 = self._path(s, 1)
+        u1 = z1[:, -1:]
+        if order == 1:
+            return np.column_stack([self._first(u, 1) * u1, z1[:, :-1]])
+        z2 = self._path(s, 2)
+        return np.column_stack([self._first(u, 2) * u1**2 + self._first(u, 1) * z2[:, -1:], z2[:, :-1]])
+
+
+class _Part:
+    """The part of a path from s = a to s = b, with a parameter from 0 to 1."""
+
+    def __init__(self, path: Path, a: float, b: float) -> None:
+        self._path, self._a, self._b = path, a, b
+
+    def __call__(self, s: Array, order: int = 0) -> Array:
+        width = self._b - self._a
+        return self._path(self._a + width * np.asarray(s, float), order) * width**order
+
+
+class Behind(Space):
+    """Space of a new arm: its joint values, then the part u of the path of the arms before it."""
+
+    def __init__(self, whole: Space, first: Path) -> None:
+        """Define the space.
+
+        Args:
+            whole: the space of all arms, those before the new arm first.
+            first: path of the arms before.
+        """
+        self.whole, self.first = whole, first
+        ends = first(np.linspace(0.0, 1.0, _SAMPLES))
+        self._before = ends.shape[1]
+        steps = np.diff(ends, axis=0) * whole.weights[: self._before]
+        self._length = max(float(np.linalg.norm(steps, axis=1).sum()), _SHORTEST)
+        self._straight = bool(np.abs(first(np.linspace(0.0, 1.0, 9), 2)).max(initial=0.0) < 1e-9)
+
+    def interruptible(self, check: Callable[[], None]) -> Behind:
+        """Return the same space, whose tests call `check` every few milliseconds; its exception ends them."""
+        return Behind(self.whole.interruptible(check), self.first)
+
+    @property
+    def limits(self) -> Array:
+        """Limits (n + 1, 2): of the new arm's joints in m or rad, and 0 to 1."""
+        return np.concatenate([self.whole.limits[self._before :], [[0.0, 1.0]]])
+
+    @property
+    def weights(self) -> Array:
+        """Lengths (n + 1,) in m equivalent to one unit of each coordinate."""
+        return np.append(self.whole.weights[self._before :], self._length)
+
+    @property
+    def leads(self) -> np.ndarray:
+        """(n + 1,) bool: whether each coordinate can move the tool of the new arm; also true for u."""
+        return np.append(self.whole.leads[self._before :], True)
+
+    @property
+    def cost(self) -> Cost:
+        """The length of a connection; infinite if the arms before would move backwards."""
+        way = length(self.weights)
+        return lambda a, b: np.where(b[:, -1] >= a[:, -1], way(a, b), np.inf)
+
+    def lifted(self, z: Array) -> Array:
+        """Return the joint values (k, all) of all arms at z (k, n + 1)."""
+        return np.column_stack([self.first(np.clip(z[:, -1], 0.0, 1.0)), z[:, :-1]])
+
+    def free(self, q: Array, *, exact: bool = True) -> np.ndarray:
+        """Return (k,) bool: whether all arms are free of collisions at q (k, n + 1)."""
+        return self.whole.free(self.lifted(np.asarray(q, float)), exact=exact)
+
+    def steer(self, a: Array, b: Array) -> Path:
+        """Return the straight path from a (n + 1,) to b (n + 1,)."""
+        return line(a, b)
+
+    def free_each(self, a: Array, b: Array) -> np.ndarray:
+        """Return (m,) bool: whether the straight paths from a to b (m, n + 1), with free ends, seem free."""
+        count = 1 if self._straight else _PARTS
+        corners = [self.lifted(a + part * (b - a)) for part in np.linspace(0.0, 1.0, count + 1)]
+        ok = b[:, -1] >= a[:, -1] - _BACKWARDS
+        for start, end in pairwise(corners):
+            ok[ok] = self.whole.free_each(start[ok], end[ok])
+        return ok
+
+    def free_between(self, a: Array, b: Array) -> bool:
+        """Return whether the straight path from a (n + 1,) to b (n + 1,) is free of collisions."""
+        return self.free_along(self.steer(a, b))
+
+    def free_along(self, path: Path) -> bool:
+        """Return whether a path is free of collisions, and the arms before never move backwards on it."""
+        if np.diff(path(np.linspace(0.0, 1.0, _SAMPLES))[:, -1]).min() < -_BACKWARDS:
+            return False
+        return all(self.whole.free_along(part) for part in self._parts(path))
+
+    def certify(self, path: Path) -> Certificate:
+        """Return a proven lower bound of the distance between bodies of all arms along a whole path that is free."""
+        seen = [self.whole.certify(part) for part in self._parts(path)]
+        return replace(min(seen, key=lambda c: c.found), proven=min(c.proven for c in seen))  # pyright: ignore
+
+    def _parts(self, path: Path) -> list[Path]:
+        """Return parts of the path of all arms, so short that u does not grow faster on them than a parameter.
+
+        The tests of paths assume that speeds change little in 1/512 of a path, as on `first`.
+        """
+        fastest = np.abs(path(np.linspace(0.0, 1.0, _SAMPLES), 1)[:, -1]).max()
+        at = np.linspace(0.0, 1.0, max(int(np.ceil(fastest - 1e-9)), 1) + 1)
+        whole = Composed(self.first, path)
+        return [_Part(whole, float(a), float(b)) for a, b in pairwise(at)]
+
+    def why(self, q: Array) -> str:
+        """Return why q (n + 1,) is not free, with values and limits; "" if it is free."""
+        return self.whole.why(self.lifted(np.asarray(q, float)[None])[0])
+
+    def named(self, q: Array) -> str:
+        """Return the joint values of all arms at q (n + 1,) as text."""
+        return self.whole.named(self.lifted(np.asarray(q, float)[None])[0])
+
+
+def beside(
+    whole: Space,
+    first: Path,
+    start: Array,
+    goal: Array,
+    *,
+    seed: int = 0,
+    progress: Callable[[float], None] = lambda fraction: None,
+    cancelled: Callable[[], bool] | None = None,
+) -> Composed:
+    """Return a common path of all arms, on which a new arm moves from start to goal while the others follow `first`.
+
+    Args:
+        whole: the space of all arms, those of `first` before the new one.
+        first: path of the arms before; they are at its start with the new arm at its start, and so at the ends.
+        start: (n,) joint values of the new arm at the start.
+        goal: (n,) joint values of the new arm at the goal.
+        seed: seed of the random samples.
+        progress: called with the fraction done of the current search.
+        cancelled: as of `around`.
+
+    Raises:
+        CancelledError: `cancelled` was true.
+        ProtocolError: start or goal collides with any arm or obstacle, or no path was found.
+    """
+    space = Behind(whole, first)
+    found = around(
+        space,
+        np.append(start, 0.0),
+        np.append(goal, 1.0),
+        seed=seed,
+        progress=progress,
+        cancelled=cancelled,
+        cost=space.cost,
+    )
+    return Composed(first, found)
