@@ -8,6 +8,7 @@ from twin.api.judge import explain, plan, strokes, validate
 from twin.api.make import audit, build, export
 from twin.api.published import console, equations_of_motion, masses, study
 from twin.api.robot import STAGE_SUFFIXES, Progress, Robot, load, names
+from twin.api.together import plan_together
 
 __all__ = [
     "SCENE_COMMANDS",
@@ -30,6 +31,7 @@ __all__ = [
     "names",
     "operate",
     "plan",
+    "plan_together",
     "play",
     "strokes",
     "study",

@@ -266,7 +266,8 @@ def _models(add: Add) -> None:
         "plan",
         "plan the timed motion of a protocol and check every sample",
         "  twin plan sils\n  twin plan sils lowered_patient --out plan/\n"
-        "  twin plan pa10 --avoid vsrs        around the props and the other robots of a scene, outside the patient",
+        "  twin plan pa10 --avoid vsrs        around the props and the other robots of a scene, outside the patient\n"
+        "  twin plan raven_left left.toml --avoid raven --with raven_right=right.toml        two arms at once",
     )
     sub.robot()
     sub.protocol()
@@ -275,6 +276,13 @@ def _models(add: Add) -> None:
         "without a scene, the robot's own bodies"
     )
     sub.text("--avoid", "SCENE", text, nargs="?", const="")
+    sub.text(
+        "--with",
+        "ROBOT=PROTOCOL",
+        "with --avoid SCENE: also plan these robots of the scene, separated by commas; the first phases of all "
+        "protocols begin and end together, then the second ones; the robots before go first, and wait if necessary",
+        dest="beside",
+    )
     sub.number("--clearance-mm", "MM", "with --avoid: minimum distance", 5.0)
     sub.integer("--seed", "with --avoid: seed of the random search", 0)
     sub.out("./twin-out/<robot>/<protocol>/")
