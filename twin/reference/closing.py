@@ -24,11 +24,14 @@ from twin.reference.newton import minimise
 _ITERATIONS = 8
 """Maximum number of Newton steps from a guess, after which loops count as open; 3 steps are usual."""
 
+_FINER = (1, 8)
+"""Factors by which such steps are smaller, in the order of trial: near a singularity, coordinates change fast."""
+
 _JUMP = 0.5
 """Largest change (m, rad) of a coordinate between stations; a larger change means another assembly mode."""
 
-_WALK = (1, 8, 64)
-"""Numbers of steps from the nearest known state, in the order of trial; a search tries only the first."""
+_STRIDE = {True: 0.1, False: 0.02}
+"""Motion of a driven joint (rad if an angle, else m) in one step from a known state, where the mode must be certain."""
 
 _COARSE = 8
 """Number of stations of a path that are closed one after the other, before those between them are closed together."""
@@ -55,7 +58,9 @@ class Closing:
         self._model, self._tree, self._weights = model, model.tree, weights
         self._driven = np.array([self._tree.configuration[j.name] for j in model.mechanism.active], int)
         self.linear = self._coupled()
+        self._stride = np.array([_STRIDE[j.is_angle] for j in model.mechanism.active])
         self._q, self._x = np.zeros((0, len(weights))), np.zeros((0, self._tree.model.nq))
+        self._sure = np.zeros(0, bool)  # whether a state was reached in small steps
         self._row: dict[bytes, int] = {}
 
     def _coupled(self) -> tuple[Array, Array] | None:
@@ -86,7 +91,8 @@ class Closing:
     def states(self, q: Array, *, thorough: bool = True) -> tuple[Array, np.ndarray]:
         """Return (configurations (k, nq), (k,) bool: whether the loops close) at joint values q (k, n).
 
-        States found are kept. Without `thorough`, the loops may seem open at a few far states where they close.
+        States found are kept. Without `thorough`, each is solved in one step from the nearest known one: its loops may
+        seem open, or it may be in another mode, which is found when a path to it is followed.
         """
         if self.linear is not None:
             return self.placed(q), np.ones(len(q), bool)
@@ -94,35 +100,39 @@ class Closing:
             home = self._model.home()
             self.keep(home.q[None], home.x[None])
         rows = np.array([self._row.get(x.tobytes(), -1) for x in q], int)
-        X = self._x[rows]
-        new = np.flatnonzero(rows < 0)
-        if len(new):
-            near = cKDTree(self._q * self._weights).query(q[new] * self._weights, p=np.inf)[1]
-        for steps in _WALK if thorough else _WALK[:1]:
-            if not len(new):
-                break
-            found, ok = self._walk(near, q[new], steps)
-            self.keep(q[new[ok]], found[ok])
-            X[new[ok]] = found[ok]
-            new, near = new[~ok], near[~ok]
-        good = np.ones(len(q), bool)
+        X, good = self._x[rows], np.ones(len(q), bool)
+        new = np.flatnonzero((rows < 0) | (thorough & ~self._sure[rows]))
+        if not len(new):
+            return X, good
+        usable = np.flatnonzero(self._sure) if thorough else np.arange(len(self._q))
+        near = usable[cKDTree(self._q[usable] * self._weights).query(q[new] * self._weights, p=np.inf)[1]]
         good[new] = False
+        for finer in _FINER if thorough else (0,):
+            steps = int(np.ceil(finer * (np.abs(q[new] - self._q[near]) / self._stride).max(initial=0.0)))
+            found, ok = self._walk(near, q[new], max(steps, 1), small=thorough)
+            self.keep(q[new[ok]], found[ok], sure=thorough)
+            X[new[ok]], good[new[ok]] = found[ok], True
+            new, near = new[~ok], near[~ok]
         return X, good
 
-    def keep(self, q: Array, X: Array) -> None:
-        """Keep configurations X (k, nq) at joint values q (k, n) as known states."""
+    def keep(self, q: Array, X: Array, *, sure: bool = True) -> None:
+        """Keep configurations X (k, nq) at joint values q (k, n) as known states; `sure`: reached in small steps."""
         if len(self._q) > _KNOWN:
             return
         self._row |= {x.tobytes(): len(self._q) + i for i, x in enumerate(q)}
         self._q, self._x = np.concatenate([self._q, q]), np.concatenate([self._x, X])
+        self._sure = np.append(self._sure, np.full(len(q), sure))
 
     def known(self, q: Array) -> Array | None:
         """Return the kept configuration (nq,) at joint values q (n,); None if there is none."""
         row = self._row.get(np.asarray(q, float).tobytes())
         return None if row is None else self._x[row]
 
-    def _walk(self, known: np.ndarray, q1: Array, steps: int) -> tuple[Array, np.ndarray]:
-        """Return (configurations (k, nq) at q1, (k,) bool: closed in the mode) from rows (k,) of the known states."""
+    def _walk(self, known: np.ndarray, q1: Array, steps: int, *, small: bool) -> tuple[Array, np.ndarray]:
+        """Return (configurations (k, nq) at q1, (k,) bool: closed in the mode) from rows (k,) of the known states.
+
+        With `small`, no coordinate may change by more than `_JUMP` in one of the steps.
+        """
         rows, of = np.unique(known, return_inverse=True)
         gain, sign = self.rates(self._x[rows])[of], self._sign(self._x[rows])[of]
         X, q0, ok = self._x[known], self._q[known], np.ones(len(known), bool)
@@ -133,7 +143,7 @@ class Closing:
             ahead = (q1 - q0)[here] / steps
             guess = self._tree.step(X[here], np.einsum("kij,kj->ki", gain[here], ahead))
             new, closed = self.near(guess, q0[here] + i * ahead)
-            if steps > 1:
+            if small:
                 closed &= self.change(X[here], new) <= _JUMP
             closed &= self._sign(new) == sign[here]
             X[here[closed]] = new[closed]
