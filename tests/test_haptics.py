@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from itertools import pairwise
 
 import numpy as np
@@ -173,9 +174,9 @@ def play(touch, hands, planes):
 
 
 def passive_for(seconds, seed):
-    """Return the smallest energy in J by scene and hand, and the share of ticks with a force."""
+    """Return, by hand and scene: smallest energy in J, smallest energy after the first touch, largest force in N."""
     rng, least = np.random.default_rng(seed), {}
-    ticks = round(seconds / DT / 9)
+    ticks = round(seconds / DT)
     for hand, cut, size in (("person", 8, 3 * MM), ("tremor", 40, 2 * MM), ("noise", 500, 1 * MM)):
         for name, planes in scenes(rng, ticks):
             touch = Touch(scale=rng.choice([0.2, 0.5, 1.0]))
@@ -183,19 +184,22 @@ def passive_for(seconds, seed):
             forces = play(touch, hands, planes)
             felt = np.linalg.norm(forces, axis=1)
             assert 0.05 < (felt > 0).mean() < 1, (hand, name)
-            least[hand, name] = observed(hands, forces, Surface().device_damping).min(), felt.max()
+            energy = observed(hands, forces, Surface().device_damping)
+            least[hand, name] = energy.min(), energy[np.argmax(felt > 0) :].min(), felt.max()
     return least
 
 
 def test_random_hands_take_no_energy_out():
-    for what, (energy, largest) in passive_for(18, seed=1).items():
+    for what, (energy, _, largest) in passive_for(2, seed=1).items():
         assert energy >= 0, what
         assert largest > 0.5, what
 
 
 @pytest.mark.slow
-def test_random_hands_take_no_energy_out_in_10_minutes():
-    for what, (energy, largest) in passive_for(600, seed=2).items():
+def test_random_hands_take_no_energy_out_for_long():
+    """Each of nine hands for 67 s, 10 minutes together; TWIN_HAPTICS_SECONDS=600: each of them for 10 minutes."""
+    for what, (energy, touched, largest) in passive_for(float(os.environ.get("TWIN_HAPTICS_SECONDS", "67")), 2).items():
+        print(f"{' '.join(what)}: smallest energy {energy:.3g} J, after the first touch {touched:.3g} J")
         assert energy >= 0, what
         assert largest > 0.5, what
 

@@ -14,7 +14,7 @@ import twin
 from made.arm import CLEARANCE, DENSE, arm, clearances, post, space_of
 from made.mechanisms import box, four_bar
 from twin.core import spatial
-from twin.core.errors import DescriptionError, ProtocolError
+from twin.core.errors import CancelledError, DescriptionError, ProtocolError
 from twin.core.units import MM
 from twin.model.body import Body
 from twin.planning.around import around, rounded
@@ -62,6 +62,35 @@ def test_progress_is_told_and_a_straight_way_needs_no_search():
     assert 0 <= min(seen) <= max(seen) <= 1
     straight = around(space_of(arm()), np.zeros(3), np.ones(3), progress=lambda f: pytest.fail("it searched"))
     assert len(straight.coefficients) == 2
+
+
+def test_a_search_can_be_cancelled_at_any_moment_and_is_the_same_when_repeated():
+    space, start, goal = space_of(arm(), post(0.52, 0)), np.array([-1.1, 0.2, 0.1]), np.array([1.1, -0.2, -0.1])
+    asked = []
+    expected = around(space, start, goal, cancelled=lambda: bool(asked.append(0)))
+    for left in {0, 1, 2, 5, len(asked) // 2, len(asked) - 1}:
+        count = iter(range(left))
+        with pytest.raises(CancelledError, match="was cancelled"):
+            around(space, start, goal, cancelled=lambda c=count: next(c, None) is None)
+    again = around(space, start, goal)
+    assert np.array_equal(again.coefficients, expected.coefficients)
+
+
+def test_the_tree_of_a_search_begins_at_the_start_and_has_no_circles():
+    space, trees = space_of(arm(), post(0.52, 0)), []
+    start, goal = np.array([-1.1, 0.2, 0.1]), np.array([1.1, -0.2, -0.1])
+    around(space, start, goal, grown=trees.append)
+    tree = trees[-1]
+    np.testing.assert_array_equal(tree.q[:2], [start, goal])
+    assert tree.parent[1] >= 0, "the last search found a path"
+    assert len(tree.branches) == (tree.parent >= 0).sum() > 10
+    for row in tree.branches[:, 1]:
+        steps = 0
+        while (row := tree.parent[row]) > 0:
+            steps += 1
+            assert steps < len(tree.q)
+        assert row == 0
+    around(space_of(arm()), np.zeros(3), np.ones(3), grown=lambda tree: pytest.fail("it searched"))
 
 
 def test_free_agrees_with_the_exact_distance():

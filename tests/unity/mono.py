@@ -10,11 +10,26 @@ import xml.etree.ElementTree as ET
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 HERE = Path(__file__).resolve().parent
 PACKAGE = HERE.parents[1] / "twin/ui/headset/unity"
 
 _FRAMEWORK = "/usr/lib/cli/nunit.framework-2.6.3/nunit.framework.dll"
 _LANGUAGE = ("-langversion:7.2", "-nologo", "-optimize+")
+
+
+CONVENTIONS = {
+    "GltFast": (np.diag([-1.0, 1.0, 1.0]), np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])),
+    "UrdfImporter": (np.array([[0.0, -1, 0], [0, 0, 1], [1, 0, 0]]), np.eye(3)),
+}
+"""By convention: the mirror (3, 3) of coordinates below the root, and the rotation (3, 3) of the root."""
+
+
+def turned_back(convention: str, points: np.ndarray) -> np.ndarray:
+    """Return points (..., 3) in Unity's world in the right-handed world of the robot or the scene."""
+    mirror, root = CONVENTIONS[convention]
+    return points @ root @ mirror  # both are orthogonal: rows times them turn back
 
 
 @dataclass(frozen=True)

@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+import importlib.util
+import json
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
 from pxr import Usd, UsdGeom
@@ -9,6 +14,13 @@ from pxr import Usd, UsdGeom
 from made import organs as made
 from twin.exchange.write.glb import bends_glb
 from twin.usd.write.bends import write_bends
+
+_spec = importlib.util.spec_from_file_location("unity_mono", Path(__file__).parents[1] / "unity/mono.py")
+assert _spec
+assert _spec.loader
+mono = importlib.util.module_from_spec(_spec)
+sys.modules[_spec.name] = mono  # dataclasses look their module up
+_spec.loader.exec_module(mono)
 
 pytestmark = pytest.mark.witness
 LIMIT = 10e-6
@@ -71,3 +83,27 @@ def test_khronos_finds_nothing_in_deformables(files, foreign):
 @pytest.mark.parametrize("name", ["organs.glb", "organs.usdc"])
 def test_blender_plays_the_vertices(files, bends, foreign, figures, name):
     judge(foreign.read("bpy", "read_bends.py", files / name, at()), bends, files / name, figures)
+
+
+@pytest.fixture(scope="module")
+def unity(foreign, tmp_path_factory):
+    foreign.need("mono")
+    return mono.Build(tmp_path_factory.mktemp("unity"))
+
+
+@pytest.mark.parametrize("convention", mono.CONVENTIONS)
+def test_unity_package_plays_the_vertices(files, bends, unity, figures, convention):
+    """On a stub of the engine, which is ours; the triangles are reversed with the coordinates."""
+    program = unity.folder / "PlayBends.exe"
+    done = mono.run(["mono", str(program), str(files / "organs.glb"), convention, *map(str, TIMES)])
+    assert done.returncode == 0, done.stderr
+    found = json.loads(done.stdout)
+    meshes = {
+        name: [mono.turned_back(convention, np.reshape(flat, (-1, 3))) for flat in mesh["frames"]]
+        for name, mesh in found.items()
+    }
+    version = f"Unity package on {mono.version()}, stub of the engine, {convention}"
+    judge({"version": version, "meshes": meshes}, bends, files / "organs.glb", figures)
+    for bend in bends:
+        seen = np.reshape(found[bend.name]["triangles"], (-1, 3))
+        np.testing.assert_array_equal(seen, bend.mesh.triangles[:, ::-1])

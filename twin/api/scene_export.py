@@ -278,6 +278,8 @@ def _readme(scene: Scene, formats: Sequence[str]) -> str:
         lines.append(f"usd/{scene.name}.usda   all robots at their base poses with their motions, and the props.")
     if scene.tissues and "glb" in formats:
         lines.append(f"organs.glb   {', '.join(scene.tissues)} with their motion as morph targets, animation `motion`.")
+        if "unity" in formats:
+            lines.append("  In Unity, the component Deformable Player plays it; the menu command imports this folder.")
     if scene.tissues and "usd" in formats:
         lines.append("usd/organs.usdc   the same as time-sampled points; part of the stage with all robots.")
     if "usd" in formats and not any(p.protocol for p in scene.places):

@@ -75,6 +75,10 @@ class ProtocolError(TwinError):
     """A protocol cannot be carried out; the message names phase, path position and exceeded limit."""
 
 
+class CancelledError(TwinError):
+    """A computation was cancelled on request; it changed nothing."""
+
+
 class TimingError(TwinError):
     """No timing satisfies the limits, or the computed timing exceeds a limit between grid points."""
 

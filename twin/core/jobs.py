@@ -88,14 +88,15 @@ def _answer(line: Connection, module: str, name: str, arguments: tuple[Any, ...]
 
 
 class Stream(Generic[Piece]):
-    """Jobs that run one at a time in a low-priority process, which starts with the first job and stays alive.
+    """Jobs that run one at a time in another process, which starts with the first job and stays alive.
 
     Each job is one call of `function`, which yields pieces of the result. No method waits; all methods may be called
     from any thread. A job is cancelled only after its current piece, so each piece should take less than 0.5 s.
     """
 
-    def __init__(self, function: Callable[[Any], Iterator[Piece]]) -> None:
-        self._function = function
+    def __init__(self, function: Callable[[Any], Iterator[Piece]], nice: int = 10) -> None:
+        """Prepare for jobs; `nice` is the increase of the process's nice value, which lowers its priority."""
+        self._function, self._nice = function, nice
         self._lock = threading.Lock()
         self._process: Apart | None = None
         self._number, self._running = 0, False
@@ -146,7 +147,7 @@ class Stream(Generic[Piece]):
 
     def _open(self) -> None:
         f = self._function
-        self._process = Apart(_stream, f.__module__, f.__qualname__)
+        self._process = Apart(_stream, f.__module__, f.__qualname__, self._nice)
         self._inbox: queue.SimpleQueue[tuple[int | None, Any, str | None]] = queue.SimpleQueue()
         # A piece may be larger than the pipe's buffer; without this thread, `poll` would wait for the process.
         threading.Thread(target=_read, args=(self._process.line, self._inbox), daemon=True).start()
@@ -165,9 +166,9 @@ def _read(line: Connection, inbox: queue.SimpleQueue) -> None:
     inbox.put((None, None, "the worker process has ended"))
 
 
-def _stream(line: Connection, module: str, name: str) -> None:
+def _stream(line: Connection, module: str, name: str, nice: int) -> None:
     """Run jobs until the other end of the pipe is closed."""
-    os.nice(10)
+    os.nice(nice)
     function = getattr(importlib.import_module(module), name)
     while True:
         number, job = line.recv()

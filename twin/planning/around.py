@@ -6,9 +6,9 @@ from collections.abc import Callable
 
 import numpy as np
 
-from twin.core.errors import ProtocolError
+from twin.core.errors import CancelledError, ProtocolError
 from twin.core.spatial import Array
-from twin.planning.fmt import Search
+from twin.planning.fmt import Search, Tree
 from twin.planning.nearest import nearest_free
 from twin.planning.smooth import Smooth, fit, line
 from twin.planning.space import Space
@@ -33,6 +33,8 @@ def around(
     *,
     seed: int = 0,
     progress: Callable[[float], None] = lambda fraction: None,
+    cancelled: Callable[[], bool] | None = None,
+    grown: Callable[[Tree], None] = lambda tree: None,
 ) -> Smooth:
     """Return a smooth collision-free path from start to goal; the same seed gives the same path.
 
@@ -42,11 +44,17 @@ def around(
         goal: (n,) joint values at the goal.
         seed: seed of the random samples.
         progress: called with the fraction done of the current search.
+        cancelled: asked every few milliseconds, in the same thread; once it is true, the search ends. None: never.
+        grown: called with the tree of each search: none if the straight path is free, more than one if the first
+            search finds no path.
 
     Raises:
+        CancelledError: `cancelled` was true.
         ProtocolError: start or goal collides or exceeds a limit, or no path was found; the message lists the searches.
     """
     start, goal = np.asarray(start, float), np.asarray(goal, float)
+    if cancelled is not None:
+        space = space.interruptible(_ending(cancelled))
     for name, q in (("start", start), ("goal", goal)):
         if not np.all(np.isfinite(q)):
             raise ProtocolError(f"at its {name}, joint values are not finite: {q.tolist()}")
@@ -68,6 +76,7 @@ def around(
         box[still] = start[still, None]
         search = Search(space, start, goal, box, rng)
         found, curve = searched(search, samples, rng, progress)
+        grown(search.tree)
         if curve is not None:
             return curve
         count = search.count
@@ -82,6 +91,16 @@ def around(
         f"free random configurations ({', '.join(tried)}){_enclosed(reached, count)}. Lower clearance_mm, change seed, "
         "or add a waypoint between start and goal"
     )
+
+
+def _ending(cancelled: Callable[[], bool]) -> Callable[[], None]:
+    """Return a function that raises an error once `cancelled` is true."""
+
+    def check() -> None:
+        if cancelled():
+            raise CancelledError("the search for a path around obstacles was cancelled")
+
+    return check
 
 
 def searched(

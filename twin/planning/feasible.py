@@ -17,6 +17,9 @@ from twin.planning.trajectory import Cause, PathKinematics
 _PROBES = 401
 """Number of points of a phase that are checked; the 1 kHz samples are checked again after timing."""
 
+ROUNDING = 1e-9
+"""Amount (m, rad) by which a margin may be negative: a series that ends at a limit is rounded there too."""
+
 Margins = dict[tuple[Cause, str], Array]
 """Margins (k,) in m or rad by (cause, name); they are negative where a pose is unreachable."""
 
@@ -35,7 +38,7 @@ def require_feasible(path: PhasePath, kinematics: PathKinematics, frame: str, pr
 
     anchor = Anchor.at(kinematics, *at(np.zeros(1)))
     margins = margins_at(kinematics, *at(s), anchor)
-    bad = np.any([m < 0 for m in margins.values()], axis=0)
+    bad = np.any([m < -ROUNDING for m in margins.values()], axis=0)
     if not bad.any():
         return
     first = int(np.argmax(bad))
@@ -43,11 +46,11 @@ def require_feasible(path: PhasePath, kinematics: PathKinematics, frame: str, pr
     for _ in range(40 if first else 0):
         middle = (low + high) / 2
         here = margins_at(kinematics, *at(np.array([middle])), anchor)
-        if any(m[0] < 0 for m in here.values()):
+        if any(m[0] < -ROUNDING for m in here.values()):
             high = middle
         else:
             low = middle
-    (cause, name), margin = next(item for item in margins.items() if item[1][first] < 0)
+    (cause, name), margin = next(item for item in margins.items() if item[1][first] < -ROUNDING)
     worst = int(np.nanargmin(np.where(np.isnan(margin), 0.0, margin)))
     text = _cause(kinematics, cause, name, float(-margin[worst]))
     where = "already at its start" if first == 0 else f"from {100 * high:.1f} % of the phase on"
@@ -123,7 +126,7 @@ def margins_at(kinematics: PathKinematics, Ts: Array, q: Array, anchor: Anchor) 
 def said(kinematics: PathKinematics, margins: Margins) -> str:
     """Return a text for the first cause whose margin (1,) is negative; "" if no margin is negative."""
     for (cause, name), margin in margins.items():
-        if margin[0] < 0:
+        if margin[0] < -ROUNDING:
             return _cause(kinematics, cause, name, float(-margin[0]))
     return ""
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import heapq
 from collections.abc import Callable
+from dataclasses import dataclass
 from itertools import pairwise
 from math import gamma, log, pi
 
@@ -32,6 +33,25 @@ _AHEAD = 16
 """Number of nodes of the front whose connections are tested together."""
 
 Progress = Callable[[float], None]
+
+
+@dataclass(frozen=True)
+class Tree:
+    """The tree of a search.
+
+    Attributes:
+        q: (k, n) joint values of the samples; row 0 is the start, row 1 the goal.
+        parent: (k,) row of each sample's parent; -1 for the start, and for samples that the tree did not reach.
+    """
+
+    q: Array
+    parent: np.ndarray
+
+    @property
+    def branches(self) -> np.ndarray:
+        """Rows (m, 2) of parent and child of each branch."""
+        child = np.flatnonzero(self.parent >= 0)
+        return np.column_stack([self.parent[child], child])
 
 
 class Search:
@@ -76,12 +96,18 @@ class Search:
         self._moving = np.ptp(box, axis=1) > 0
         self._tried = self._good = self.checks = 0
         self._known: dict[tuple[int, int], bool] = {}
-        self._tree: tuple[list[np.ndarray], list[Array]] = [], []
+        self._graph: tuple[list[np.ndarray], list[Array]] = [], []
+        self._parent = np.full(2, -1)
 
     @property
     def count(self) -> int:
         """Number of free samples."""
         return len(self._q) - 2
+
+    @property
+    def tree(self) -> Tree:
+        """The tree of the last `path`, also if it found none, or if an exception ended it."""
+        return Tree(self._q[: len(self._parent)].copy(), self._parent.copy())
 
     def path(self, samples: int, progress: Progress = lambda fraction: None) -> Array | None:
         """Return the corners (k, n) of the shortest path found through `samples` free samples in all; None if none.
@@ -103,14 +129,16 @@ class Search:
         radius = _radius(len(x), int(self._moving.sum()), volume)
         near = neighbours(x, radius)
         way = [self.cost(np.broadcast_to(self._q[i], (len(n), len(self._box))), self._q[n]) for i, n in enumerate(near)]
-        self._tree = near, way
-        rows = self._grow(near, way, lambda f: progress((1 + f) / 2))[0]
+        self._graph, self._parent = (near, way), np.full(len(x), -1)
+        rows = self._grow(near, way, self._parent, lambda f: progress((1 + f) / 2))[0]
         return None if rows is None else self._q[rows]
 
     def reached(self) -> tuple[int, int]:
         """Return how many samples of the last `path`, which found none, are connected with start and goal."""
-        near, way = self._tree
-        return self._grow(near, way)[1], self._grow(near, way, ends=(1, 0))[1]
+        none = np.full(len(self._graph[0]), -1)
+        ends = (0, 1), (1, 0)
+        first, second = (self._grow(*self._graph, none.copy(), ends=pair)[1] for pair in ends)
+        return first, second
 
     def inform(self, corners: Array) -> None:
         """From now on, use only samples through which a path can be shorter than the path along corners (k, n).
@@ -126,7 +154,7 @@ class Search:
         new = {int(old): k for k, old in enumerate(rows)}
         self._known = {(new[a], new[b]): f for (a, b), f in self._known.items() if a in new and b in new}
         self._good -= int((~keep).sum())
-        self._q = self._q[rows]
+        self._q, self._parent = self._q[rows], np.full(len(rows), -1)
 
     def _useful(self, q: Array) -> np.ndarray:
         """Return (k,) bool: whether a path through q (k, n) can be shorter than the path of `inform`."""
@@ -162,17 +190,19 @@ class Search:
         self,
         near: list[np.ndarray],
         way: list[Array],
+        parent: np.ndarray,
         progress: Progress = lambda fraction: None,
         ends: tuple[int, int] = (0, 1),
     ) -> tuple[list[int] | None, int]:
         """Grow a tree between the samples `ends`; return the rows of the path, None if there is none, and its size.
 
-        `near` are the neighbours of each sample, `way` the costs of the connections. Tests of many connections together
+        `near` are the neighbours of each sample, `way` the costs of the connections; `parent` (k,), all -1, receives
+        the rows of the parents. Tests of many connections together
         are much faster than single ones, so those that the next nodes of the front will probably need are
         added.
         """
         count = len(near)
-        waiting, cost, parent = np.ones(count, bool), np.full(count, np.inf), np.full(count, -1)
+        waiting, cost = np.ones(count, bool), np.full(count, np.inf)
         front = cost.copy()  # the cost of a node of the front; infinite for all others
         root, target = ends
         waiting[root], cost[root], front[root] = False, 0.0, 0.0

@@ -8,7 +8,7 @@ import numpy as np
 
 from twin.core.errors import ProtocolError, TwinError
 from twin.core.spatial import Array
-from twin.planning.feasible import Anchor, margins_at, said
+from twin.planning.feasible import ROUNDING, Anchor, margins_at, said
 from twin.planning.path import Path
 from twin.planning.protocol import Free
 from twin.planning.trajectory import PathKinematics
@@ -51,7 +51,7 @@ def way(
             raise ProtocolError(f"{where} cannot be carried out: at its {name}, {reason}")
 
     def keep(Ts: Array, q: Array) -> np.ndarray:
-        return np.all([m >= 0 for m in margins_at(kinematics, Ts, q, anchor).values()], axis=0)
+        return np.all([m >= -ROUNDING for m in margins_at(kinematics, Ts, q, anchor).values()], axis=0)
 
     def report(fraction: float) -> None:
         progress(f"{phase.name}: path around obstacles, {100 * fraction:.0f} %")

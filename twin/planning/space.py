@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Protocol as Interface
 
 import numpy as np
@@ -35,6 +36,10 @@ class Space(Interface):
     A search needs no robot, only this interface. Other spaces (poses of a tool, two robots at once) can be searched by
     other classes with these methods.
     """
+
+    def interruptible(self, check: Callable[[], None]) -> Space:
+        """Return the same space, whose tests call `check` every few milliseconds; its exception ends them."""
+        ...
 
     @property
     def limits(self) -> Array:

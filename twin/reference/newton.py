@@ -32,13 +32,22 @@ Residual = Callable[[Array, Index], tuple[Array, Array]]
 
 
 def minimise(
-    tree: Tree, X: Array, residual: Residual, columns: Index, iterations: int = _MAX_ITERATIONS
+    tree: Tree,
+    X: Array,
+    residual: Residual,
+    columns: Index,
+    iterations: int = _MAX_ITERATIONS,
+    *,
+    integrate: Callable[[Array, Array], Array] | None = None,
+    enough: float = _COST_DONE,
 ) -> tuple[Array, Array]:
     """Return (configurations (k, nq) near X that minimise the residual, (k,) bool: whether each converged).
 
     X (k, nq) are the start configurations; only the velocity indices `columns` change. Samples that need more
-    iterations do not converge.
+    iterations do not converge. `integrate` replaces `tree.integrate`; `enough` is the sum of squares of a residual
+    that need not be smaller.
     """
+    integrate = integrate or tree.integrate
     X = X.copy()
     todo = np.arange(len(X))
     done = np.zeros(len(X), bool)
@@ -57,7 +66,7 @@ def minimise(
         # If no column affects the residual, `size` is 0, and the step must be 0.
         weight = np.maximum(damping[todo] + _FLOOR * size, np.finfo(float).tiny)[:, None, None]
         steps[:, columns] = -np.linalg.solve(normal + weight * eye, At @ r[..., None])[..., 0]
-        new = tree.integrate(X[todo], steps)
+        new = integrate(X[todo], steps)
         # A small step proves convergence only if damping does not shorten it.
         free = damping[todo] <= _FLOOR_REACHED * size
         last = (np.abs(steps).max(axis=1) < _STEP_LAST) & free
@@ -72,7 +81,7 @@ def minimise(
         better = todo[~worse]
         damping[better] /= 10
         X[better], cost[better] = new[~worse], new_cost[~worse]
-        finished = ~worse & (new_cost < _COST_DONE)
+        finished = ~worse & (new_cost < enough)
         done[todo[finished]] = True
         todo = todo[~finished]
         if not len(todo):

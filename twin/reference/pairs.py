@@ -24,8 +24,11 @@ from twin.reference.travel import Levers, Reach
 _GJK = 1e-5
 """Maximum error in m by which a computed hull distance is too large."""
 
-SEARCHED = 2 * MM
-"""Radius in m of balls that are small enough for a search; a found path is tested with smaller ones."""
+_SEARCHED = 2 * MM
+"""Largest radius in m of balls that are small enough for a search; a found path is tested with smaller ones."""
+
+_WIDE = 4.0
+"""Difference of two bounds, in units of the radius of balls for a search, beyond which the distance is computed."""
 
 _FEW = 3
 """Maximum number of revolute joints between two bodies for which results are stored in cells (see `Pairs.closer`)."""
@@ -54,6 +57,7 @@ class Pairs:
         shapes: the bodies' shapes; obstacles last.
         rows: (pairs, 2) indices of the two shapes.
         required: (pairs,) required distances in m.
+        searched: (pairs,) radii in m of balls that are small enough for a search.
     """
 
     def __init__(self, model: ReferenceModel, stills: Sequence[Still], clearance: float) -> None:
@@ -97,6 +101,8 @@ class Pairs:
         found = [(a, b, c) for a, b, c in found if (moves[a] != moves[b]).any()]
         self.rows = np.array([f[:2] for f in found], int).reshape(-1, 2)
         self.required = np.array([f[2] for f in found])
+        # with larger balls, the mean of the bounds of two bodies that collide could exceed the required distance
+        self.searched = np.minimum(_SEARCHED, self.required / 2)
         at = [
             (int(n), s.corners @ T[:3, :3].T + T[:3, 3])
             for s, n, T in zip(self.shapes, self._numbers, self._Ts, strict=True)
@@ -171,7 +177,7 @@ class Pairs:
         pairs: np.ndarray,
         enough: Array,
         reject: Array | None = None,
-        fine: float = 0.0,
+        fine: Array | float = 0.0,
     ) -> tuple[Array, Array]:
         """Return lower and upper bounds (n,) in m of the distances of `pairs` (n,) at rows `states` (n,) of poses.
 
@@ -239,11 +245,29 @@ class Pairs:
             self._cells[key] = not self.nearer(pair, poses, 1.5 * float(self.required[pair]))
         return self._cells[key]
 
+    def seem_near(
+        self, X: Array, poses: Array, states: np.ndarray, pairs: np.ndarray, low: Array, high: Array, matter: np.ndarray
+    ) -> np.ndarray:
+        """Return (n,) bool: whether `pairs` (n,) in `states` (n,) seem nearer than required, for a search.
+
+        The mean of the bounds `low` and `high` (n,) decides if they are near each other, else the exact distance: the
+        balls of large bodies are large. Only states that `matter` (k,) are tested exactly, each until a pair is near.
+        """
+        required = self.required[pairs]
+        out = (low + high) / 2 < required
+        wide = (low < required) & (high >= required) & (high - low > _WIDE * self.searched[pairs])
+        left = matter.copy()
+        left[states[out & ~wide]] = False
+        for i in np.flatnonzero(wide):
+            k = int(states[i])
+            out[i] = left[k] and self.closer(int(pairs[i]), X[[k]], poses[[k]])[0]
+            left[k] &= not out[i]
+        return out
+
     def near(self, X: Array, *, exact: bool = True) -> np.ndarray:
         """Return (k,) bool: whether any pair is nearer than required at configurations X (k, nq).
 
-        Pairs that the bounds do not decide are decided by the exact distance or, without `exact`, by the mean of both
-        bounds.
+        Pairs that the bounds do not decide are decided by the exact distance or, without `exact`, by `seem_near`.
         """
         out = np.zeros(len(X), bool)
         if not len(self):
@@ -253,10 +277,10 @@ class Pairs:
         close = self.gaps(poses, states, pairs) < self.required[pairs]
         states, pairs = states[close], pairs[close]
         required = self.required[pairs]
-        low, high = self.bounds(poses, states, pairs, required, required, 0.0 if exact else SEARCHED)
+        low, high = self.bounds(poses, states, pairs, required, required, 0.0 if exact else self.searched[pairs])
         out[states[high < required]] = True
         if not exact:
-            out[states[(low + high) / 2 < required]] = True
+            out[states[self.seem_near(X, poses, states, pairs, low, high, ~out)]] = True
             return out
         unknown = low < required
         for pair in np.unique(pairs[unknown]):

@@ -17,26 +17,19 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-import pinocchio as pin  # pyright: ignore[reportMissingImports] - installed beside site-packages
 
 from twin.core.errors import MechanismError
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM
-from twin.reference.model import GAP_TOLERANCE, ReferenceModel
-from twin.reference.newton import minimise
-from twin.reference.pairs import SEARCHED, Pairs, Still
+from twin.reference.closing import Closing
+from twin.reference.model import ReferenceModel
+from twin.reference.pairs import Pairs, Still
 
 _ANGLE = 0.1
 """Length in m that is equivalent to 1 rad in comparisons of paths."""
 
 _STATION = {True: 0.1, False: 0.02}
 """Motion of a driven joint (rad if an angle, else m) between two stations (states with closed, tested loops)."""
-
-_ITERATIONS = 8
-"""Maximum number of Newton steps between two stations, after which loops count as open; 3 steps are usual."""
-
-_JUMP = 0.5
-"""Largest change (m, rad) of a coordinate between stations; a larger change means another assembly mode."""
 
 _FINE = 512
 """Number of intervals of a path; in each, the speed is taken as the larger speed of both ends, times `_BETWEEN`."""
@@ -47,6 +40,9 @@ speeds at its two ends by up to 0.3 %."""
 
 _BETWEEN_LOOPS = 1.5
 """Safety factor for passive joints, whose speeds are known only at stations; the value is chosen, not derived."""
+
+_ROUNDING = 1e-9
+"""Amount (m, rad) by which a path may exceed limits: a series that ends at a limit is rounded there too."""
 
 _SAME = 1 * MM
 """Two assemblies are in the same mode if each body has the same position in both, within this distance in m."""
@@ -62,6 +58,11 @@ _SEARCH = 6 * MM
 
 _FAR = 100 * MM
 """Distance in m up to which a certificate asks for lower bounds, as long as no exact distance is known."""
+
+
+def _nothing() -> None:
+    """Do nothing."""
+
 
 Keep = Callable[[Array, Array], np.ndarray]
 """Additional test of states: T_base_tool (k, 4, 4), q (k, n) -> (k,) bool: whether each state is allowed."""
@@ -141,13 +142,23 @@ class JointSpace:
             around: function that returns the obstacles, called at first use; None: there are none.
         """
         self._make, self.clearance, self._keep, self._around = make, clearance, keep, around
-        self._known: list[tuple[Array, Array]] = []
+        self._check: Callable[[], None] = _nothing
 
     def keeping(self, keep: Keep) -> JointSpace:
         """Return the same space with another additional test of states; shapes and stored distances are shared."""
         _ = self._pairs
         out = copy(self)
         out._keep = keep
+        return out
+
+    def interruptible(self, check: Callable[[], None]) -> JointSpace:
+        """Return the same space, whose tests call `check` every few milliseconds; its exception ends them.
+
+        Shapes and stored distances are shared.
+        """
+        _ = self._pairs
+        out = copy(self)
+        out._check = check
         return out
 
     @cached_property
@@ -159,36 +170,12 @@ class JointSpace:
         return Pairs(self._model, self._around() if self._around else (), self.clearance)
 
     @cached_property
-    def _coupled(self) -> tuple[Array, Array] | None:
-        """Return (G (nv, n), x0 (nv,)) such that x = G q + x0 closes the mechanism; None if it has other loops.
-
-        Belts, gears and cables are linear, so that the passive coordinates follow from the driven ones.
-        """
-        tree = self._model.tree
-        active, passive = tree.active, tree.passive
-        if tree.loops.joints or tree.model.nq != tree.model.nv:
-            return None
-        rows, totals = np.zeros((len(tree.loops.couplings), tree.model.nv)), np.zeros(len(tree.loops.couplings))
-        for row, total, coupling in zip(rows, range(len(totals)), tree.loops.couplings, strict=True):
-            row[coupling.columns] = coupling.ratios
-            totals[total] = coupling.total
-        if len(rows) != len(passive) or np.linalg.matrix_rank(rows[:, passive]) < len(passive):
-            return None
-        G, x0 = np.zeros((tree.model.nv, len(active))), np.zeros(tree.model.nv)
-        G[active] = np.eye(len(active))
-        G[passive] = -np.linalg.solve(rows[:, passive], rows[:, active])
-        x0[passive] = np.linalg.solve(rows[:, passive], totals)
-        return G, x0
+    def _closing(self) -> Closing:
+        return Closing(self._model, self.weights)
 
     @property
     def _loops(self) -> bool:
-        return self._coupled is None
-
-    @cached_property
-    def _driven(self) -> np.ndarray:
-        """Configuration indices (n,) of the driven joints."""
-        tree = self._model.tree
-        return np.array([tree.configuration[j.name] for j in self._model.mechanism.active], int)
+        return self._closing.linear is None
 
     # -- the interface for searches -------------------------------------------------------------------
 
@@ -228,16 +215,11 @@ class JointSpace:
 
         Without `exact`, a distance whose bounds do not decide is taken as the mean of its bounds; see `Pairs.near`.
         """
+        self._check()
         q = np.asarray(q, float).reshape(-1, len(self.weights))
         ok = self._within(q)
-        if self._loops:
-            X = np.zeros((len(q), self._model.tree.model.nq))
-            for k in np.flatnonzero(ok):
-                x = self._state(q[k])
-                ok[k] = x is not None
-                X[k] = x if x is not None else 0.0
-        else:
-            X = self._placed(q)
+        X = np.zeros((len(q), self._model.tree.model.nq))
+        X[ok], ok[ok] = self._closing.states(q[ok], thorough=exact)
         ok[ok] = self._allowed(X[ok], q[ok])
         ok[ok] = ~self._pairs.near(X[ok], exact=exact)
         return ok
@@ -288,6 +270,28 @@ class JointSpace:
                     worst = f"{names} collide (required: {required / MM:.3g} mm apart)"
         return worst
 
+    def nearest(self, q: Array) -> tuple[float, tuple[str, str]]:
+        """Return the smallest distance in m of two bodies at joint values q (n,), and the names of these bodies.
+
+        The pairs are those of `certify`. Infinity and empty names: there are no pairs.
+
+        Raises:
+            MechanismError: the loops of the mechanism do not close.
+        """
+        if (x := self._state(np.asarray(q, float))) is None:
+            raise MechanismError("the loops of the mechanism do not close")
+        pairs = self._pairs
+        which, poses = np.flatnonzero(pairs.required >= self.clearance), pairs.poses(x[None])
+        gaps, least, names = pairs.gaps(poses, 0 * which, which), np.inf, ("", "")
+        for k in np.argsort(gaps, kind="stable"):
+            pair = int(which[k])
+            if gaps[k] >= least:
+                break
+            if pairs.hulls_apart(pair, poses[0]) < least and (found := pairs.distance(pair, poses[0])) < least:
+                a, b = (pairs.shapes[i].name for i in pairs.rows[pair])
+                least, names = found, (a, b)
+        return least, names
+
     def named(self, q: Array) -> str:
         """Return joint values q (n,) as text, with names and units as in a waypoint of a protocol."""
         names = [
@@ -299,7 +303,7 @@ class JointSpace:
     # -- states ---------------------------------------------------------------------------------------
 
     def _within(self, q: Array) -> np.ndarray:
-        return np.all((q >= self.limits[:, 0]) & (q <= self.limits[:, 1]), axis=1)
+        return np.all((q >= self.limits[:, 0] - _ROUNDING) & (q <= self.limits[:, 1] + _ROUNDING), axis=1)
 
     def _allowed(self, X: Array, q: Array) -> np.ndarray:
         """Return (k,) bool: whether `keep` allows configurations (k, nq) with driven joint values q (k, n)."""
@@ -309,45 +313,22 @@ class JointSpace:
         return self._keep(tree.tool(tree.place(X)), q)
 
     def _state(self, q: Array) -> Array | None:
-        """Return the configuration (nq,) at q (n,), solved from the nearest known one; None if loops open."""
-        if not self._loops:
-            return self._placed(q[None])[0]
-        if not self._known:
-            home = self._model.home()
-            self._known.append((home.q, home.x))
-        near = min(self._known, key=lambda known: float(np.abs((known[0] - q) * self.weights).max()))
-        if np.array_equal(near[0], q):
-            return near[1]
-        X = self._closed(self.steer(near[0], q), near[1])[1]
-        if X is None:
-            return None
-        self._known.append((q, X[-1]))
-        return X[-1]
+        """Return the configuration (nq,) at q (n,); None if the loops do not close."""
+        X, ok = self._closing.states(q[None])
+        return X[0] if ok[0] else None
 
     def _placed(self, q: Array) -> Array:
         """Return configurations (k, nq) at joint values q (k, n) of a mechanism without loops."""
-        assert self._coupled is not None
-        G, x0 = self._coupled
-        return q @ G.T + x0
+        return self._closing.placed(q)
 
-    def _closed(self, path: Callable[..., Array], x: Array) -> tuple[Array, Array | None]:
-        """Return (stations (k,) of a path from configuration x, configurations (k, nq) or None if the loops open)."""
+    def _count(self, path: Callable[..., Array]) -> int:
+        """Return the number of stations of a path, so that no driven joint moves farther than `_STATION` between."""
         coarse = path(np.linspace(0.0, 1.0, 65))
-        steps = np.array([_STATION[j.is_angle] for j in self._model.mechanism.active])
-        count = int(np.ceil(64 * (np.abs(np.diff(coarse, axis=0)) / steps).max(initial=0.0))) + 1
-        s = np.linspace(0.0, 1.0, max(count, 2))
-        tree, X, before = self._model.tree, [x], np.zeros(self._model.tree.model.nv)
-        for q in path(s[1:]):
-            guess = tree.integrate(X[-1][None], before[None])
-            guess[0, self._driven] = q
-            new, converged = minimise(tree, guess, self._model.loops_only, tree.passive, _ITERATIONS)
-            step = pin.difference(tree.model, X[-1], new[0])
-            gaps = tree.loops.gaps(new, tree.update(new, closing_only=True)[0])[..., 0]
-            if not converged[0] or np.abs(step).max() > _JUMP or gaps.max(initial=0.0) > GAP_TOLERANCE:
-                return s, None
-            X.append(new[0])
-            before = step
-        return s, np.array(X)
+        return max(int(np.ceil(64 * (np.abs(np.diff(coarse, axis=0)) / self._steps).max(initial=0.0))) + 1, 2)
+
+    @property
+    def _steps(self) -> Array:
+        return np.array([_STATION[j.is_angle] for j in self._model.mechanism.active])
 
     def _stations(self, path: Callable[..., Array]) -> _Stations | None:
         """Return the stations of a path; None if it exceeds limits, is not allowed, or its loops open."""
@@ -357,20 +338,19 @@ class JointSpace:
             return None
         rates = np.abs(path(fine, 1))
         if not self._loops:
-            turns = np.array([_STATION[j.is_angle] for j in self._model.mechanism.active])
-            every = max(1, int(1 / max((rates / turns).max(), 1.0) * _FINE))
+            every = max(1, int(1 / max((rates / self._steps).max(), 1.0) * _FINE))
             s, X = fine[::every], self._placed(q[::every])
-            speeds, factor, speeds_at = np.zeros((len(fine), self._model.tree.model.nv)), _BETWEEN, fine
-            speeds = rates @ np.abs(self._coupled[0]).T if self._coupled else speeds
+            speeds, factor, speeds_at = rates @ np.abs(self._gain).T, _BETWEEN, fine
         else:
             x = self._state(q[0])
             if x is None:
                 return None
-            s, found = self._closed(path, x)
+            s = np.linspace(0.0, 1.0, self._count(path))
+            found = self._closing.along(path, x, s, self._check)
             if found is None or not self._same(found[-1], q[-1]):
                 return None
             X, factor, speeds_at = found, _BETWEEN_LOOPS, s
-            speeds = np.abs(np.einsum("kij,kj->ki", self._model.gains(X), path(s, 1)))
+            speeds = np.abs(np.einsum("kij,kj->ki", self._closing.rates(X), path(s, 1)))
         if not self._allowed(X, path(s)).all():
             return None
         cells = factor * np.maximum(speeds[1:], speeds[:-1]) * np.diff(speeds_at)[:, None]
@@ -379,9 +359,9 @@ class JointSpace:
 
     def _same(self, x: Array, q: Array) -> bool:
         """Return whether x is in the assembly mode already stored for joint values q; store x if none is stored."""
-        known = next((X for at, X in self._known if np.array_equal(at, q)), None)
+        known = self._closing.known(q)
         if known is None:
-            self._known.append((q, x))
+            self._closing.keep(q[None], x[None])
             return True
         a, b = self._pairs.poses(np.array([x, known]))
         return float(np.linalg.norm(a[:, :3, 3] - b[:, :3, 3], axis=1).max(initial=0.0)) < _SAME
@@ -391,13 +371,10 @@ class JointSpace:
         q = seen.path(s)
         if not self._loops:
             return self._placed(q)
-        tree = self._model.tree
         i = np.clip(np.searchsorted(seen.s, s, side="right") - 1, 0, len(seen.s) - 2)
         part = (s - seen.s[i]) / (seen.s[i + 1] - seen.s[i])
-        X = tree.normalise((1 - part)[:, None] * seen.X[i] + part[:, None] * seen.X[i + 1])
-        X[:, self._driven] = q
-        X, converged = minimise(tree, X, self._model.loops_only, tree.passive)
-        return X if converged.all() else None
+        X, closed = self._closing.near(self._closing.between(seen.X[i], seen.X[i + 1], part), q)
+        return X if closed.all() else None
 
     # -- distances ------------------------------------------------------------------------------------
 
@@ -433,6 +410,7 @@ class JointSpace:
         path, pair = np.divmod(np.arange(count * len(pairs)), max(len(pairs), 1))
         place, level = np.zeros(len(path), int), 0
         while len(path):
+            self._check()
             width = 0.5**level
             keys, row = np.unique(path * 2**level + place, return_inverse=True)
             paths, s = keys >> level, ((keys & (2**level - 1)) + 0.5) * width
@@ -444,14 +422,19 @@ class JointSpace:
             margin = np.maximum(required, required / 2 + way)
             left = np.flatnonzero(pairs.gaps(poses, row, pair) < margin)
             least, most = pairs.bounds(
-                *(poses, row[left], pair[left], margin[left], required[left]), 0.0 if exact else SEARCHED
+                *(poses, row[left], pair[left], margin[left], required[left]),
+                0.0 if exact else pairs.searched[pair[left]],
             )
-            blocked = most if exact else (least + most) / 2
-            ok[path[left[blocked < required[left]]]] = False
+            if exact:
+                near = most < required[left]
+            else:
+                near = pairs.seem_near(X, poses, row[left], pair[left], least, most, ok[paths])
+            ok[path[left[near]]] = False
             left = left[(least < margin[left]) & ok[path[left]]]
             # where the bounds do not decide and the interval is short, exact distances do
             split = [] if exact else left[way[left] > _SEARCH]
             for i in left if exact else ():
+                self._check()
                 if not ok[path[i]]:
                     continue
                 p, T = int(pair[i]), poses[row[i]]
@@ -472,14 +455,16 @@ class JointSpace:
         separately and exactly by `free_between`.
         """
         a, b = np.asarray(a, float), np.asarray(b, float)
-        if self._coupled is None or not len(a):
-            return np.array([self.free_between(p, q) for p, q in zip(a, b, strict=True)], bool)
+        if not len(a):
+            return np.zeros(0, bool)
+        if self._loops:
+            return self._free_each_closed(a, b)
         ok = self._within(a) & self._within(b)
         ok[ok] = self._allowed_between(a[ok], b[ok])
         first, step = a[ok], (b - a)[ok]
         if not len(self._pairs) or not len(first):
             return ok
-        moved = np.abs(step @ self._coupled[0].T)
+        moved = np.abs(step @ self._gain.T)
         ok[ok] = self._clear_each(
             len(first),
             lambda path, s: self._placed(first[path] + s[:, None] * step[path]),
@@ -492,14 +477,53 @@ class JointSpace:
         """Return (m,) bool: whether `keep` allows all stations of the straight paths from a (m, n) to b (m, n)."""
         if self._keep is None or not len(a):
             return np.ones(len(a), bool)
-        steps = np.array([_STATION[j.is_angle] for j in self._model.mechanism.active])
-        counts = np.ceil((np.abs(b - a) / steps).max(axis=1)).astype(int) + 1
+        counts = np.ceil((np.abs(b - a) / self._steps).max(axis=1)).astype(int) + 1
         path = np.repeat(np.arange(len(a)), counts + 1)
         s = np.concatenate([np.linspace(0.0, 1.0, n + 1) for n in counts])
         q = a[path] + s[:, None] * (b - a)[path]
         out = np.ones(len(a), bool)
         out[path[~self._allowed(self._placed(q), q)]] = False
         return out
+
+    def _free_each_closed(self, a: Array, b: Array) -> np.ndarray:
+        """Return (m,) bool as `free_each`, for a mechanism with loops: a (m, n), b (m, n)."""
+        count = int(np.ceil((np.abs(b - a) / self._steps).max())) + 1
+        stations, ok = self._closing.each(a, b, count)
+        ok &= self._within(a) & self._within(b)
+        tree, rows = self._model.tree, np.flatnonzero(ok)
+        if not len(rows):
+            return ok
+        X = stations[rows].reshape(-1, tree.model.nq)
+        part, step = np.linspace(0.0, 1.0, count), (b - a)[rows]
+        q = (a[rows, None] + part[:, None] * step[:, None]).reshape(len(X), -1)
+        allowed = self._allowed(X, q).reshape(-1, count).all(axis=1)
+        speeds = np.abs(np.einsum("kij,kj->ki", self._closing.rates(X), np.repeat(step, count, axis=0)))
+        speeds = speeds.reshape(-1, count, tree.model.nv)
+        cells = _BETWEEN_LOOPS / (count - 1) * np.maximum(speeds[:, 1:], speeds[:, :-1])
+        moved = np.concatenate([np.zeros_like(cells[:, :1]), np.cumsum(cells, axis=1)], axis=1)
+
+        def until(path: np.ndarray, s: Array) -> Array:
+            i = np.minimum((s * (count - 1)).astype(int), count - 2)
+            rest = (s * (count - 1) - i)[:, None]
+            return (1 - rest) * moved[path, i] + rest * moved[path, i + 1]
+
+        def at(path: np.ndarray, s: Array) -> Array:
+            i = np.minimum((s * (count - 1)).astype(int), count - 2)
+            row, rest = path * count + i, s * (count - 1) - i
+            return self._closing.between(X[row], X[row + 1], rest)
+
+        def ahead(path: np.ndarray, s: Array, width: float) -> Array:
+            low, middle, high = (until(path, s + part * width) for part in (-0.5, 0.0, 0.5))
+            return np.maximum(high - middle, middle - low)
+
+        ok[rows] = allowed & (not len(self._pairs) or self._clear_each(len(rows), at, ahead, exact=False))
+        return ok
+
+    @property
+    def _gain(self) -> Array:
+        """Rates (nv, n) of the tree per rate of each driven joint, of a mechanism without loops."""
+        assert self._closing.linear is not None
+        return self._closing.linear[0]
 
     # -- the certificate ------------------------------------------------------------------------------
 
@@ -525,6 +549,7 @@ class JointSpace:
         place, level = np.zeros(len(pair), int), 0
         least, proven, at, names = np.inf, np.inf, 0.0, ("", "")
         while len(pair):
+            self._check()
             width = 0.5**level
             places, row = np.unique(place, return_inverse=True)
             X = self._at(seen, (places + 0.5) * width)
@@ -539,6 +564,7 @@ class JointSpace:
             bound[near] = np.maximum(bound[near], pairs.bounds(poses, row[near], pair[near], wanted)[0])
             for i in np.argsort(bound - ahead, kind="stable"):
                 if bound[i] - ahead[i] < least - within:
+                    self._check()
                     bound[i] = pairs.distance(int(pair[i]), poses[row[i]])
                     if bound[i] < least:
                         least, at = float(bound[i]), float((places[row[i]] + 0.5) * width)

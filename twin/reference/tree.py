@@ -41,6 +41,7 @@ class Tree:
         model, data: Pinocchio's model and data.
         joint_id: Pinocchio's joint number, by joint name; fixed joints are missing.
         coordinate: index in the velocity of each joint with a single coordinate, by joint name.
+        quaternions: configuration index of the first of the four numbers of each quaternion.
         active, passive: velocity indices of the active joints, in the order of q, and of all others.
     """
 
@@ -74,6 +75,11 @@ class Tree:
         with_points = {self._body[p.body][0] for p in mechanism.points}
         self._closing = sorted({*self.loops.joint_numbers, *with_points, self.tool_joint} - {0})
         self._views = self._look()
+        joints = [(n, self.model.joints[n]) for n in range(1, self.model.njoints)]
+        self._chain = [(n, j.shortname(), j.idx_q, j.idx_v) for n, j in joints]
+        self._placements = [T.homogeneous for T in self.model.jointPlacements]
+        lead = {"JointModelSpherical": 0, "JointModelFreeFlyer": 3}
+        self.quaternions = [place + lead[kind] for _, kind, place, _ in self._chain if kind in lead]
 
     def __getstate__(self) -> dict[str, object]:
         return {name: value for name, value in self.__dict__.items() if name != "_views"}
@@ -167,23 +173,64 @@ class Tree:
     def place(self, X: Array) -> Array:
         """Return the poses (k, joints, 4, 4) of all joint frames in base at configurations X (k, nq), for many at once.
 
-        NumPy computes the poses if all joints are revolute or prismatic with one coordinate; otherwise Pinocchio
-        computes them, one configuration at a time.
+        NumPy computes them for all configurations at once; `update` calls Pinocchio for one configuration at a time.
         """
-        kinds = [self.model.joints[n].shortname() for n in range(1, self.model.njoints)]
-        if not set(kinds) <= {"JointModelRZ", "JointModelPZ"}:
-            return self.update(X)[0]
         poses = np.zeros((len(X), self.model.njoints, 4, 4))
         poses[:, 0] = np.eye(4)
-        for n, kind in enumerate(kinds, 1):
-            x, T = X[:, self.model.joints[n].idx_q, None], poses[:, n]
-            np.matmul(poses[:, self.model.parents[n]], self.model.jointPlacements[n].homogeneous, out=T)
+        for n, kind, first, _ in self._chain:
+            x, T = X[:, first, None], poses[:, n]
+            np.matmul(poses[:, self.model.parents[n]], self._placements[n], out=T)
             if kind == "JointModelPZ":
                 T[:, :, 3] += x * T[:, :, 2]
-            else:
+            elif kind == "JointModelRZ":
                 c, s = np.cos(x), np.sin(x)
                 T[:, :, 0], T[:, :, 1] = c * T[:, :, 0] + s * T[:, :, 1], c * T[:, :, 1] - s * T[:, :, 0]
+            else:
+                turn = first + 3 * (kind == "JointModelFreeFlyer")
+                if kind == "JointModelFreeFlyer":
+                    T[:, :3, 3] += np.einsum("kij,kj->ki", T[:, :3, :3], X[:, first:turn])
+                T[:, :3, :3] = T[:, :3, :3] @ spatial.matrix_from_quat_wxyz(np.roll(X[:, turn : turn + 4], 1, axis=1))
         return poses
+
+    def columns(self, poses: Array) -> Array:
+        """Return the Jacobians (k, 6, nv) as of `update`, for poses (k, joints, 4, 4) from `place`."""
+        J = np.zeros((len(poses), 6, self.model.nv))
+        for n, kind, _, first in self._chain:
+            R, p = poses[:, n, :3, :3], poses[:, n, :3, 3]
+            if kind == "JointModelPZ":
+                J[:, :3, first] = R[:, :, 2]
+                continue
+            if kind == "JointModelFreeFlyer":
+                J[:, :3, first : first + 3] = R
+                first += 3
+            axes = R[:, :, 2:] if kind == "JointModelRZ" else R
+            last = first + axes.shape[2]
+            J[:, :3, first:last], J[:, 3:, first:last] = spatial.hat(p) @ axes, axes
+        return J
+
+    def step(self, X: Array, steps: Array) -> Array:
+        """Return configurations (k, nq) after tangent steps (k, nv), as `integrate`, for many at once."""
+        out = np.empty_like(X)
+        for _, kind, place, column in self._chain:
+            if kind in ("JointModelRZ", "JointModelPZ"):
+                out[:, place] = X[:, place] + steps[:, column]
+                continue
+            if kind == "JointModelFreeFlyer":
+                out[:, place : place + 7] = self.integrate(X, steps)[:, place : place + 7]
+                continue
+            w, v, r = X[:, place + 3, None], X[:, place : place + 3], steps[:, column : column + 3] / 2
+            half = np.linalg.norm(r, axis=1, keepdims=True)
+            c, u = np.cos(half), r * np.sinc(half / np.pi)
+            out[:, place : place + 3] = w * u + c * v + np.cross(v, u)
+            out[:, place + 3] = (w * c)[:, 0] - (v * u).sum(axis=1)
+        return self.unit(out)
+
+    def unit(self, X: Array) -> Array:
+        """Return configurations (k, nq) with quaternions of length 1, as `normalise`, for many at once."""
+        X = X.copy()
+        for place in self.quaternions:
+            X[:, place : place + 4] /= np.linalg.norm(X[:, place : place + 4], axis=1, keepdims=True)
+        return X
 
     def drift(self, X: Array, V: Array) -> tuple[Array, Array]:
         """Return the accelerations at constant velocities V (k, nv) at configurations X (k, nq).

@@ -100,7 +100,8 @@ def world(
     Args:
         scene: a scene with a console.
         members: robots by the names of their places.
-        device: block that writes the poses and gripper angles of `HANDS`, and the states of the pedals.
+        device: block that writes the poses and gripper angles of `HANDS`, and the states of the pedals; it may also
+            write planned motions of the arms, see `devices.plans`.
         dt: duration of one tick in s.
         records: whether every tick is recorded; see `World`.
         watch: blocks without outputs that read all signals at the end of a tick.
@@ -131,7 +132,7 @@ def world(
             for n in getattr(table, hand)
         ]
         at = [q[a.robot] for a in arms]
-        controllers.append(HandToPose(hand, PEDALS, arms, at, np.eye(4), view=view, dt=dt))
+        controllers.append(HandToPose(hand, PEDALS, arms, at, np.eye(4), view=view, dt=dt, plans=_plans(device)))
         controllers += _jaws(hand, arms, limits, q, dt)
     machines = machine_scene.Machined(scene, parts or {})
     controllers += machines.controllers(PEDALS, {n: m.kin for n, m in members.items()}, dt)
@@ -170,6 +171,11 @@ def world(
         dt=dt,
         records=records,
     )
+
+
+def _plans(device: Block) -> bool:
+    """Return whether a device writes planned motions of the arms."""
+    return any(name.endswith(".planned") for name in device.outputs)
 
 
 def _jaws(

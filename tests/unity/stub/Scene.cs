@@ -139,6 +139,7 @@ namespace UnityEngine
         public TextAsset(string text) { this.text = text; }
 
         public string text { get; private set; }
+        public byte[] bytes { get { return System.Text.Encoding.UTF8.GetBytes(text); } }
     }
 
     public class TextMesh : Component

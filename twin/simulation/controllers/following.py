@@ -22,6 +22,7 @@ from twin.simulation.controllers.console import Console, console
 from twin.simulation.controllers.hand_step import HandStep, Pace
 from twin.simulation.controllers.pedals import TOOLS
 from twin.simulation.controllers.pivot import Pivot
+from twin.simulation.controllers.planned import AIM, OFF, RUN
 from twin.simulation.world import Block, Signals
 
 SCALE = (0.05, 1.0)
@@ -172,6 +173,9 @@ class HandToPose(Block):
     `<robot>.goal` (16,), the tool pose in the robot's base, `<robot>.follows` (0 or 1), and `<robot>.jumps`, the number
     of jumps of the hand. A quick tap of the clutch selects the next arm. If the device writes `<device>.fulcrum`, the
     value 1 means that the hand controls the outer end of an instrument with a pivot.
+
+    With `plans`, it also reads `<robot>.planned` of `devices.plans`, and writes `<robot>.target` (17,): whether the
+    hand leads the target of a plan (0 or 1), and the pose of this target. The tool is then at rest, or follows a plan.
     """
 
     def __init__(
@@ -187,6 +191,7 @@ class HandToPose(Block):
         aligns: bool = False,
         start: Start | None = None,
         pace: Pace | None = None,
+        plans: bool = False,
     ) -> None:
         """Start with the first arm.
 
@@ -201,6 +206,7 @@ class HandToPose(Block):
             aligns: see `Following`.
             start: see `Following`.
             pace: see `Following`.
+            plans: whether a device writes planned motions of the arms.
 
         Raises:
             WorldError: there is no arm.
@@ -212,9 +218,11 @@ class HandToPose(Block):
         self._tools = [a.kin.forward(x) for a, x in zip(arms, q, strict=True)]
         self._laws = [Following(T, dt, aligns=aligns, start=start, pace=pace) for T in self._tools]
         self._view: tuple[bytes, list[Array]] = b"", []
-        self._direct = False
+        self._direct, self._plans, self._states = False, plans, [OFF] * len(self.arms)
         self.outputs = {f"{a.robot}.goal": T.ravel() for a, T in zip(arms, self._tools, strict=True)}
         self.outputs |= {f"{a.robot}.{n}": 0.0 for a in arms for n in ("follows", "jumps")}
+        if plans:
+            self.outputs |= {f"{a.robot}.target": [0, *T.ravel()] for a, T in zip(arms, self._tools, strict=True)}
 
     def attach(self, signals: Signals, memory: Mapping[str, Array]) -> None:
         """Keep views of the signals."""
@@ -228,6 +236,10 @@ class HandToPose(Block):
             (memory[f"{a.robot}.goal"].reshape(4, 4), memory[f"{a.robot}.follows"], memory[f"{a.robot}.jumps"])
             for a in self.arms
         ]
+        if self._plans:
+            self._planned = [now[f"{a.robot}.planned"] for a in self.arms]
+            targets = [memory[f"{a.robot}.target"] for a in self.arms]
+            self._aims, self._targets = [x[:1] for x in targets], [x[1:].reshape(4, 4) for x in targets]
 
     def step(self, signals: Signals, t: float, dt: float) -> None:
         """Move the selected arm; the other arms remain at rest."""
@@ -238,14 +250,38 @@ class HandToPose(Block):
                 law.release()  # the hand is coupled again, with the other end of the instrument
         active = int(self._taps()) % len(self._laws) if self._mode() == TOOLS else -1
         for i, (law, (goal, follows, jumps)) in enumerate(zip(self._laws, self._out, strict=True)):
-            if i == active:
+            state = self._state(i, signals) if self._plans else OFF
+            if i == active and state == OFF:
                 if not law.follows:  # the tool's current pose is used when the hand is coupled
-                    arm = self.arms[i]
-                    self._tools[i] = arm.kin.forward(signals[f"{arm.robot}.encoder"], self._tools[i])
+                    self._tools[i] = self._at(i, signals)
                 self._lead(i, law, goal)
+            elif i == active and state == AIM:
+                if not law.follows:
+                    self._tools[i] = self._targets[i].copy()
+                self._lead(i, law, self._targets[i])
             else:
                 law.release()
-            follows[0], jumps[0] = law.follows, law.jumps
+            if state == RUN:
+                goal[...] = self._planned[i][1:].reshape(4, 4)
+            follows[0], jumps[0] = law.follows and state == OFF, law.jumps
+            if self._plans:
+                self._aims[i][0] = law.follows and state == AIM
+
+    def _at(self, i: int, signals: Signals) -> Array:
+        """Return the present pose (4, 4) of the tool of an arm."""
+        return self.arms[i].kin.forward(signals[f"{self.arms[i].robot}.encoder"], self._tools[i])
+
+    def _state(self, i: int, signals: Signals) -> float:
+        """Return the state of the plan of an arm; where it changes, the hand is coupled again."""
+        state, before = self._planned[i].item(0), self._states[i]
+        if state != before:
+            self._states[i] = state
+            law = self._laws[i]
+            law.release()
+            if state == AIM and before == OFF:
+                self._targets[i][...] = self._at(i, signals)
+            law.goal = (self._targets[i] if state == AIM else self._out[i][0]).copy()
+        return state
 
     def _lead(self, i: int, law: Following, goal: Array) -> None:
         """Write the goal (4, 4) of an arm that the hand leads."""

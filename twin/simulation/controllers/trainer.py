@@ -21,6 +21,7 @@ from twin.core.units import DEG, MM
 from twin.kinematics import Kinematics
 from twin.model.trainer import MODEL
 from twin.simulation.controllers.pedals import CAMERA, TOOLS
+from twin.simulation.controllers.planned import RUN
 from twin.simulation.devices.machine_states import ANSWERS, LEVEL
 from twin.simulation.machine.levels import Level
 from twin.simulation.world import Block, Signals
@@ -241,8 +242,9 @@ class Trainer(Block):
     in which the model takes the joint values of the machine, and `<robot>.phase` (3,): `Phase`, `Why`, and the value
     for `told`.
 
-    Reads `pedals.training`, `console.mode`, `<robot>.goal`, `<robot>.follows`, `<robot>.jaw`, `<robot>.run`,
-    `<robot>.measured`, and of the model `<robot>.model`, `<robot>.deviation` and `<robot>_model.q`; see `Modelled`.
+    Reads `pedals.training`, `console.mode`, `<robot>.goal`, `<robot>.follows`, `<robot>.planned`, `<robot>.jaw`,
+    `<robot>.run`, `<robot>.measured`, and of the model `<robot>.model`, `<robot>.deviation` and `<robot>_model.q`; see
+    `Modelled`.
     """
 
     def __init__(self, robot: str, device: str, bounds: Bounds, grasp_step: float, tips: Tips, dt: float) -> None:
@@ -259,7 +261,7 @@ class Trainer(Block):
         self.robot, self.bounds, self._tips, self._dt = robot, bounds, tips, dt
         self._names = {n: f"{robot}.{n}" for n in ("goal", "follows", "run", "measured", "model", "deviation")}
         self._names["ghost"] = f"{robot}{MODEL}.q"
-        self._jaw, self._silent = f"{robot}.jaw", f"{device}.silent"
+        self._jaw, self._silent, self._planned = f"{robot}.jaw", f"{device}.silent", f"{robot}.planned"
         self._smooth, self._wanted, self._phase = Smooth(bounds, grasp_step, dt), 0.0, Phase.TELEOPERATE
         self._why, self._value = Why.NOTHING, 0.0
         self._record: list[Array] = []
@@ -307,6 +309,10 @@ class Trainer(Block):
 
     def _is_silent(self, signals: Signals) -> bool:
         return self._silent in signals and signals.now[self._silent].item() > 0.5
+
+    def _is_planned(self, signals: Signals) -> bool:
+        """Return whether the goal is that of a plan, which no hand leads."""
+        return self._planned in signals and signals.now[self._planned].item(0) == RUN
 
     # -- what is asked for ----------------------------------------------------------------------------
 
@@ -365,7 +371,7 @@ class Trainer(Block):
 
     def _led_by_hand(self, signals: Signals, s: Mapping[str, Array], ready: bool, alone: bool) -> Array:
         """Return the values of the packet of this tick; the increments wait until PEDAL_DN is reached."""
-        led = s["follows"].item() > 0.5 and (ready or alone)
+        led = (s["follows"].item() > 0.5 or self._is_planned(signals)) and (ready or alone)
         jaw = signals.now[self._jaw].item() if self._jaw in signals else 0.0
         goal = s["goal"].reshape(4, 4)
         if led and not self._led:

@@ -16,6 +16,9 @@ from twin.ui.headset import protocol as wire
 STALL = 10.0
 """Time in s after which a client that reads nothing is disconnected."""
 
+_NEWEST = ("state", "target")
+"""Kinds of documents of which only the newest is sent."""
+
 WAITING = 64
 """Maximum number of queued documents for one client."""
 
@@ -72,10 +75,10 @@ class Client:
     told_rate: float = -1.0
 
     def queue(self, kind: str, text: str) -> None:
-        """Queue a document; a document of kind `state` replaces a queued `state`."""
-        if kind == "state":
+        """Queue a document; one of kind `state` or `target` replaces a queued one of its kind."""
+        if kind in _NEWEST:
             for i, (waiting, _) in enumerate(self.documents):
-                if waiting == "state":
+                if waiting == kind:
                     self.documents[i] = (kind, text)
                     return
         self.documents.append((kind, text))

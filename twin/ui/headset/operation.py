@@ -38,6 +38,7 @@ from twin.ui.door.mqtt import ScaleTopic
 from twin.ui.headset import protocol as wire
 from twin.ui.headset.bends import Bends
 from twin.ui.headset.packet_hands import UDP, PacketHands
+from twin.ui.headset.plan_documents import PlanDocuments
 from twin.ui.headset.posed import Posed
 from twin.ui.headset.protocol import RefusedError
 from twin.ui.headset.scene_frame import pack_scene
@@ -129,6 +130,7 @@ class Operation(LiveConsole):
         self._told: tuple[bytes, ...] = ()
         self._forces = {hand: [0.0, 0.0, 0.0] for hand in HANDS}
         self._curve = -DEVIATIONS
+        self._plans = PlanDocuments(self.planning, {n: bodies[n] for n in self.members})
 
     @property
     def about(self) -> dict[str, Any]:
@@ -217,6 +219,8 @@ class Operation(LiveConsole):
         self._publish()
         self._send_forces()
         self._send_deviations(tick)
+        for document in self._plans.news():
+            self.send(document)
         poses = [self.world.signals[f"{item.name}.pose"] for item in self.objects]
         row = np.concatenate([*(self.world.signals[f"{n}.q"] for n in self.shown), *poses])
         moved = self._shown is None or not np.array_equal(row, self._shown)
@@ -317,6 +321,8 @@ class Operation(LiveConsole):
                 return self.train(client, Mode[message.mode.upper()])
             if isinstance(message, wire.Button):
                 return self.press(client, message.button)
+            if isinstance(message, wire.Plan):
+                return self.plan(client, message.do, message.hand)
             if isinstance(message, wire.Tool):
                 return self.take_tool(client, message.hand, message.name)
         except HeldError as error:
@@ -335,8 +341,8 @@ class Operation(LiveConsole):
     # -- documents ------------------------------------------------------------------------------------
 
     def welcome(self) -> list[dict[str, Any]]:
-        """Return no documents: a new client needs only the state."""
-        return []
+        """Return the documents of the planned motion, if there is one."""
+        return self._plans.all()
 
     def state(self) -> dict[str, Any]:
         """Return the document `state`: controlled arms, arms at a limit, and the reason if nothing moves."""

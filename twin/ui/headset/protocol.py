@@ -351,6 +351,14 @@ class Button(_Message):
     button: Literal["start", "stop"]
 
 
+class Plan(_Message):
+    """Make a step of planning mode for the arm of a hand: lead a target, find a motion to it, accept, or cancel it."""
+
+    type: Literal["plan"]
+    do: Literal["aim", "find", "accept", "cancel"]
+    hand: Literal["right", "left"]
+
+
 class Tool(_Message):
     """Choose the tool of the instrument that a hand controls."""
 
@@ -385,6 +393,7 @@ Message = (
     | Fulcrum
     | Training
     | Button
+    | Plan
     | Tool
     | Record
     | Ping

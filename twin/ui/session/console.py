@@ -10,8 +10,9 @@ import logging
 import math
 import time
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -48,6 +49,7 @@ from twin.simulation.world import World
 from twin.ui.session import walls
 from twin.ui.session.force_peaks import ForcePeaks
 from twin.ui.session.live_machines import LiveMachines
+from twin.ui.session.plan_mode import PlanMode
 from twin.ui.session.recorder import Recorder
 from twin.ui.session.world_feed import WorldFeed
 
@@ -62,6 +64,8 @@ _STUCK = 30.0
 
 _NICE = 10
 """Increase of the nice value of the process that makes a report: a lower priority keeps the World in real time."""
+
+PlanStep = Literal["aim", "find", "accept", "cancel"]
 
 MakeReport = Callable[[str, str], bytes]
 """Function at the top level of a module: (session file, scene file) -> page of the report, HTML."""
@@ -85,6 +89,7 @@ class LiveConsole:
         referee: judge of a task with rings, of the camera task or of a procedure; None for other tasks.
         feed: deformables of the World; None: it has none.
         machines: connections to machines; None: there are none.
+        planning: planning mode of the arms.
         shown: mechanism and equations of all robots that are shown: those of `members`, and the models of machines.
         attempt: number of times that the World has been started, from 1.
         condition: condition of the session, for its file.
@@ -134,6 +139,7 @@ class LiveConsole:
         self.device = device or GivenHands(console_scene.PEDALS, HANDS, self.table.scale, settings=settings)
         self.machines = None if machines is None else LiveMachines(scene, machines, self.device)
         self.members = {n: Member(r.mechanism, r.kinematics(), LinkPoses(r.loops)) for n, r in robots.items()}
+        self.planning = PlanMode(scene, self.members, lambda: self.world, str(scene.file))
         self.task, self._props, self._make_report = task, props, report
         on = scene.haptics is None or scene.haptics.on
         self.condition = condition or Condition(haptics=on)
@@ -178,10 +184,11 @@ class LiveConsole:
             referee = CameraReferee(self._camera, SAMPLE)
         elif self.task is not None and self.task.procedure is not None:
             referee = self._guide(self.task.procedure)
-        peaks, device, outbox, parts = ForcePeaks(HANDS), self.device, [], None
+        peaks, states, outbox, parts = ForcePeaks(HANDS), [], [], None
         if self.machines is not None:
             states, packets = self.machines.connect()
-            device, outbox, parts = Together([self.device, *states]), [packets], self.machines.parts
+            outbox, parts = [packets], self.machines.parts
+        device = Together([self.device, self.planning.plans, *states])
         world = console_scene.world(
             self.scene,
             self.members,
@@ -223,6 +230,7 @@ class LiveConsole:
         self._require_task()
         self.require_free(client)
         old, ticks = self.recorder, self.world.tick
+        self.planning.cancel()
         for robot in {} if self.task is None or self.task.procedure is None else self.task.procedure.start:
             self.device.set(f"{robot}.tool", self._first[f"{robot}.tool"])
         self._begin()
@@ -252,6 +260,7 @@ class LiveConsole:
     def _finish(self, why: str) -> None:
         """Stop the World, complete the session file, and begin to make the report."""
         self._over, self.owner = why, None
+        self.planning.cancel()
         self.device.leave()
         if self.recorder is None:
             return
@@ -279,6 +288,7 @@ class LiveConsole:
 
     def close(self) -> None:
         """Complete the session file, and remove temporary files."""
+        self.planning.close()
         if self.recorder is not None:
             self.recorder.close(self.world.tick)
         if self._report is not None:
@@ -298,6 +308,7 @@ class LiveConsole:
         if not self._stopped and not self._over and passed > 0:
             self._step(passed)
             self._judge()
+            self.planning.poll(self.arm(self.planning.hand) if self.planning.hand else "")
         return self._tell(self._read())
 
     def _judge(self) -> None:
@@ -360,8 +371,9 @@ class LiveConsole:
         if self._over:
             raise HeldError(f"{self._over} Restart the task to move the instruments.")
         self.own(client)
-        self.device.give(right)
-        self.device.give(left)
+        rests = self.planning.holds_camera
+        for state in (right, left):
+            self.device.give(replace(state, camera=False) if rests else state)
 
     def own(self, client: str) -> None:
         """Make a client the owner of the hands.
@@ -452,6 +464,25 @@ class LiveConsole:
             )
         return self.machines
 
+    def plan(self, client: str, do: PlanStep, hand: str) -> None:
+        """Make a step of planning mode for the arm of a hand ("right" or "left"); every client may cancel.
+
+        "aim": the hand leads the target. "find": plan a motion to it. "accept": the arm makes this motion. "cancel":
+        end planning mode, or stop the arm where it is.
+
+        Raises:
+            HeldError: another client controls the hands, or the task has ended.
+            TwinError: this step is not possible now.
+        """
+        if do == "cancel":
+            return self.planning.cancel()
+        if self._over:
+            raise HeldError(f"{self._over} Restart the task to plan a motion.")
+        self.require_free(client)
+        if do == "aim":
+            return self.planning.aim(hand, self.arm(hand))
+        return self.planning.find() if do == "find" else self.planning.accept()
+
     def release(self, client: str) -> None:
         """End the control by this client's hands, if this client has control."""
         if self.owner == client:
@@ -508,8 +539,8 @@ class LiveConsole:
         hands = {}
         for hand in HANDS:
             arm = self.arm(hand)
-            follows = bool(signals[f"{arm}.follows"][0])
-            wall = self._wall(arm) if follows else None
+            follows = bool(signals[f"{arm}.follows"][0] or signals[f"{arm}.target"][0])
+            wall = self._wall(arm) if signals[f"{arm}.follows"][0] else None
             jumps = int(sum(signals[f"{a}.jumps"][0] for a in getattr(self.table, hand)))
             hands[hand] = {"robot": arm, "follows": follows, "wall": wall, "jumps": jumps}
             if self.scene.tools:
@@ -529,6 +560,7 @@ class LiveConsole:
             "stopped": self._stopped or None,
             "task": self._task(),
             "machines": None if self.machines is None else self.machines.state(self.world),
+            "plan": self.planning.state(),
         }
 
     def deviations(self) -> dict[str, dict[str, Any]]:

@@ -1,12 +1,13 @@
 using System;
 using System.Collections.Generic;
 using System.IO;
+using System.Text.RegularExpressions;
 using UnityEditor;
 using UnityEngine;
 
 namespace Twin.Player.Editor
 {
-    /// <summary>Imports the model and the tracks of a folder written by `twin export` into the project.</summary>
+    /// <summary>Imports models, tracks and deformables of a folder written by `twin export` into the project.</summary>
     public static class BundleImport
     {
         /// <summary>Menu command: ask for the folder, copy its files, and let Unity import them.</summary>
@@ -41,11 +42,67 @@ namespace Twin.Player.Editor
             }
         }
 
-        /// <summary>Copy &lt;robot&gt;.glb and tracks/*.json to &lt;assets&gt;/Twin/&lt;robot&gt; and return the new files,
-        /// the model first.</summary>
+        /// <summary>Copy the files of a bundle and return the new files, the model first.</summary>
+        /// <remarks>A bundle of a robot: &lt;robot&gt;.glb and tracks/*.json to &lt;assets&gt;/Twin/&lt;robot&gt;. A bundle
+        /// of a scene: organs.glb as organs.bytes, which Deformable Player reads, to &lt;assets&gt;/Twin/&lt;scene&gt;,
+        /// and the bundle of each robot to a folder in it.</remarks>
         /// <exception cref="FormatException">The folder is not a bundle, or a track is invalid or for another robot; in
         /// these cases, no file is copied.</exception>
         public static List<string> Copy(string bundle, string assets)
+        {
+            string target = Path.Combine(assets, "Twin");
+            var copies = new List<KeyValuePair<string, string>>();
+            if (File.Exists(Path.Combine(bundle, "scene.json")))
+            {
+                FindScene(bundle, target, copies);
+            }
+            else
+            {
+                FindRobot(bundle, target, "", copies);
+            }
+
+            var copied = new List<string>();
+            foreach (KeyValuePair<string, string> copy in copies)
+            {
+                Directory.CreateDirectory(Path.GetDirectoryName(copy.Value));
+                File.Copy(copy.Key, copy.Value, true);
+                copied.Add(copy.Value);
+            }
+
+            return copied;
+        }
+
+        private static void FindScene(string bundle, string assets, List<KeyValuePair<string, string>> copies)
+        {
+            string target = Path.Combine(assets, SceneName(Path.Combine(bundle, "scene.json")));
+            string organs = Path.Combine(bundle, "organs.glb");
+            if (File.Exists(organs))
+            {
+                try
+                {
+                    DeformableMotion.Parse(File.ReadAllBytes(organs));
+                }
+                catch (FormatException error)
+                {
+                    throw new FormatException("organs.glb: " + error.Message, error);
+                }
+
+                copies.Add(new KeyValuePair<string, string>(organs, Path.Combine(target, "organs.bytes")));
+            }
+
+            string[] folders = Directory.GetDirectories(bundle);
+            Array.Sort(folders, StringComparer.Ordinal);
+            foreach (string folder in folders)
+            {
+                if (File.Exists(Path.Combine(folder, "proof.json")))
+                {
+                    FindRobot(folder, target, Path.GetFileName(folder), copies);
+                }
+            }
+        }
+
+        private static void FindRobot(
+            string bundle, string target, string place, List<KeyValuePair<string, string>> copies)
         {
             string[] models = Directory.Exists(bundle) ? Directory.GetFiles(bundle, "*.glb") : new string[0];
             if (models.Length != 1)
@@ -55,10 +112,11 @@ namespace Twin.Player.Editor
             }
 
             string robot = Path.GetFileNameWithoutExtension(models[0]);
+            string folder = Path.Combine(target, place == "" ? robot : place);
             string tracks = Path.Combine(bundle, "tracks");
             string[] found = Directory.Exists(tracks) ? Directory.GetFiles(tracks, "*.json") : new string[0];
             Array.Sort(found, StringComparer.Ordinal);
-            var from = new List<string> { models[0] };
+            copies.Add(new KeyValuePair<string, string>(models[0], Path.Combine(folder, Path.GetFileName(models[0]))));
             foreach (string file in found)
             {
                 if (file.EndsWith(".schema.json", StringComparison.Ordinal))
@@ -67,20 +125,34 @@ namespace Twin.Player.Editor
                 }
 
                 Check(file, robot);
-                from.Add(file);
+                copies.Add(new KeyValuePair<string, string>(file, Path.Combine(folder, Path.GetFileName(file))));
             }
+        }
 
-            string target = Path.Combine(Path.Combine(assets, "Twin"), robot);
-            Directory.CreateDirectory(target);
-            var copied = new List<string>();
-            foreach (string file in from)
+        private static string SceneName(string file)
+        {
+            string name;
+            try
             {
-                string copy = Path.Combine(target, Path.GetFileName(file));
-                File.Copy(file, copy, true);
-                copied.Add(copy);
+                name = JsonUtility.FromJson<SceneFile>(File.ReadAllText(file)).scene;
+            }
+            catch (ArgumentException error)
+            {
+                throw new FormatException("scene.json: " + error.Message, error);
             }
 
-            return copied;
+            if (!Regex.IsMatch(name, "^[A-Za-z0-9_]+$"))
+            {
+                throw new FormatException("scene.json: scene '" + name + "' is not a name of letters, digits and _");
+            }
+
+            return name;
+        }
+
+        [Serializable]
+        private sealed class SceneFile
+        {
+            public string scene = "";
         }
 
         private static void Check(string file, string robot)

@@ -16,16 +16,14 @@ namespace Twin.Player
 
         public float opacity = 1f;
 
-        /// <summary>Return the indices with the order of corners reversed, because Unity's coordinates are mirrored.
-        /// </summary>
-        public int[] Mirrored()
+        /// <summary>Return the indices.</summary>
+        public int[] Corners()
         {
             byte[] data = Convert.FromBase64String(triangles);
             var corners = new int[data.Length / 4];
             for (int i = 0; i < corners.Length; i++)
             {
-                int from = 4 * (i - i % 3 + 2 - i % 3);
-                corners[i] = data[from] | data[from + 1] << 8 | data[from + 2] << 16 | data[from + 3] << 24;
+                corners[i] = data[4 * i] | data[4 * i + 1] << 8 | data[4 * i + 2] << 16 | data[4 * i + 3] << 24;
             }
 
             return corners;

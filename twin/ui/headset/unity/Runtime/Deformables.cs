@@ -1,4 +1,3 @@
-using System;
 using UnityEngine;
 
 namespace Twin.Player
@@ -23,8 +22,7 @@ namespace Twin.Player
         private RobotDescription described;
         private StreamFrame shown;
         private uint sequence;
-        private Mesh[] meshes = new Mesh[0];
-        private Vector3[][] vertices = new Vector3[0][];
+        private DeformableMesh[] meshes = new DeformableMesh[0];
         private string reported = "";
 
         /// <summary>Number of deformables of the scene.</summary>
@@ -36,7 +34,7 @@ namespace Twin.Player
         /// <summary>Return the mesh of a deformable by its index in scene.json.</summary>
         public Mesh MeshOf(int index)
         {
-            return meshes[index];
+            return meshes[index].Mesh;
         }
 
         /// <summary>Show the vertices of the stream's newest frame; Update calls this method in each frame.</summary>
@@ -64,92 +62,28 @@ namespace Twin.Player
             sequence = frame.Sequence;
             for (int i = 0; i < meshes.Length && i < frame.Fields.Length; i++)
             {
-                Show(i, frame.Fields[i]);
+                if (frame.Fields[i].Length > 0) // else it is unknown at this time
+                {
+                    Report(meshes[i].Show(frame.Fields[i], convention));
+                }
             }
         }
 
         private void Build(DeformableDescription[] found)
         {
-            for (int i = transform.childCount - 1; i >= 0; i--)
-            {
-                Destroy(transform.GetChild(i).gameObject);
-            }
-
-            meshes = new Mesh[found.Length];
-            vertices = new Vector3[found.Length][];
+            DeformableMesh.Clear(transform);
+            meshes = new DeformableMesh[found.Length];
             for (int i = 0; i < found.Length; i++)
             {
-                var body = new GameObject(found[i].name);
-                body.transform.SetParent(transform, false);
-                meshes[i] = new Mesh { name = found[i].name };
-                meshes[i].MarkDynamic();
-                vertices[i] = new Vector3[0];
-                body.AddComponent<MeshFilter>().sharedMesh = meshes[i];
-                if (material != null)
-                {
-                    float[] c = found[i].color;
-                    body.AddComponent<MeshRenderer>().material =
-                        new Material(material) { color = new Color(c[0], c[1], c[2], found[i].opacity) };
-                }
+                float[] c = found[i].color;
+                var color = new Color(c[0], c[1], c[2], found[i].opacity);
+                meshes[i] = new DeformableMesh(transform, found[i].name, found[i].Corners(), color, material);
             }
-        }
-
-        private void Show(int index, float[] points)
-        {
-            if (points.Length == 0)
-            {
-                return; // unknown at this time
-            }
-
-            bool first = vertices[index].Length != points.Length / 3;
-            if (first)
-            {
-                vertices[index] = new Vector3[points.Length / 3];
-            }
-
-            Vector3[] to = vertices[index];
-            for (int i = 0; i < to.Length; i++)
-            {
-                to[i] = Frames.ToUnity(new Vector3(points[3 * i], points[3 * i + 1], points[3 * i + 2]), convention);
-            }
-
-            Mesh mesh = meshes[index];
-            if (first)
-            {
-                int[] triangles = described.deformables[index].Mirrored();
-                if (triangles.Length == 0 || LargestOf(triangles) >= to.Length)
-                {
-                    Report("'" + mesh.name + "' has " + to.Length + " vertices; its triangles need others");
-                    return;
-                }
-
-                mesh.Clear();
-                mesh.vertices = to;
-                mesh.triangles = triangles;
-            }
-            else
-            {
-                mesh.vertices = to;
-            }
-
-            mesh.RecalculateNormals();
-            mesh.RecalculateBounds();
-        }
-
-        private static int LargestOf(int[] values)
-        {
-            int largest = values[0];
-            foreach (int value in values)
-            {
-                largest = Math.Max(largest, value);
-            }
-
-            return largest;
         }
 
         private void Report(string fault)
         {
-            if (reported != fault) // report an error once, not in each frame
+            if (fault != "" && reported != fault) // report an error once, not in each frame
             {
                 reported = fault;
                 Debug.LogError("Deformables: " + fault, this);

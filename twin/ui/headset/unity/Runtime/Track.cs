@@ -109,37 +109,7 @@ namespace Twin.Player
         /// <param name="share">Elapsed fraction of the interval, 0..1; 0 at the key `first`.</param>
         public void Locate(double time, out int first, out double share)
         {
-            if (!(time > times[0]) || frames == 1)
-            {
-                first = 0;
-                share = 0.0;
-                return;
-            }
-
-            if (time >= times[frames - 1])
-            {
-                first = frames - 2;
-                share = 1.0;
-                return;
-            }
-
-            int low = 0;
-            int high = frames - 1;
-            while (high - low > 1)
-            {
-                int middle = (low + high) / 2;
-                if (times[middle] <= time)
-                {
-                    low = middle;
-                }
-                else
-                {
-                    high = middle;
-                }
-            }
-
-            first = low;
-            share = (time - times[low]) / (times[low + 1] - times[low]);
+            Keys.Locate(times, time, out first, out share);
         }
 
         /// <summary>Return the pose of a link at a key, in the robot's world.</summary>

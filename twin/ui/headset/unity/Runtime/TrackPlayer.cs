@@ -44,14 +44,21 @@ namespace Twin.Player
         private int key;
         private double share;
         private int phase = -2;
+        private Playhead head = new Playhead(0.0, 0.0);
 
         /// <summary>The loaded track, or null.</summary>
         public Track Track { get; private set; }
 
         /// <summary>Time in s since the start of the motion.</summary>
-        public double Time { get; private set; }
+        public double Time
+        {
+            get { return head.Time; }
+        }
 
-        public bool IsPlaying { get; private set; }
+        public bool IsPlaying
+        {
+            get { return head.IsPlaying; }
+        }
 
         /// <summary>The links of the model, or null before a track is loaded.</summary>
         public LinkBinding Binding
@@ -88,8 +95,8 @@ namespace Twin.Player
             Track = track;
             source = Pose;
             phase = -2;
-            IsPlaying = false;
-            Seek(0.0);
+            head = new Playhead(track.times[0], track.Duration);
+            Show();
         }
 
         /// <summary>Start or resume playing; if the motion has ended, restart it.</summary>
@@ -100,29 +107,23 @@ namespace Twin.Player
                 throw new InvalidOperationException("TrackPlayer: no track is loaded");
             }
 
-            if (!loop && speed >= 0f && Time >= Duration)
-            {
-                Seek(0.0);
-            }
-
-            IsPlaying = true;
+            head.Play(speed, loop);
+            Show();
         }
 
         public void Pause()
         {
-            IsPlaying = false;
+            head.Pause();
         }
 
         /// <summary>Show the motion at a time (s), which is clamped to the duration.</summary>
         public void Seek(double time)
         {
-            if (Track == null || double.IsNaN(time))
+            if (Track != null)
             {
-                return;
+                head.Seek(time);
+                Show();
             }
-
-            Time = Math.Max(Track.times[0], Math.Min(Duration, time));
-            Show();
         }
 
         /// <summary>Advance the time by some s while playing; Update calls this method in each frame.</summary>
@@ -133,21 +134,10 @@ namespace Twin.Player
                 return;
             }
 
-            double start = Track.times[0];
-            double length = Duration - start;
-            double to = Time + passed * speed;
-            bool over = to > Duration || to < start;
-            if (over && loop && length > 0.0)
+            bool ended = head.Tick(passed, speed, loop);
+            Show();
+            if (ended)
             {
-                double along = (to - start) % length;
-                Seek(start + (along < 0.0 ? along + length : along));
-                return;
-            }
-
-            Seek(to);
-            if (over)
-            {
-                IsPlaying = false;
                 onEnd.Invoke();
             }
         }
@@ -163,7 +153,10 @@ namespace Twin.Player
             if (Track == null && trackFile != null)
             {
                 Load(trackFile.text);
-                IsPlaying = playOnStart;
+                if (playOnStart)
+                {
+                    Play();
+                }
             }
         }
 

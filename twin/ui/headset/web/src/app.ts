@@ -29,6 +29,7 @@ import { Surroundings } from './surroundings';
 import { type Look, World } from './world';
 import { Xr } from './xr';
 
+const PLANNED = new Set<Message['type']>(['target', 'plan', 'clearance']);
 const STILL = 1500; // ms without motion after which pictures have full quality on slow graphics too
 const PROMPT = 50; // ms after a motion within which a picture is drawn before the next display cycle
 
@@ -325,6 +326,10 @@ export class App {
 
   private hear(message: Message): void {
     const had = this.model.state.recording;
+    if (!this.model.scene && PLANNED.has(message.type)) {
+      this.early.push(message);
+      return;
+    }
     if (message.type === 'path' || message.type === 'cloud') {
       if (message.robot !== undefined && !this.model.scene) {
         this.early.push(message);
@@ -342,6 +347,7 @@ export class App {
     if (message.type === 'forces') this.console?.forces.hear(message);
     if (message.type === 'error' && message.code === 'released') this.grab.drop(message.message);
     this.model.hear(message);
+    this.console?.plan.hear(message);
     if (message.type === 'state') {
       for (const { model, overlays } of this.members)
         if (!model.state.workspace && overlays.cloudCount) overlays.clearCloud();

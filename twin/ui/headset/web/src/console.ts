@@ -10,6 +10,7 @@ import { Keys } from './keys';
 import type { Status } from './model';
 import { Pad } from './pad';
 import { type Pedal, Pens, SIDES } from './pens';
+import { Planning } from './plan';
 import { type CameraInfo, type ConsoleInfo, type SceneInfo, type Side, UDP } from './protocol';
 import { Screen } from './screen';
 import { Tools } from './tools';
@@ -29,6 +30,7 @@ export class Console {
   readonly screen: Screen;
   readonly hands: ConsoleHands;
   readonly forces: Forces;
+  readonly plan: Planning;
   /** The window of tools; null for a scene without tools. */
   readonly tools: Tools | null;
   /** Hand that the mouse moves or last moved. */
@@ -52,6 +54,7 @@ export class Console {
     this.views = new Views(app, camera, page, info.tools.length > 0);
     this.tools = info.tools.length ? new Tools(page, app, this) : null;
     this.forces = new Forces(app, this);
+    this.plan = new Planning(page, app, this);
     this.keys = new Keys(this);
     this.pad = new Pad(this);
     this.screen = new Screen(app, this.views);
@@ -85,8 +88,10 @@ export class Console {
     this.move(this.chosen, 0, 0, (REACH / FIRST_SCALE) * (1 - 1 / factor));
   }
 
-  /** Return the hand whose instrument appears nearest to a point of the page. */
+  /** Return the hand whose instrument appears nearest to a point of the page; in planning mode, the hand of the target. */
   nearest(x: number, y: number): Side {
+    const planned = this.plan.state?.hand;
+    if (planned) return planned;
     const away = (side: Side) => {
       const tip = this.tip(side);
       if (!tip) return Infinity;
@@ -171,6 +176,7 @@ export class Console {
     this.pad.update(now);
     this.pens.say(now);
     this.forces.update();
+    this.plan.update(now);
   }
 
   /** Return the tip of a hand's instrument in the scene; null before it is loaded. */
@@ -224,6 +230,8 @@ export class Console {
     if (!state) return null;
     if (state.stopped) return { tone: 'bad', text: `The simulation has stopped: ${state.stopped}` };
     if (state.task?.over) return { tone: 'good', text: `${state.task.over} Press Restart to begin again.` };
+    const planned = this.plan.status();
+    if (planned) return planned;
     const packets = state.owner === UDP;
     const other = !packets && state.owner !== null && state.owner !== this.app.model.client && !state.silent;
     if (other) return { tone: 'warn', text: `Client ${state.owner} controls the hands: you can only watch.` };

@@ -24,6 +24,7 @@ export const TRACKED: readonly (readonly [what: string, how: string])[] = [
   ['Jaws', 'trigger, or thumb and index finger'],
   ['Clutch', 'grip button, or one fist'],
   ['Camera', 'A, X or the stick pushed in, or two fists'],
+  ['Plan a motion', 'hold B or Y and lead the target, release; then the panel'],
   ['Panel', 'a hand that points at it moves no instrument'],
 ];
 
@@ -81,6 +82,7 @@ export class ConsoleHands {
     const fists = hands.filter((hand) => hand?.fist).length;
     const { pens } = this.console;
     pens.press('clutch', 'headset', fists === 1 || hands.some((hand) => hand?.clutch));
+    this.console.plan.press('headset', hands.some((hand) => hand?.plan));
     pens.press('camera', 'headset', fists === 2 || hands.some((hand) => hand?.camera));
   }
 

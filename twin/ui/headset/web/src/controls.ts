@@ -28,6 +28,8 @@ export interface Button {
 export interface Row {
   kind: 'row';
   items: Button[];
+  /** Whether the row is visible; always without it. */
+  shown?: () => boolean;
 }
 
 export interface Choice {

@@ -26,6 +26,8 @@ const WAYS: Readonly<Record<string, Way>> = {
 
 const PEDALS: Readonly<Record<string, Pedal>> = { Space: 'clutch', KeyC: 'camera' };
 
+const PLAN = 'KeyP';
+
 const JAWS: Readonly<Record<string, Side>> = { KeyF: 'left', KeyH: 'right' };
 
 /** Help text next to the picture. */
@@ -38,6 +40,7 @@ export const KEYS: readonly (readonly [what: string, keys: string])[] = [
   ['Clutch (instruments at rest)', 'hold Space'],
   ['Motion scale', '– and +'],
   ['Forces on or off', 'T'],
+  ['Plan a motion', 'hold P and lead the target, release; Enter, Escape'],
   ['Swap the pictures', 'V'],
   ['Lead the other end of instruments in ports', 'G'],
 ];
@@ -75,6 +78,9 @@ export class Keys {
     if (PEDALS[e.code]) console.pens.press(PEDALS[e.code] as Pedal, 'keys', true);
     else if (e.key === '+' || e.key === '=') console.setScale(console.scale + 0.05);
     else if (e.key === '-') console.setScale(console.scale - 0.05);
+    else if (e.code === PLAN) console.plan.press('keys', true);
+    else if (e.code === 'Enter' && console.plan.phase === 'preview' && !onButton(e)) console.plan.accept();
+    else if (e.code === 'Escape' && console.plan.phase !== 'off') console.plan.cancel();
     else if (e.code === 'KeyT' && !e.repeat) console.toggleHaptics();
     else if (e.code === 'KeyG' && !e.repeat) console.toggleFulcrum();
     else if (e.code === 'KeyV' && !e.repeat) console.views.swap();
@@ -87,6 +93,10 @@ export class Keys {
   private lift(e: KeyboardEvent): void {
     this.shift = e.shiftKey;
     this.down.delete(e.code);
+    if (e.code === PLAN) this.console.plan.press('keys', false);
     if (PEDALS[e.code]) this.console.pens.press(PEDALS[e.code] as Pedal, 'keys', false);
   }
 }
+
+/** Whether a key is for a button of the page. */
+const onButton = (e: KeyboardEvent): boolean => e.target instanceof HTMLButtonElement;

@@ -332,7 +332,8 @@ export function stretch(mesh: Object3D, a: Vector3, b: Vector3, radius: number):
   mesh.scale.set(radius, long, radius);
 }
 
-function tube(points: Numbers, radius: number): InstancedMesh {
+/** Return a path through points as a chain of cylinders. */
+export function tube(points: Numbers, radius: number): InstancedMesh {
   const n = points.length / 3 - 1;
   const mesh = new InstancedMesh(new CylinderGeometry(1, 1, 1, 6, 1, true), flat(accent), n);
   const piece = new Object3D();

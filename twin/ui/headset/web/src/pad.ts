@@ -17,6 +17,9 @@ const PRESSED = { left: 10, right: 11 } as const;
 const DEEPER = { left: 12, right: 3 } as const;
 const NEARER = { left: 13, right: 0 } as const;
 const TOOL = { left: 14, right: 2 } as const;
+const PLAN = 1;
+const CANCEL = 8;
+const ACCEPT = 9;
 const CLUTCH = 4;
 const CAMERA = 5;
 
@@ -28,6 +31,7 @@ export const PAD: readonly (readonly [what: string, how: string])[] = [
   ['Jaws, energy', 'triggers: pull to open, or to switch on'],
   ['Next tool', 'left: direction pad left; right: X'],
   ['Clutch, camera', 'left, right bumper'],
+  ['Plan a motion', 'hold B and lead the target, release; Menu accepts, View cancels'],
 ];
 
 export class Pad {
@@ -54,6 +58,9 @@ export class Pad {
     const { console } = this;
     console.pens.press('clutch', 'pad', held(CLUTCH));
     console.pens.press('camera', 'pad', held(CAMERA));
+    console.plan.press('pad', held(PLAN));
+    if (held(CANCEL)) console.plan.cancel();
+    if (held(ACCEPT)) console.plan.accept();
     for (const side of SIDES) {
       const [x, y] = [live(pad.axes[STICK[side]]), -live(pad.axes[STICK[side] + 1])];
       const way = Number(held(NEARER[side])) - Number(held(DEEPER[side]));

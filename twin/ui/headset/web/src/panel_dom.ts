@@ -103,6 +103,12 @@ export class DomPanel implements Drawer {
       case 'row': {
         const node = make('div', 'row');
         node.append(...c.items.map((b) => this.button(b)));
+        const { shown } = c;
+        if (shown)
+          this.on(
+            () => String(shown()),
+            () => (node.hidden = !shown()),
+          );
         return node;
       }
       case 'choice':

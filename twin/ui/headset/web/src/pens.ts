@@ -184,7 +184,8 @@ export class Pens {
     }
     if (now - this.used > IDLE || state?.task?.over) return this.drop();
     if (this.lost.size) return;
-    if (state && !state.silent && state.mode === 'instruments' && state.owner === this.client())
+    const rests = state?.plan && state.plan.phase !== 'off' && state.plan.phase !== 'aim';
+    if (state && !rests && !state.silent && state.mode === 'instruments' && state.owner === this.client())
       for (const side of SIDES) {
         const pen = this[side];
         // Wait until the server's state is newer than the last messages; the tool may follow already.

@@ -170,6 +170,22 @@ export interface HandState {
   active?: boolean;
 }
 
+/** Planning mode of an arm. */
+export interface PlanState {
+  phase: 'off' | 'aim' | 'plan' | 'preview' | 'run';
+  hand: Side | '';
+  robot: string;
+  said: string;
+  /** Whether `said` is an error. */
+  bad: boolean;
+  /** Why the target is not free. */
+  blocked: string;
+  /** Whether the geometry is loaded. */
+  ready: boolean;
+  /** Part of the search, or of the motion, that is done. */
+  done: number;
+}
+
 export interface ConsoleState {
   /** Identifier of the controlling client, or `UDP`. */
   owner: string | null;
@@ -194,6 +210,8 @@ export interface ConsoleState {
   mqtt: MqttState | null;
   /** Scoreboard of a task that is judged; null for other tasks. */
   task: TaskState | null;
+  /** Planning mode; null if there is nothing to show. */
+  plan: PlanState | null;
 }
 
 export interface TaskState {
@@ -274,6 +292,9 @@ export type Message =
   | ({ type: 'state'; robots?: ({ name: string } & Partial<State>)[]; console?: ConsoleState; machines?: MachinesState } & Partial<State>)
   | { type: 'forces'; right: Numbers; left: Numbers }
   | { type: 'deviations'; time: number; robots: Record<string, { tip: number; joints: number[]; cue: number }> }
+  | { type: 'target'; robot: string; poses: string }
+  | { type: 'plan'; robot: string; poses: string; tip: string; tree: string; every: number; duration: number }
+  | { type: 'clearance'; robot: string; t: number[]; distance: number[]; proven: number | null; found: number | null; bodies: string[] }
   | { type: 'path'; robot?: string; protocol: string | null; points: Numbers }
   | { type: 'cloud'; robot?: string; first?: boolean; points: string; values?: string; done: boolean }
   | { type: 'error'; id?: number; code: string; message: string }

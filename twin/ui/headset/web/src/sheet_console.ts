@@ -47,6 +47,15 @@ export function pedals(console: Console): Control {
     items: [
       pedal('clutch', 'Clutch', 'While it is on, the hands move freely and the instruments are at rest'),
       pedal('camera', 'Camera', 'While it is on, the hands move the camera'),
+      {
+        kind: 'button',
+        id: 'plan',
+        label: () => 'Plan',
+        on: () => console.plan.phase !== 'off',
+        off: () => console.plan.phase !== 'off',
+        press: () => console.plan.next(),
+        hint: 'Lead a target through everything, and plan a motion of the arm to it (hold P)',
+      },
       jaw('left'),
       jaw('right'),
     ],

@@ -9,6 +9,8 @@ export interface Tracked {
   open: number;
   clutch: boolean;
   camera: boolean;
+  /** Whether the pedal of planning mode is pressed. */
+  plan: boolean;
   /** Whether a bare hand is a fist; false for a controller. */
   fist: boolean;
 }
@@ -18,6 +20,7 @@ const TRIGGER = 0;
 const SQUEEZE = 1;
 const STICK = 3;
 const BUTTON = 4; // A or X
+const UPPER = 5; // B or Y
 
 /** Distance in m between the tips of thumb and index finger for a closed and an open gripper. */
 const SHUT = 0.015;
@@ -42,6 +45,7 @@ function controller(frame: XRFrame, space: XRReferenceSpace, source: XRInputSour
     open: 1 - (buttons[TRIGGER]?.value ?? 0),
     clutch: pressed(SQUEEZE),
     camera: pressed(STICK) || pressed(BUTTON),
+    plan: pressed(UPPER),
     fist: false,
   };
 }
@@ -69,7 +73,7 @@ function bareHand(frame: XRFrame, space: XRReferenceSpace, hand: XRHand): Tracke
     return tip && joint && tip.distanceTo(root) < joint.distanceTo(root);
   });
   const open = Math.min(1, Math.max(0, (thumb.distanceTo(index) - SHUT) / (OPEN - SHUT)));
-  return { p: knuckle, q, open, clutch: false, camera: false, fist };
+  return { p: knuckle, q, open, clutch: false, camera: false, plan: false, fist };
 }
 
 function placed({ position, orientation }: XRRigidTransform): { p: Vector3; q: Quaternion } {

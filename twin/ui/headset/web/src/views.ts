@@ -149,6 +149,11 @@ export class Views {
     return this.box(this.large === 'scope' ? 'room' : 'scope');
   }
 
+  /** Width and height in pixels of the area without controls at the right and the bottom. */
+  get free(): [right: number, bottom: number] {
+    return this.app.world.free();
+  }
+
   /** Return the view at a point of the page. */
   at(x: number, y: number): View {
     const small: View = this.large === 'scope' ? 'room' : 'scope';

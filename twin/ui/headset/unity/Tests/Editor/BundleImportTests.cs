@@ -66,6 +66,29 @@ namespace Twin.Player.Editor.Tests
             Refused("the track is for robot 'sils', not 'pa10'", bundle);
         }
 
+        [Test]
+        public void ASceneIsCopiedWithItsOrgansAndRobots()
+        {
+            string scene = Path.Combine(folder, "scene");
+            Directory.CreateDirectory(scene);
+            Directory.Move(bundle, Path.Combine(scene, "arm"));
+            File.WriteAllText(Path.Combine(scene, "arm/proof.json"), "{}");
+            File.WriteAllText(Path.Combine(scene, "scene.json"), "{\"scene\":\"theatre\"}");
+            Directory.CreateDirectory(Path.Combine(scene, "usd"));
+            List<string> files = BundleImport.Copy(scene, assets);
+            Assert.AreEqual(2, files.Count);
+            Assert.AreEqual(Path.Combine(assets, "Twin/theatre/arm/sils.glb"), files[0].Replace('\\', '/'));
+            File.WriteAllBytes(Path.Combine(scene, "organs.glb"), Twin.Player.Tests.DeformableTests.Example());
+            files = BundleImport.Copy(scene, assets);
+            Assert.AreEqual(Path.Combine(assets, "Twin/theatre/organs.bytes"), files[0].Replace('\\', '/'));
+            File.WriteAllText(Path.Combine(scene, "organs.glb"), "glTF");
+            Directory.Delete(assets, true);
+            Refused("organs.glb: not a .glb file", scene);
+            File.WriteAllText(Path.Combine(scene, "scene.json"), "{\"scene\":\"../x\"}");
+            Refused("scene '../x' is not a name", scene);
+            Assert.IsFalse(Directory.Exists(assets));
+        }
+
         private void Track(string name)
         {
             string golden = Resources.Load<TextAsset>("twin-golden").text;

@@ -1,0 +1,270 @@
+"""States of a mechanism at given driven joint values, for searches: many at once, in the mode of the rest poses.
+
+Belts, gears and cables are linear couplings, so that a matrix gives the passive coordinates. Other loops are closed by
+Newton's method for all states together, from the nearest states that are known. The determinant of the loop equations
+changes its sign at a singularity: a state whose determinant has another sign than in the rest poses is in another
+assembly mode. Paths are followed in small steps, which finds the other changes of the mode too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cached_property
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from scipy.linalg import qr
+from scipy.spatial import cKDTree
+
+from twin.core.spatial import Array
+from twin.reference.model import GAP_TOLERANCE, ReferenceModel
+from twin.reference.newton import minimise
+
+_ITERATIONS = 8
+"""Maximum number of Newton steps from a guess, after which loops count as open; 3 steps are usual."""
+
+_JUMP = 0.5
+"""Largest change (m, rad) of a coordinate between stations; a larger change means another assembly mode."""
+
+_WALK = (1, 8, 64)
+"""Numbers of steps from the nearest known state, in the order of trial; a search tries only the first."""
+
+_COARSE = 8
+"""Number of stations of a path that are closed one after the other, before those between them are closed together."""
+
+_ENOUGH = 1e-14
+"""Sum of squares of loop gaps in m2 that is small enough for a search."""
+
+_FLOOR = 1e-12
+"""Damping of the linear equations of the rates, relative to their mean diagonal; see `newton`."""
+
+_KNOWN = 20_000
+"""Maximum number of states that are kept."""
+
+
+class Closing:
+    """Configurations of a mechanism with closed loops at driven joint values.
+
+    Attributes:
+        linear: (G (nv, n), x0 (nv,)) such that x = G q + x0 closes the mechanism; None if it has other loops.
+    """
+
+    def __init__(self, model: ReferenceModel, weights: Array) -> None:
+        """Define the mechanism; `weights` (n,) in m per unit of each driven joint tell which states are near."""
+        self._model, self._tree, self._weights = model, model.tree, weights
+        self._driven = np.array([self._tree.configuration[j.name] for j in model.mechanism.active], int)
+        self.linear = self._coupled()
+        self._q, self._x = np.zeros((0, len(weights))), np.zeros((0, self._tree.model.nq))
+        self._row: dict[bytes, int] = {}
+
+    def _coupled(self) -> tuple[Array, Array] | None:
+        tree = self._tree
+        active, passive = tree.active, tree.passive
+        if tree.loops.joints or tree.model.nq != tree.model.nv:
+            return None
+        rows, totals = np.zeros((len(tree.loops.couplings), tree.model.nv)), np.zeros(len(tree.loops.couplings))
+        for row, total, coupling in zip(rows, range(len(totals)), tree.loops.couplings, strict=True):
+            row[coupling.columns] = coupling.ratios
+            totals[total] = coupling.total
+        if len(rows) != len(passive) or np.linalg.matrix_rank(rows[:, passive]) < len(passive):
+            return None
+        G, x0 = np.zeros((tree.model.nv, len(active))), np.zeros(tree.model.nv)
+        G[active] = np.eye(len(active))
+        G[passive] = -np.linalg.solve(rows[:, passive], rows[:, active])
+        x0[passive] = np.linalg.solve(rows[:, passive], totals)
+        return G, x0
+
+    def placed(self, q: Array) -> Array:
+        """Return configurations (k, nq) at joint values q (k, n) of a mechanism that is `linear`."""
+        assert self.linear is not None
+        G, x0 = self.linear
+        return q @ G.T + x0
+
+    # -- single states --------------------------------------------------------------------------------
+
+    def states(self, q: Array, *, thorough: bool = True) -> tuple[Array, np.ndarray]:
+        """Return (configurations (k, nq), (k,) bool: whether the loops close) at joint values q (k, n).
+
+        States found are kept. Without `thorough`, the loops may seem open at a few far states where they close.
+        """
+        if self.linear is not None:
+            return self.placed(q), np.ones(len(q), bool)
+        if not len(self._q):
+            home = self._model.home()
+            self.keep(home.q[None], home.x[None])
+        rows = np.array([self._row.get(x.tobytes(), -1) for x in q], int)
+        X = self._x[rows]
+        new = np.flatnonzero(rows < 0)
+        if len(new):
+            near = cKDTree(self._q * self._weights).query(q[new] * self._weights, p=np.inf)[1]
+        for steps in _WALK if thorough else _WALK[:1]:
+            if not len(new):
+                break
+            found, ok = self._walk(near, q[new], steps)
+            self.keep(q[new[ok]], found[ok])
+            X[new[ok]] = found[ok]
+            new, near = new[~ok], near[~ok]
+        good = np.ones(len(q), bool)
+        good[new] = False
+        return X, good
+
+    def keep(self, q: Array, X: Array) -> None:
+        """Keep configurations X (k, nq) at joint values q (k, n) as known states."""
+        if len(self._q) > _KNOWN:
+            return
+        self._row |= {x.tobytes(): len(self._q) + i for i, x in enumerate(q)}
+        self._q, self._x = np.concatenate([self._q, q]), np.concatenate([self._x, X])
+
+    def known(self, q: Array) -> Array | None:
+        """Return the kept configuration (nq,) at joint values q (n,); None if there is none."""
+        row = self._row.get(np.asarray(q, float).tobytes())
+        return None if row is None else self._x[row]
+
+    def _walk(self, known: np.ndarray, q1: Array, steps: int) -> tuple[Array, np.ndarray]:
+        """Return (configurations (k, nq) at q1, (k,) bool: closed in the mode) from rows (k,) of the known states."""
+        rows, of = np.unique(known, return_inverse=True)
+        gain, sign = self.rates(self._x[rows])[of], self._sign(self._x[rows])[of]
+        X, q0, ok = self._x[known], self._q[known], np.ones(len(known), bool)
+        for i in range(1, steps + 1):
+            here = np.flatnonzero(ok)
+            if not len(here):
+                break
+            ahead = (q1 - q0)[here] / steps
+            guess = self._tree.step(X[here], np.einsum("kij,kj->ki", gain[here], ahead))
+            new, closed = self.near(guess, q0[here] + i * ahead)
+            if steps > 1:
+                closed &= self.change(X[here], new) <= _JUMP
+            closed &= self._sign(new) == sign[here]
+            X[here[closed]] = new[closed]
+            ok[here[~closed]] = False
+            if i < steps:
+                gain[here[closed]] = self.rates(new[closed])
+        return X, ok
+
+    # -- many states ----------------------------------------------------------------------------------
+
+    def near(self, X: Array, q: Array, enough: float | None = None) -> tuple[Array, np.ndarray]:
+        """Return (configurations (k, nq) at q (k, n), (k,) bool: whether the loops close), by Newton's method from X.
+
+        `enough` is the sum of squares in m2 of the loop gaps that is accepted; None: rounding.
+        """
+        X = X.copy()
+        X[:, self._driven] = q
+        tree = self._tree
+        more = {} if enough is None else {"enough": enough}
+        new, ok = minimise(tree, X, self._loops, tree.passive, _ITERATIONS, integrate=tree.step, **more)
+        ok &= tree.loops.gaps(new, tree.place(new))[..., 0].max(axis=1, initial=0.0) <= GAP_TOLERANCE
+        return new, ok
+
+    def _loops(self, X: Array, _: np.ndarray) -> tuple[Array, Array]:
+        poses = self._tree.place(X)
+        return self._tree.loops.evaluate(X, poses, self._tree.columns(poses))
+
+    def rates(self, X: Array) -> Array:
+        """Return the rates of the tree (k, nv, n) per rate of each driven joint at closed configurations X (k, nq)."""
+        tree = self._tree
+        out = np.zeros((len(X), tree.model.nv, len(tree.active)))
+        out[:, tree.active] = np.eye(len(tree.active))
+        if not len(X) or not len(tree.passive):
+            return out
+        A = self._loops(X, np.arange(len(X)))[1]
+        P, D = A[:, :, tree.passive], A[:, :, tree.active]
+        Pt = np.swapaxes(P, 1, 2)
+        normal = Pt @ P
+        floor = _FLOOR * np.trace(normal, axis1=1, axis2=2) / len(tree.passive)
+        normal += np.maximum(floor, np.finfo(float).tiny)[:, None, None] * np.eye(len(tree.passive))
+        out[:, tree.passive] = -np.linalg.solve(normal, Pt @ D)
+        return out
+
+    def change(self, X0: Array, X1: Array) -> Array:
+        """Return the largest change (k,) in m or rad of any coordinate between configurations (k, nq)."""
+        off = np.abs(X1 - X0)
+        for place in self._tree.quaternions:
+            a, b = X0[:, place : place + 4], X1[:, place : place + 4]
+            off[:, place : place + 4] = 0.0
+            off[:, place] = 2 * np.arccos(np.clip(np.abs((a * b).sum(axis=1)), 0.0, 1.0))
+        return off.max(axis=1, initial=0.0)
+
+    @cached_property
+    def _independent(self) -> np.ndarray:
+        """Independent rows of the loop equations in the rest poses, as many as passive coordinates; else none."""
+        A = self._loops(self._model.home().x[None], np.zeros(1, int))[1][0][:, self._tree.passive]
+        if not A.size:
+            return np.zeros(0, int)
+        found: Any = qr(A.T, mode="economic", pivoting=True)
+        size, order = np.abs(np.diag(found[1])), found[2]
+        full = len(size) == A.shape[1] and bool(size[-1] > 1e-6 * size[0])
+        return order[: A.shape[1]] if full else np.zeros(0, int)
+
+    def _sign(self, X: Array) -> Array:
+        """Return the sign (k,) of the determinant of the loop equations at X (k, nq); 0 with an internal freedom."""
+        if not len(self._independent):
+            return np.zeros(len(X))
+        A = self._loops(X, np.arange(len(X)))[1]
+        return np.linalg.slogdet(A[:, self._independent][:, :, self._tree.passive])[0]
+
+    # -- paths ----------------------------------------------------------------------------------------
+
+    def between(self, X0: Array, X1: Array, part: Array) -> Array:
+        """Return configurations (k, nq) between X0 and X1 (k, nq), whose loops are nearly closed; part (k,) 0 to 1."""
+        end = X1.copy()
+        for place in self._tree.quaternions:
+            four = slice(place, place + 4)
+            end[(X0[:, four] * X1[:, four]).sum(axis=1) < 0, four] *= -1.0
+        return self._tree.unit((1 - part)[:, None] * X0 + part[:, None] * end)
+
+    def along(self, path: Callable[..., Array], x: Array, s: Array, check: Callable[[], None]) -> Array | None:
+        """Return configurations (k, nq) of a path at stations s (k,) from the configuration x at s[0].
+
+        None if the loops open, or if a coordinate changes by more than it can in one mode between two stations.
+        `check` is called between the steps.
+        """
+        for ahead in (_COARSE, len(s) - 1)[: 1 + (len(s) - 1 > _COARSE)]:
+            if (X := self._along(path(s), x, ahead, check)) is not None:
+                return X
+        return None
+
+    def _along(self, q: Array, x: Array, ahead: int, check: Callable[[], None]) -> Array | None:
+        """Return configurations (k, nq) at q (k, n); about `ahead` of them are closed one after the other."""
+        X = np.tile(x, (len(q), 1))
+        done = np.unique(np.linspace(0, len(q) - 1, min(ahead, len(q) - 1) + 1).astype(int))
+        for i, j in pairwise(done.tolist()):
+            check()
+            guess = self._tree.step(X[[i]], (self.rates(X[[i]]) @ (q[j] - q[i])))
+            X[[j]], ok = self.near(guess, q[[j]])
+            if not ok[0]:
+                return None
+        while len(done) < len(q):
+            check()
+            gap = np.diff(done) > 1
+            left, right = done[:-1][gap], done[1:][gap]
+            middle = (left + right) // 2
+            guess = self.between(X[left], X[right], (middle - left) / (right - left))
+            X[middle], ok = self.near(guess, q[middle])
+            if not ok.all():
+                return None
+            done = np.sort(np.concatenate([done, middle]))
+        same = self._sign(X) == self._sign(x[None])
+        return X if same.all() and (self.change(X[:-1], X[1:]) <= _JUMP).all() else None
+
+    def each(self, a: Array, b: Array, stations: int) -> tuple[Array, np.ndarray]:
+        """Return configurations (m, stations, nq) of straight paths from a to b (m, n), and (m,) bool: whether closed.
+
+        For a search: the loops are nearly closed, and the modes at the ends are those of the known states.
+        """
+        m, part = len(a), np.linspace(0.0, 1.0, stations)
+        X, closed = self.states(np.concatenate([a, b]), thorough=False)
+        ok = closed[:m] & closed[m:]
+        first, last = (np.repeat(x[ok], stations, axis=0) for x in (X[:m], X[m:]))
+        parts = np.tile(part, int(ok.sum()))
+        q = np.repeat(a[ok], stations, axis=0) + parts[:, None] * np.repeat((b - a)[ok], stations, axis=0)
+        found, closed = self.near(self.between(first, last, parts), q, _ENOUGH)
+        jumps = self.change(found[:-1], found[1:]) > _JUMP
+        jumps[stations - 1 :: stations] = False  # from one path to the next
+        good = closed.reshape(-1, stations).all(axis=1)
+        good &= ~np.append(jumps, False).reshape(-1, stations).any(axis=1)
+        out = np.zeros((m, stations, X.shape[1]))
+        out[ok] = found.reshape(-1, stations, X.shape[1])
+        ok[ok] = good
+        return out, ok

@@ -1,0 +1,175 @@
+"""Planned motions of the arms of a console, as an input of the World: whose target the hand leads, and poses to follow.
+
+A plan is made outside of the World. What the World receives, tick by tick, are its states and poses; so a recorded
+session is replayed without planning again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from twin.core.errors import WorldError, unknown
+from twin.core.spatial import Array
+from twin.core.units import MM
+from twin.kinematics import Kinematics
+from twin.simulation.controllers.pedals import FREE
+from twin.simulation.controllers.planned import AIM, HELD, OFF, RUN
+from twin.simulation.controllers.trainer import Phase
+from twin.simulation.devices.machine_states import ANSWERS, LEVEL
+from twin.simulation.machine.levels import Level
+from twin.simulation.world import Block, Signals
+
+_BEHIND = 0.5
+"""Time in s for which a machine may be behind its plan; older poses of the plan are not compared with its tip."""
+
+_DEVIATION = 3 * MM
+"""Largest distance of a tip from its path in m; beyond, the motion is stopped (ASSUMED)."""
+
+_READY, _SETTLE = 1.5, 1.0
+"""Largest time in s until a machine is in PEDAL_DN; time in s in which an arm comes to rest at the end (ASSUMED)."""
+
+_SILENCE = 1.0
+"""Silence of the hands in s that stops a motion, as that of a replay (ASSUMED)."""
+
+_THERE = 0.2 * MM
+"""Distance of a tip from the end of its path in m at which it has arrived."""
+
+
+@dataclass(frozen=True)
+class Led:
+    """An arm that can follow a plan: its equations, and whether it is a machine with run levels."""
+
+    kin: Kinematics
+    machine: bool = False
+
+
+class Plans(Block):
+    """Writes `<robot>.planned` (17,) of all arms: a state of `controllers.planned`, and a pose in base row by row.
+
+    Reads `<robot>.encoder` and, of a machine, its run level `<robot>.run` and that of its model `<robot>.model`. The
+    poses of a machine wait until both are in PEDAL_DN. The clutch and silence of the hands end a motion.
+
+    Attributes:
+        robot: name of the arm that is planned for; "": none.
+        state: its state.
+        why: why the last motion was stopped; "" if it was not.
+        arrived: whether the last motion ended at the end of its path.
+        off: largest distance in m of the tip from the path of the last motion.
+    """
+
+    def __init__(self, device: str, arms: Mapping[str, Led]) -> None:
+        """Prepare for arms by the names of their places; `device` is that of the pedals."""
+        self._arms, self._silent, self._heard = dict(arms), f"{device}.silent", 0.0
+        self.robot, self.state, self.why, self.arrived, self.off = "", OFF, "", False, 0.0
+        self._Ts, self._k, self._since = np.zeros((0, 4, 4)), 0, 0.0
+        self.outputs = {f"{n}.planned": _values(OFF) for n in arms}
+        self._new: dict[str, Array] = {}
+
+    @property
+    def fraction(self) -> float:
+        """Part of the poses that have been written, 0 to 1."""
+        return self._k / len(self._Ts) if len(self._Ts) else 0.0
+
+    def aim(self, robot: str) -> None:
+        """From the next tick on, the hand leads the target of an arm, and all arms are at rest.
+
+        Raises:
+            WorldError: the console has no such arm.
+        """
+        if robot not in self._arms:
+            raise WorldError(unknown("arm", robot, self._arms))
+        self._set(robot, AIM)
+        self.why, self.arrived = "", False
+
+    def hold(self) -> None:
+        """Keep all arms at rest; the target no longer follows the hand."""
+        self._set(self.robot, HELD)
+
+    def run(self, Ts: Array) -> None:
+        """Let the arm of `aim` follow poses (k, 4, 4) of its tool in base, one in each tick; others are at rest.
+
+        Raises:
+            WorldError: there is no arm, there are no poses, or a pose is not finite.
+        """
+        Ts = np.asarray(Ts, float)
+        if not self.robot or not len(Ts) or not np.isfinite(Ts).all():
+            whose = self.robot or "no arm"
+            raise WorldError(f"{whose} cannot follow {len(Ts)} poses: at least one is needed, and all must be finite")
+        self._Ts, self._k, self._since, self.off = Ts, 0, np.nan, 0.0
+        self._set(self.robot, RUN)
+        self._new[f"{self.robot}.planned"] = _values(RUN, Ts[0])
+
+    def stop(self, why: str = "") -> None:
+        """End planning or motion: the arm stays where it is, and the hands lead all arms again."""
+        self.why = why
+        self._set("", OFF)
+
+    def _set(self, robot: str, state: float) -> None:
+        self.robot, self.state = robot, state
+        resting = HELD if state else OFF
+        self._new = {f"{n}.planned": _values(state if n == robot else resting) for n in self._arms}
+
+    def step(self, signals: Signals, t: float, dt: float) -> Mapping[str, Array]:
+        """Write the states and, while an arm moves, the next pose."""
+        if self.state == RUN:
+            self._follow(signals, t, dt)
+        new, self._new = self._new, {}
+        return new
+
+    def _follow(self, signals: Signals, t: float, dt: float) -> None:
+        """Write the next pose, or end the motion."""
+        robot, arm = self.robot, self._arms[self.robot]
+        if np.isnan(self._since):
+            self._since = self._heard = t
+        silent = signals[self._silent][0] > 0.5
+        self._heard = self._heard if silent else t
+        if t - self._heard > _SILENCE or (not silent and signals["console.mode"][0] == FREE):
+            return self.stop("the motion was stopped by the clutch, or because the hands are silent")
+        if arm.machine and not self._is_down(signals, t):
+            return
+        at, k = arm.kin.forward(signals[f"{robot}.encoder"])[:3, 3], min(self._k, len(self._Ts) - 1)
+        path = self._Ts[max(0, k - round(_BEHIND / dt)) : k + 1, :3, 3]
+        off = float(np.sqrt(((path - at) ** 2).sum(axis=1).min()))
+        self.off = max(self.off, off)
+        if off > _DEVIATION:
+            return self.stop(
+                f"the motion was stopped: the tip of {robot} was {off / MM:.1f} mm from its path "
+                f"(limit {_DEVIATION / MM:g} mm); find the cause before the next motion"
+            )
+        if self._k == len(self._Ts):
+            left = float(np.linalg.norm(self._Ts[-1, :3, 3] - at))
+            if left < _THERE or t - self._since > _SETTLE:
+                self.stop()
+                self.arrived = True
+            return None
+        self._new[f"{robot}.planned"] = _values(RUN, self._Ts[self._k])
+        self._k += 1
+        self._since = t
+        return None
+
+    def _is_down(self, signals: Signals, t: float) -> bool:
+        """Return whether what moves is in PEDAL_DN; end the motion if it does not get there.
+
+        The machine and its model move; in a rehearsal of the trainer, the model alone.
+        """
+        name = self.robot
+        run, level = signals[f"{name}.run"], signals[f"{name}.model"][0]
+        if signals[f"{name}.phase"][0] != Phase.REHEARSE:
+            level = min(level, run[LEVEL] if run[ANSWERS] > 0.5 else Level.E_STOP)
+        if level >= Level.PEDAL_DN:
+            return True
+        began = self._k > 0
+        if level < Level.PEDAL_UP or began or t - self._since > _READY:
+            ended, now = "was stopped" if began else "did not begin", Level(int(level)).name
+            self.stop(
+                f"the motion {ended}: {name} is in {now}, not in PEDAL_DN; press its start button, wait for PEDAL_UP, "
+                "and plan again"
+            )
+        return False
+
+
+def _values(state: float, T: Array | None = None) -> Array:
+    return np.concatenate([[state], (np.eye(4) if T is None else T).ravel()])

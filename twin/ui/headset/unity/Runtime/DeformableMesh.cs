@@ -1,0 +1,99 @@
+using System;
+using UnityEngine;
+
+namespace Twin.Player
+{
+    /// <summary>The displayed mesh of a deformable, in a new child of an object.</summary>
+    internal sealed class DeformableMesh
+    {
+        private readonly int[] triangles;
+        private Vector3[] vertices = new Vector3[0];
+
+        /// <summary>Create the mesh, without vertices.</summary>
+        /// <param name="parent">The object that stands where the scene's world does.</param>
+        /// <param name="triangles">Indices of corners, counter-clockwise as seen from outside in the scene's world.</param>
+        /// <param name="material">Material that is copied; null: the mesh is not drawn.</param>
+        public DeformableMesh(Transform parent, string name, int[] triangles, Color color, Material material)
+        {
+            this.triangles = Mirrored(triangles);
+            var body = new GameObject(name);
+            body.transform.SetParent(parent, false);
+            Mesh = new Mesh { name = name };
+            Mesh.MarkDynamic();
+            body.AddComponent<MeshFilter>().sharedMesh = Mesh;
+            if (material != null)
+            {
+                body.AddComponent<MeshRenderer>().material = new Material(material) { color = color };
+            }
+        }
+
+        public Mesh Mesh { get; private set; }
+
+        /// <summary>Remove all meshes below an object.</summary>
+        public static void Clear(Transform parent)
+        {
+            for (int i = parent.childCount - 1; i >= 0; i--)
+            {
+                UnityEngine.Object.Destroy(parent.GetChild(i).gameObject);
+            }
+        }
+
+        /// <summary>Show vertices, x y z each in the scene's world, z up; return a fault, or "".</summary>
+        public string Show(float[] points, Convention convention)
+        {
+            bool first = vertices.Length != points.Length / 3;
+            if (first)
+            {
+                vertices = new Vector3[points.Length / 3];
+            }
+
+            for (int i = 0; i < vertices.Length; i++)
+            {
+                vertices[i] = Frames.ToUnity(new Vector3(points[3 * i], points[3 * i + 1], points[3 * i + 2]), convention);
+            }
+
+            if (first)
+            {
+                if (triangles.Length == 0 || Largest(triangles) >= vertices.Length)
+                {
+                    return "'" + Mesh.name + "' has " + vertices.Length + " vertices; its triangles need others";
+                }
+
+                Mesh.Clear();
+                Mesh.vertices = vertices;
+                Mesh.triangles = triangles;
+            }
+            else
+            {
+                Mesh.vertices = vertices;
+            }
+
+            Mesh.RecalculateNormals();
+            Mesh.RecalculateBounds();
+            return "";
+        }
+
+        // Reverse the corners of each triangle, because Unity's coordinates are mirrored.
+        private static int[] Mirrored(int[] corners)
+        {
+            var reversed = new int[corners.Length];
+            for (int i = 0; i < corners.Length; i++)
+            {
+                reversed[i] = corners[i - i % 3 + 2 - i % 3];
+            }
+
+            return reversed;
+        }
+
+        private static int Largest(int[] values)
+        {
+            int largest = values[0];
+            foreach (int value in values)
+            {
+                largest = Math.Max(largest, value);
+            }
+
+            return largest;
+        }
+    }
+}

@@ -1,0 +1,334 @@
+/**
+ * Planning mode: the ghost of the arm at the target (red where it is not free), the planned motion, and its clearance.
+ * A pedal begins: the hand leads the target; the release of the pedal plans. Then the motion is accepted or cancelled.
+ */
+
+import { BufferGeometry, Float32BufferAttribute, Group, LineBasicMaterial, LineSegments, Mesh, MeshStandardMaterial, Object3D } from 'three';
+import type { App } from './app';
+import type { Console } from './console';
+import type { Button, Control } from './controls';
+import { bytesOf } from './fields';
+import { BLUE, RED } from './ink';
+import type { Member } from './member';
+import type { Status } from './model';
+import { tube } from './overlays';
+import type { Message, PlanState } from './protocol';
+import { poseOf } from './robot';
+import { discard } from './world';
+
+const TAP = 250; // ms: a shorter press leaves the pedal down, until it is pressed again
+const OPACITY = 0.5;
+const TREE = 0x7b8794;
+const REST = 0.6; // s for which a preview stays at its end
+
+export class Planning {
+  /** Displays in the world frame (z up), visible in the endoscope's picture too. */
+  readonly group = new Group();
+  private readonly place = new Group();
+  private readonly material = new MeshStandardMaterial({ color: BLUE, opacity: OPACITY, transparent: true, depthWrite: false });
+  private links: Object3D[] = [];
+  private path: Object3D | null = null;
+  private tree: LineSegments | null = null;
+  private robot = '';
+  private target: Float32Array = new Float32Array();
+  private motion: { poses: Float32Array; every: number; duration: number; begun: number } | null = null;
+  private clearance: Extract<Message, { type: 'clearance' }> | null = null;
+  private readonly plot: Plot;
+  private pressed = new Map<string, number>();
+  private said = '';
+
+  constructor(
+    page: HTMLElement,
+    private readonly app: App,
+    private readonly console: Console,
+  ) {
+    this.group.add(this.place);
+    app.world.robotWorld.add(this.group);
+    this.plot = new Plot(page);
+  }
+
+  get state(): PlanState | null {
+    return this.app.model.console?.plan ?? null;
+  }
+
+  get phase(): PlanState['phase'] {
+    return this.state?.phase ?? 'off';
+  }
+
+  /** Whether the arms rest or follow a plan, so that no hand leads anything. */
+  get holds(): boolean {
+    return this.phase === 'plan' || this.phase === 'preview' || this.phase === 'run';
+  }
+
+  // -- what the user asks for ---------------------------------------------------------------------------
+
+  /** Press or release the pedal: held, it is down while the hand leads the target; a tap leaves it down. */
+  press(device: string, on: boolean): void {
+    const since = this.pressed.get(device);
+    if (on === (since !== undefined)) return;
+    if (on) {
+      const aims = this.phase === 'aim';
+      this.pressed.set(device, aims ? -Infinity : performance.now());
+      if (!aims) this.ask('aim');
+      return;
+    }
+    this.pressed.delete(device);
+    if (performance.now() - (since as number) > TAP) this.ask('find');
+  }
+
+  /** The button of the page: the next step. */
+  next(): void {
+    const { phase } = this;
+    if (phase === 'off') this.ask('aim');
+    else if (phase === 'aim') this.ask('find');
+    else if (phase === 'preview') this.accept();
+  }
+
+  accept(): void {
+    if (this.phase !== 'preview') return;
+    this.ask('accept');
+  }
+
+  cancel(): void {
+    if (this.phase !== 'off') this.ask('cancel');
+  }
+
+  private ask(step: 'aim' | 'find' | 'accept' | 'cancel'): void {
+    if (step !== 'cancel') this.console.pens.use(); // silence of the hands would end the motion
+    this.app.ask('plan', { do: step, hand: this.state?.hand || this.console.chosen });
+  }
+
+  controls(): Control {
+    const button = (id: string, label: () => string, press: () => void, off: () => boolean, hint: string): Button => ({ kind: 'button', id, label, press, off, hint });
+    return {
+      kind: 'row',
+      shown: () => this.phase !== 'off',
+      items: [
+        button('plan-find', () => (this.phase === 'preview' ? 'Change the target' : 'Find a path'), () => this.ask(this.phase === 'preview' ? 'aim' : 'find'), () => this.phase !== 'aim' && this.phase !== 'preview', 'Plan a motion of the arm to the target (release P)'),
+        button('plan-accept', () => 'Accept', () => this.accept(), () => this.phase !== 'preview', 'The arm makes the planned motion (Enter)'),
+        button('plan-cancel', () => (this.phase === 'run' ? 'Stop' : 'Cancel'), () => this.cancel(), () => false, 'The arm stays where it is (Escape)'),
+      ],
+    };
+  }
+
+  /** Return the status of planning mode; null if it is off. */
+  status(): Status | null {
+    const { state } = this;
+    if (!state || state.phase === 'off') return null;
+    const { robot, said, blocked } = state;
+    if (state.phase === 'aim') {
+      if (said) return { tone: state.bad ? 'bad' : 'warn', text: said };
+      if (blocked) return { tone: 'warn', text: `Target of ${robot} (red): ${blocked}.` };
+      const loads = state.ready ? '' : ' The geometry is being loaded.';
+      return { tone: 'good', text: `Lead the target of ${robot} through everything; the arm rests. Then find a path.${loads}` };
+    }
+    if (state.phase === 'plan') return { tone: 'plain', text: `Planning a motion of ${robot}: ${percent(state.done)}` };
+    if (state.phase === 'run') return { tone: 'good', text: `${robot} follows the plan: ${percent(state.done)}` };
+    return { tone: 'good', text: `Motion of ${robot}, ${this.motion?.duration.toFixed(1) ?? '–'} s. ${this.clear()}Accept it, or cancel.` };
+  }
+
+  private clear(): string {
+    const { clearance } = this;
+    if (!clearance || clearance.proven === null) return 'The clearance is being computed. ';
+    const [a, b] = clearance.bodies;
+    const bodies = a && b ? ` (${a}, ${b})` : '';
+    return `Minimum clearance ${mm(clearance.found ?? 0)}${bodies}, proven ${mm(clearance.proven)}. `;
+  }
+
+  // -- what the server sends ----------------------------------------------------------------------------
+
+  hear(message: Message): void {
+    if (message.type === 'target') {
+      this.robot = message.robot;
+      this.target = floats(message.poses);
+    } else if (message.type === 'plan') this.take(message);
+    else if (message.type === 'clearance') {
+      this.clearance = message;
+      this.plot.show(message, this.motion?.duration ?? 0);
+    } else if (message.type === 'state') this.hearState();
+    else return;
+    this.app.refresh();
+  }
+
+  private hearState(): void {
+    const { state, phase } = this;
+    if (this.holds && this.console.pens.active) this.console.pens.use();
+    if (phase === 'off' && state?.said && state.said !== this.said) this.console.say(state.said);
+    this.said = phase === 'off' ? (state?.said ?? '') : '';
+  }
+
+  private take(message: Extract<Message, { type: 'plan' }>): void {
+    for (const part of [this.path, this.tree]) if (part) discard(part);
+    this.path = this.tree = this.motion = this.clearance = null;
+    const member = this.member(message.robot);
+    if (!message.poses || !member) return;
+    this.robot = message.robot;
+    this.motion = { poses: floats(message.poses), every: message.every, duration: message.duration, begun: performance.now() };
+    const size = 0.0006 * member.size;
+    this.path = tube([...floats(message.tip)], size);
+    const edges = floats(message.tree);
+    if (edges.length) {
+      const geometry = new BufferGeometry();
+      geometry.setAttribute('position', new Float32BufferAttribute(edges, 3));
+      this.tree = new LineSegments(geometry, new LineBasicMaterial({ color: TREE, transparent: true, opacity: 0.55, toneMapped: false }));
+      this.tree.frustumCulled = false;
+    }
+    this.place.add(...[this.path, this.tree].filter((o): o is Object3D => o !== null));
+  }
+
+  private member(name: string): Member | undefined {
+    return this.app.members.find((m) => m.model.info?.name === name);
+  }
+
+  // -- drawing ------------------------------------------------------------------------------------------
+
+  /** Draw the ghost at the target, or along the planned motion; called for each picture. */
+  update(now: number): void {
+    const { phase, app } = this;
+    const was = this.group.visible;
+    this.group.visible = phase !== 'off' && this.stand();
+    if (this.group.visible !== was) app.world.touch();
+    this.plot.place(this.console, phase === 'preview' && this.clearance !== null && !app.xr.presenting);
+    if (!this.group.visible) return;
+    const color = phase === 'aim' && this.state?.blocked ? RED : BLUE;
+    if (this.material.color.getHex() !== color) {
+      this.material.color.setHex(color);
+      app.world.dirty = true;
+    }
+    for (const part of [this.path, this.tree]) if (part) part.visible = phase === 'preview' || (phase === 'run' && part === this.path);
+    this.pose(this.shown(now));
+  }
+
+  /** Return the poses of the links that the ghost shows now. */
+  private shown(now: number): Float32Array {
+    const { motion } = this;
+    const width = 7 * this.links.length;
+    if (!motion || this.phase === 'aim' || this.phase === 'plan') return this.target;
+    const count = motion.poses.length / width;
+    const last = motion.poses.subarray((count - 1) * width);
+    if (this.phase === 'run') return last;
+    const t = ((now - motion.begun) / 1000) % (motion.duration + REST);
+    const k = Math.min(count - 1, Math.floor(t / motion.every));
+    this.plot.mark(Math.min(t, motion.duration));
+    return motion.poses.subarray(k * width, (k + 1) * width);
+  }
+
+  private pose(poses: Float32Array): void {
+    let moved = false;
+    this.links.forEach((link, i) => {
+      if (poses.length < 7 * (i + 1)) return;
+      const { p, q } = poseOf(poses.subarray(7 * i, 7 * i + 7));
+      moved ||= !link.position.equals(p) || !link.quaternion.equals(q);
+      link.position.copy(p);
+      link.quaternion.copy(q);
+    });
+    if (!moved) return;
+    this.app.world.moved = performance.now();
+    this.app.world.dirty = true;
+  }
+
+  /** Make the ghost of the planned arm; return whether there is one. */
+  private stand(): boolean {
+    const member = this.member(this.robot);
+    const { robot, model } = member ?? {};
+    if (!member || !robot || !model?.info || !this.target.length) return false;
+    if (this.place.userData['robot'] === this.robot) return true;
+    for (const link of this.links) link.removeFromParent();
+    this.links = model.info.links.map((name) => {
+      const link = robot.copyOf(name, BLUE, OPACITY);
+      for (const part of link.children) {
+        ((part as Mesh).material as MeshStandardMaterial).dispose();
+        (part as Mesh).material = this.material;
+      }
+      link.renderOrder = 3;
+      return link;
+    });
+    this.place.add(...this.links);
+    this.place.userData['robot'] = this.robot;
+    this.place.position.copy(member.place.position);
+    this.place.quaternion.copy(member.place.quaternion);
+    return true;
+  }
+}
+
+/** Clearance over the planned motion, beside the small picture. */
+class Plot {
+  private readonly canvas = document.createElement('canvas');
+  private message: Extract<Message, { type: 'clearance' }> | null = null;
+  private duration = 0;
+  private at = 0;
+  private shown = '';
+
+  constructor(page: HTMLElement) {
+    this.canvas.className = 'clearance';
+    this.canvas.dataset['id'] = 'clearance';
+    this.canvas.setAttribute('role', 'img');
+    this.canvas.setAttribute('aria-label', 'Clearance over the planned motion');
+    this.canvas.hidden = true;
+    page.append(this.canvas);
+  }
+
+  show(message: Extract<Message, { type: 'clearance' }>, duration: number): void {
+    [this.message, this.duration, this.shown] = [message, duration, ''];
+  }
+
+  mark(t: number): void {
+    this.at = t;
+  }
+
+  /** Show the plot beside the small picture, where there is room; above it beside a window of tools. */
+  place(console: Console, on: boolean): void {
+    const { corner } = console.views;
+    const [right] = console.views.free;
+    const left = corner.left + corner.width + 10;
+    const wide = Math.min(280, right - left - 12);
+    this.canvas.hidden = !on || wide < 110 || console.tools !== null;
+    if (this.canvas.hidden) return;
+    const high = Math.min(corner.height, 130);
+    const now = `${left} ${corner.top} ${corner.height} ${wide} ${this.message?.distance.length} ${this.at.toFixed(2)} ${this.message?.proven}`;
+    if (now === this.shown) return;
+    this.shown = now;
+    Object.assign(this.canvas.style, { left: `${left}px`, top: `${corner.top + corner.height - high}px`, width: `${wide}px`, height: `${high}px` });
+    this.draw(wide, high);
+  }
+
+  private draw(wide: number, high: number): void {
+    const { canvas, message } = this;
+    if (!message) return;
+    [canvas.width, canvas.height] = [2 * wide, 2 * high];
+    const pen = canvas.getContext('2d') as CanvasRenderingContext2D;
+    pen.setTransform(2, 0, 0, 2, 0, 0);
+    pen.font = '11px system-ui, sans-serif';
+    const top = Math.max(1e-3, 1.1 * Math.max(...message.distance, message.proven ?? 0));
+    const [a, b] = [20, high - 16];
+    const x = (t: number): number => 8 + (t / Math.max(this.duration, 1e-3)) * (wide - 16);
+    const y = (d: number): number => b - (d / top) * (b - a);
+    const least = Math.min(...message.distance);
+    pen.fillStyle = '#17212e';
+    pen.fillText(`Clearance: minimum ${mm(least)}${message.proven === null ? '' : `, proven ${mm(message.proven)}`}`, 8, 13, wide - 16);
+    pen.fillStyle = '#55616f';
+    pen.fillText('0 s', 8, high - 4);
+    const end = `${this.duration.toFixed(1)} s`;
+    pen.fillText(end, wide - 8 - pen.measureText(end).width, high - 4);
+    const line = (color: string, points: [number, number][], dash: number[] = []): void => {
+      pen.setLineDash(dash);
+      pen.strokeStyle = color;
+      pen.beginPath();
+      for (const [t, d] of points) pen.lineTo(x(t), y(d));
+      pen.stroke();
+    };
+    line('#9aa5b2', [[0, 0], [this.duration, 0]]);
+    if (message.proven !== null) line('#d81b2a', [[0, message.proven], [this.duration, message.proven]], [4, 3]);
+    pen.lineWidth = 1.6;
+    line('#2268c9', message.t.map((t, i) => [t, message.distance[i] ?? 0]));
+    pen.lineWidth = 1;
+    line('#17212e', [[this.at, 0], [this.at, top]]);
+  }
+}
+
+const percent = (part: number): string => `${Math.round(100 * part)} %`;
+const mm = (metres: number): string => `${(1000 * metres).toFixed(1)} mm`;
+
+function floats(base64: string): Float32Array {
+  return new Float32Array(bytesOf(base64).buffer);
+}

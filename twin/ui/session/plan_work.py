@@ -1,0 +1,293 @@
+"""Work of planning mode in another process: tests of the target, the plan with its timing and preview, its clearance.
+
+The process keeps the obstacles of the last room, so that tests take milliseconds. A plan runs in a thread beside the
+generator, which yields its progress: where the generator is closed, the plan ends at its next report of progress.
+"""
+
+from __future__ import annotations
+
+import queue
+import threading
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from twin.core import spatial
+from twin.core.errors import CancelledError, TwinError
+from twin.core.spatial import Array
+from twin.core.units import MM
+
+DT = 1e-3
+"""Time in s between two poses of a plan: a tick of the World."""
+
+SHOWN = 1 / 30
+"""Time in s between two pictures of a preview."""
+
+_EVERY = 0.05
+"""Time in s between two reports of progress."""
+
+_PLACES = 64
+"""Number of places along a path at which the clearance is shown."""
+
+_CLEARANCE = 2 * MM
+"""Smallest clearance of a plan in m: a search with less takes seconds, and an arm does not follow more closely."""
+
+_SPEED, _RISE = (0.1, 1.0), 0.25
+"""Speed in m/s or rad/s of a joint without a limit; time in s to it for a joint without one (ASSUMED)."""
+
+
+@dataclass(frozen=True)
+class Room:
+    """What an arm moves among.
+
+    Attributes:
+        number: a different number for each state of the other robots.
+        scene: the scene file.
+        robot: the name of the arm's place.
+        poses: T_world_body (4, 4) of the bodies of the other robots, by place and body.
+    """
+
+    number: int
+    scene: str
+    robot: str
+    poses: Mapping[str, Mapping[str, Array]]
+
+
+@dataclass(frozen=True)
+class Check:
+    """Job: whether joint values q (n,) are free; yields a `Checked`. q None: only load the geometry."""
+
+    room: Room
+    q: Array | None = None
+
+
+@dataclass(frozen=True)
+class Checked:
+    """Why the joint values of a `Check` are not free; "" if they are."""
+
+    why: str
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Job: a motion from start (n,) to goal (n,); yields the part done (float), then `Found`, `Clear`s and `Proven`.
+
+    `speed` in m/s and `turn` in rad/s limit the motion of the tool.
+    """
+
+    room: Room
+    start: Array
+    goal: Array
+    speed: float
+    turn: float
+    seed: int = 0
+
+
+@dataclass(frozen=True)
+class Found:
+    """A timed motion.
+
+    Attributes:
+        Ts: (k, 4, 4) poses of the tool in base, every `DT`.
+        shown: (pictures, links, 4, 4) poses of the links in base, every `SHOWN`.
+        links: names of these links.
+        tree: (edges, 2, 3) tips in base at both ends of each connection of the search; none for a straight path.
+    """
+
+    Ts: Array
+    shown: Array
+    links: tuple[str, ...]
+    tree: Array
+
+    @property
+    def duration(self) -> float:
+        """Duration in s."""
+        return (len(self.Ts) - 1) * DT
+
+
+@dataclass(frozen=True)
+class Clear:
+    """Smallest distances (k,) in m at times (k,) in s of a motion, by exact geometry."""
+
+    t: Array
+    distance: Array
+
+
+@dataclass(frozen=True)
+class Proven:
+    """Proven lower bound in m of the distance along the whole motion, smallest distance found, and its bodies."""
+
+    proven: float
+    found: float
+    bodies: tuple[str, str]
+
+
+def work(job: Check | Plan) -> Iterator[Any]:
+    """Yield the results of a job.
+
+    Raises:
+        TwinError: a file is malformed, or there is no plan; the message has the reason.
+    """
+    if isinstance(job, Plan):
+        yield from _beside(job)
+        return
+    arm = _arm_of(job.room)
+    if job.q is not None:
+        yield Checked(arm.space.why(job.q))
+    else:
+        arm.space.free(np.atleast_2d(arm.space.limits.mean(axis=1)))  # loads the shapes
+
+
+def _beside(job: Plan) -> Iterator[Any]:
+    """Yield the results of a plan, and its progress at least every `_EVERY`."""
+    said: queue.SimpleQueue[Any] = queue.SimpleQueue()
+    ends, done = threading.Event(), [0.0]
+
+    def report(fraction: float) -> None:
+        done[0] = fraction
+
+    def run() -> None:
+        try:
+            for piece in plan(job, report, ends.is_set):
+                said.put(piece)
+            said.put(None)
+        except BaseException as error:
+            said.put(error)
+
+    thread = threading.Thread(target=run, daemon=True)
+    thread.start()
+    try:
+        while True:
+            try:
+                piece = said.get(timeout=_EVERY)
+            except queue.Empty:
+                yield done[0]
+                continue
+            if piece is None:
+                return
+            if isinstance(piece, BaseException):
+                raise piece
+            yield piece
+    finally:
+        ends.set()
+        thread.join()
+
+
+def plan(
+    job: Plan, report: Callable[[float], None] = lambda fraction: None, cancelled: Callable[[], bool] = lambda: False
+) -> Iterator[Found | Clear | Proven]:
+    """Yield the results of a plan; `report` is called with the part of the search that is done.
+
+    Raises:
+        CancelledError: `cancelled` was true.
+        TwinError: there is no plan; the message has the reason.
+    """
+    from twin.planning.around import around
+
+    def check() -> None:
+        if cancelled():
+            raise CancelledError
+
+    arm, trees = _arm_of(job.room), []
+    path = around(
+        arm.space, job.start, job.goal, seed=job.seed, progress=report, cancelled=cancelled, grown=trees.append
+    )
+    s = _timed(path, arm, job)
+    q = path(s)
+    times: Array = np.arange(len(s), dtype=np.float64) * DT
+    rows = np.unique(np.append(np.arange(0, len(s), round(SHOWN / DT)), len(s) - 1))
+    links = [arm.links(x) for x in q[rows]]
+    names = tuple(links[0])
+    shown = np.array([[row[n] for n in names] for row in links])
+    yield Found(arm.kin.forward_many(q), shown, names, _tips(arm, trees))
+    for part in np.array_split(np.unique(np.linspace(0, len(s) - 1, _PLACES).astype(int)), _PLACES // 8):
+        check()
+        yield Clear(times[part], np.array([arm.space.nearest(x)[0] for x in q[part]]))
+    seen = arm.space.interruptible(check).certify(path)
+    yield Proven(seen.proven, seen.found, seen.bodies)
+
+
+def _tips(arm: _Arm, trees: Sequence[Any]) -> Array:
+    """Return the tips (edges, 2, 3) in base at both ends of the connections of the last tree."""
+    if not trees or not len(trees[-1].branches):
+        return np.zeros((0, 2, 3))
+    return arm.kin.forward_many(trees[-1].q)[:, :3, 3][trees[-1].branches]
+
+
+def _timed(path: Any, arm: _Arm, job: Plan) -> Array:
+    """Return s (k,) every `DT` of the fastest motion within the limits of the joints and of the tool."""
+    from twin.planning.timing import time_path
+
+    timing = time_path(path, arm.speed, arm.acceleration, dt=DT)
+    Ts = arm.kin.forward_many(path(timing.s))
+    speed = np.linalg.norm(np.diff(Ts[:, :3, 3], axis=0), axis=1).max(initial=0.0) / DT
+    turns = np.swapaxes(Ts[:-1, :3, :3], 1, 2) @ Ts[1:, :3, :3]
+    turn = float(np.max(spatial.rotation_angle(turns), initial=0.0)) / DT
+    slower = max(1.0, speed / job.speed, turn / job.turn)
+    if slower > 1:
+        timing = time_path(path, arm.speed / slower, arm.acceleration / slower**2, dt=DT)
+    return timing.s
+
+
+@dataclass(frozen=True)
+class _Arm:
+    """The arm of a room: its joint space, equations, link poses, and limits (n,) of speed and acceleration."""
+
+    space: Any
+    kin: Any
+    links: Callable[[Array], Mapping[str, Array]]
+    speed: Array
+    acceleration: Array
+
+
+_arms: dict[str, tuple[int, _Arm]] = {}
+
+
+def _arm_of(room: Room) -> _Arm:
+    """Return the arm of a room; that of the last room is kept."""
+    known = _arms.get(room.robot)
+    if known is None or known[0] != room.number:
+        known = _arms[room.robot] = room.number, _make(room)
+    return known[1]
+
+
+def _make(room: Room) -> _Arm:
+    from twin.api.standing import standing
+    from twin.kinematics.closed_loops.placing import LinkPoses
+    from twin.reference import ReferenceModel
+    from twin.reference.space import JointSpace
+
+    scene = _scene(room.scene)
+    place = next((p for p in scene.places if p.name == room.robot), None)
+    if place is None:
+        raise TwinError(f"scene '{scene.name}' has no robot '{room.robot}'")
+    robot = _load(place.robot)
+    space = JointSpace(
+        lambda: ReferenceModel(robot.mechanism),
+        max(scene.clearance, _CLEARANCE),
+        around=lambda: standing(room.scene, room.robot, _load, room.poses),
+    )
+    active = robot.mechanism.active
+    speed = np.array([j.max_speed or _SPEED[j.is_angle] for j in active])
+    rise = np.array([j.max_acceleration or v / _RISE for j, v in zip(active, speed, strict=True)])
+    return _Arm(space, robot.kinematics(), LinkPoses(robot.loops), speed, rise)
+
+
+@cache
+def _load(robot: str) -> Any:
+    from twin.api import load
+
+    return load(robot)
+
+
+@cache
+def _scene(file: str) -> Any:
+    from twin.core import assets
+    from twin.model.scene import load_scene
+
+    if (found := assets.scene_file(file)) is None:
+        raise TwinError(f"there is no scene '{file}'")
+    return load_scene(found)
