@@ -28,7 +28,8 @@ _SEARCHED = 2 * MM
 """Largest radius in m of balls that are small enough for a search; a found path is tested with smaller ones."""
 
 _WIDE = 4.0
-"""Difference of two bounds, in units of the radius of balls for a search, beyond which the distance is computed."""
+"""Difference of the upper and the lower bound, in radii of the smallest balls of a search, above which a search
+computes the exact distance."""
 
 _FEW = 3
 """Maximum number of revolute joints between two bodies for which results are stored in cells (see `Pairs.closer`)."""

@@ -451,8 +451,8 @@ class JointSpace:
     def free_each(self, a: Array, b: Array) -> np.ndarray:
         """Return (m,) bool: whether the straight paths from a (m, n) to b (m, n), with free ends, are probably free.
 
-        All paths are tested at once, by bounds of distances only. For a mechanism with loops, each path is tested
-        separately and exactly by `free_between`.
+        All paths are tested at once, for a search: bounds decide most distances, and loops are closed only nearly.
+        `free_between` tests a path exactly.
         """
         a, b = np.asarray(a, float), np.asarray(b, float)
         if not len(a):
@@ -486,7 +486,7 @@ class JointSpace:
         return out
 
     def _free_each_closed(self, a: Array, b: Array) -> np.ndarray:
-        """Return (m,) bool as `free_each`, for a mechanism with loops: a (m, n), b (m, n)."""
+        """Return the result of `free_each`, (m,) bool, for straight paths of a mechanism with loops."""
         count = int(np.ceil((np.abs(b - a) / self._steps).max())) + 1
         stations, ok = self._closing.each(a, b, count)
         ok &= self._within(a) & self._within(b)
