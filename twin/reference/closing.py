@@ -51,7 +51,7 @@ class Closing:
     """
 
     def __init__(self, model: ReferenceModel, weights: Array) -> None:
-        """Define the mechanism; `weights` (n,), in m per rad or m of each driven joint, define the distance of states."""
+        """Define the mechanism; the distance of states is weighted by `weights` (n,), m per rad or m of each joint."""
         self._model, self._tree, self._weights = model, model.tree, weights
         self._driven = np.array([self._tree.configuration[j.name] for j in model.mechanism.active], int)
         self.linear = self._coupled()

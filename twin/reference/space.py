@@ -213,7 +213,7 @@ class JointSpace:
     def free(self, q: Array, *, exact: bool = True) -> np.ndarray:
         """Return (k,) bool: whether joint values q (k, n) are within limits, with closed loops and the clearance.
 
-        Without `exact`, a distance whose bounds do not decide is taken as the mean of its bounds; see `Pairs.near`.
+        If `exact` is False, distances that the bounds do not decide are judged by `Pairs.seem_near`.
         """
         self._check()
         q = np.asarray(q, float).reshape(-1, len(self.weights))
@@ -396,7 +396,7 @@ class JointSpace:
     ) -> np.ndarray:
         """Return (count,) bool: whether all pairs have the required distance where tested, and half of it elsewhere.
 
-        Without `exact`, a distance whose bounds do not decide is taken as the mean of its bounds.
+        If `exact` is False, distances that the bounds do not decide are judged by `Pairs.seem_near`.
 
         Args:
             count: number of paths.
