@@ -544,7 +544,10 @@ class JointSpace:
         """
         seen, pairs = self._stations(path), self._pairs
         if seen is None:
-            raise MechanismError("the path exceeds limits, is not allowed, or the loops of the mechanism do not close")
+            raise MechanismError(
+                "the path exceeds joint limits, has states that `keep` does not allow, "
+                "or the loops of the mechanism do not close along it"
+            )
         pair = np.flatnonzero(pairs.required >= self.clearance)
         place, level = np.zeros(len(pair), int), 0
         least, proven, at, names = np.inf, np.inf, 0.0, ("", "")
