@@ -545,7 +545,7 @@ class JointSpace:
         seen, pairs = self._stations(path), self._pairs
         if seen is None:
             raise MechanismError(
-                "the path exceeds joint limits, has states that `keep` does not allow, "
+                "the path exceeds joint limits, has states that the additional test excludes, "
                 "or the loops of the mechanism do not close along it"
             )
         pair = np.flatnonzero(pairs.required >= self.clearance)
