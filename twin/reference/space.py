@@ -145,14 +145,14 @@ class JointSpace:
         self._check: Callable[[], None] = _nothing
 
     def keeping(self, keep: Keep) -> JointSpace:
-        """Return the same space with another additional test of states; shapes and stored distances are shared."""
+        """Return the same space with `keep` as its additional test of states; shapes and stored distances are shared."""
         _ = self._pairs
         out = copy(self)
         out._keep = keep
         return out
 
     def interruptible(self, check: Callable[[], None]) -> JointSpace:
-        """Return the same space, whose tests call `check` every few milliseconds; its exception ends them.
+        """Return the same space, whose tests call `check` every few milliseconds; an exception of `check` ends a test.
 
         Shapes and stored distances are shared.
         """
