@@ -145,7 +145,7 @@ class JointSpace:
         self._check: Callable[[], None] = _nothing
 
     def keeping(self, keep: Keep) -> JointSpace:
-        """Return the same space with `keep` as its additional test of states; shapes and stored distances are shared."""
+        """Return the same space with `keep` as its additional test; shapes and stored distances are shared."""
         _ = self._pairs
         out = copy(self)
         out._keep = keep
