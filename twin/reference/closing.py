@@ -3,7 +3,7 @@
 Belts, gears and cables are linear couplings, so that a matrix gives the passive coordinates. Other loops are closed by
 Newton's method for all states together, from the nearest states that are known. The determinant of the loop equations
 changes its sign at a singularity: a state whose determinant has another sign than in the rest poses is in another
-assembly mode. Paths are followed in small steps, which finds the other changes of the mode too.
+assembly mode. Mode changes without a change of this sign are found by following the path in small steps.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from twin.reference.model import GAP_TOLERANCE, ReferenceModel
 from twin.reference.newton import minimise
 
 _ITERATIONS = 8
-"""Maximum number of Newton steps from a guess, after which loops count as open; 3 steps are usual."""
+"""Maximum number of Newton steps from a guess; loops that need more steps count as open. 3 steps are usual."""
 
 _JUMP = 0.5
 """Largest change (m, rad) of a coordinate between stations; a larger change means another assembly mode."""
@@ -31,7 +31,7 @@ _WALK = (1, 8, 64)
 """Numbers of steps from the nearest known state, in the order of trial; a search tries only the first."""
 
 _COARSE = 8
-"""Number of stations of a path that are closed one after the other, before those between them are closed together."""
+"""Number of stations of a path whose loops are closed one after the other; the stations between are closed together."""
 
 _ENOUGH = 1e-14
 """Sum of squares of loop gaps in m2 that is small enough for a search."""
@@ -51,7 +51,7 @@ class Closing:
     """
 
     def __init__(self, model: ReferenceModel, weights: Array) -> None:
-        """Define the mechanism; `weights` (n,) in m per unit of each driven joint tell which states are near."""
+        """Define the mechanism; the distance of states is weighted by `weights` (n,), m per rad or m of each joint."""
         self._model, self._tree, self._weights = model, model.tree, weights
         self._driven = np.array([self._tree.configuration[j.name] for j in model.mechanism.active], int)
         self.linear = self._coupled()
@@ -86,7 +86,8 @@ class Closing:
     def states(self, q: Array, *, thorough: bool = True) -> tuple[Array, np.ndarray]:
         """Return (configurations (k, nq), (k,) bool: whether the loops close) at joint values q (k, n).
 
-        States found are kept. Without `thorough`, the loops may seem open at a few far states where they close.
+        States found are kept as known states. If `thorough` is False, a few states far from all known states may be
+        reported as open although their loops can be closed.
         """
         if self.linear is not None:
             return self.placed(q), np.ones(len(q), bool)
