@@ -49,6 +49,7 @@ class Manner:
         ahead: distance of the ring from the free end of the wire before it is put over it.
         step: part of the wire along which the ring is guided in one movement.
         last: distance of the ring from the end of the wire when it is released.
+        fallen: distance of the ring below the wire from which the surgeon does not try to grasp it.
         near, fine: remaining distance at the end of a rough and of a fine movement.
     """
 
@@ -60,6 +61,7 @@ class Manner:
     ahead: float = 8 * MM
     step: float = 4 * MM
     last: float = 1 * MM
+    fallen: float = 12 * MM
     near: float = 1.5 * MM
     fine: float = 0.6 * MM
 
@@ -238,6 +240,8 @@ class GuidingSurgeon(SurgeonHands):
         """Grasp the ring, at most `_TRIES` times; its axis is taken on the side of `towards` (3,)."""
         manner = self.manner
         for _ in range(_TRIES):
+            if self._wire(0.0)[0][2] - self._pose()[2, 3] > manner.fallen:
+                return
             n = self._axis(towards)
             yield from self._turn_grip({hand: self.habits.open})
             for back, near in ((manner.before, manner.near), (0.0, manner.fine)):
@@ -280,7 +284,7 @@ class GuidingSurgeon(SurgeonHands):
         aside = np.zeros(3)
         for s in (-manner.ahead, *np.arange(0.0, end, manner.step), end):
             if self.mistake == "wire_touched" and s >= 0:
-                aside = np.array([0.0, 0.0, -(self.ring.size[0] - 1.5 * self.ring.size[1])])
+                aside = np.array([0.0, 0.0, self.ring.size[0] - 1.5 * self.ring.size[1]])
             place, n = self._wire(s)
             yield from self._reach(
                 {hand: self._carrying(hand, place + aside, n)}, manner.near if s < 0 else manner.fine
