@@ -244,7 +244,7 @@ class PlanMode:
             self._q, why = self._reached(member, target.reshape(4, 4))
             self.ghost = (member.links or _links(member.mechanism))(self._q)
             if not first:
-                self.said, self.bad = why, bool(why)
+                self.said, self.bad = why, False
             self.changes += 1
         if self.ready and not self._checks and (self._tested is None or not np.array_equal(self._tested, self._q)):
             self._tested, self._checks = self._q, True
@@ -265,7 +265,7 @@ class PlanMode:
             if not low <= x <= high:
                 unit, text = (DEG, "deg") if joint.is_angle else (MM, "mm")
                 within = f"{low / unit:.4g} to {high / unit:.4g} {text}"
-                return last, f"the target needs {joint.name} = {x / unit:.4g} {text} (limits {within}){stays}"
+                return last, f"The target needs {joint.name} = {x / unit:.4g} {text} (limits {within}){stays}"
         return q, ""
 
     def _watch(self) -> None:
