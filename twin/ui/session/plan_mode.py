@@ -222,17 +222,15 @@ class PlanMode:
 
     def _ended(self, error: str) -> None:
         """Note that a job has ended; `error` is "" if it is done."""
-        checked, self._checks = self._checks, False
+        self._checks = False
         if not error:
             self.ready = True
-            return
-        if self.phase == "plan":
-            self.phase = "aim"
+        elif self.phase == "plan":
+            self.phase, self._tested, self.said, self.bad = "aim", self._q, f"No plan: {error}", True
             self.plans.aim(self.robot)
-            self._tested = self._q
             self.changes += 1
-        if not checked or self.phase == "aim":
-            self.said, self.bad = f"No plan: {error}", True
+        else:
+            self.said, self.bad = error, True
 
     def _follow(self) -> None:
         """Compute the ghost at the target, and test it when the last test has ended."""
