@@ -260,7 +260,7 @@ class Bounds:
         pairs: np.ndarray,
         enough: Array,
         reject: Array | None = None,
-        fine: Array | float = 0.0,
+        fine: float = 0.0,
     ) -> tuple[Array, Array]:
         """Return bounds (n,) from below and (n,) from above in m of distances of `pairs` (n,) in `states` (n,).
 

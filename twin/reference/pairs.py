@@ -24,11 +24,8 @@ from twin.reference.travel import Levers, Reach
 _GJK = 1e-5
 """Maximum error in m by which a computed hull distance is too large."""
 
-_SEARCHED = 2 * MM
-"""Largest radius in m of balls that are small enough for a search; a found path is tested with smaller ones."""
-
-_WIDE = 4.0
-"""Difference of two bounds, in units of the radius of balls for a search, beyond which the distance is computed."""
+SEARCHED = 2 * MM
+"""Radius in m of balls that are small enough for a search; a found path is tested with smaller ones."""
 
 _FEW = 3
 """Maximum number of revolute joints between two bodies for which results are stored in cells (see `Pairs.closer`)."""
@@ -57,7 +54,6 @@ class Pairs:
         shapes: the bodies' shapes; obstacles last.
         rows: (pairs, 2) indices of the two shapes.
         required: (pairs,) required distances in m.
-        searched: (pairs,) radii in m of balls that are small enough for a search.
     """
 
     def __init__(self, model: ReferenceModel, stills: Sequence[Still], clearance: float) -> None:
@@ -101,8 +97,6 @@ class Pairs:
         found = [(a, b, c) for a, b, c in found if (moves[a] != moves[b]).any()]
         self.rows = np.array([f[:2] for f in found], int).reshape(-1, 2)
         self.required = np.array([f[2] for f in found])
-        # with larger balls, the mean of the bounds of two bodies that collide could exceed the required distance
-        self.searched = np.minimum(_SEARCHED, self.required / 2)
         at = [
             (int(n), s.corners @ T[:3, :3].T + T[:3, 3])
             for s, n, T in zip(self.shapes, self._numbers, self._Ts, strict=True)
@@ -136,7 +130,7 @@ class Pairs:
 
     @cached_property
     def levers(self) -> Levers | None:
-        """Bounds of motion around a state; None if the tree has joints that are neither revolute nor prismatic."""
+        """Bounds of motion around a state; None if a joint of the tree is neither revolute, prismatic nor a ball."""
         return Levers(self._tree, self._numbers, self.rows) if Levers.possible(self._tree) else None
 
     def around(self, X: Array, moved: Array) -> tuple[Array, Array]:
@@ -177,7 +171,7 @@ class Pairs:
         pairs: np.ndarray,
         enough: Array,
         reject: Array | None = None,
-        fine: Array | float = 0.0,
+        fine: float = 0.0,
     ) -> tuple[Array, Array]:
         """Return lower and upper bounds (n,) in m of the distances of `pairs` (n,) at rows `states` (n,) of poses.
 
@@ -250,14 +244,20 @@ class Pairs:
     ) -> np.ndarray:
         """Return (n,) bool: whether `pairs` (n,) in `states` (n,) seem nearer than required, for a search.
 
-        The mean of the bounds `low` and `high` (n,) decides if they are near each other, else the exact distance: the
-        balls of large bodies are large. Only states that `matter` (k,) are tested exactly, each until a pair is near.
+        The mean of the bounds `low` and `high` (n,) decides, except where they allow a collision: the balls of large
+        bodies are large, and the mean of the bounds of two bodies that collide can exceed the required distance. There,
+        the exact distance decides, but only in states that `matter` (k,), and in each until a pair is near.
         """
         required = self.required[pairs]
         out = (low + high) / 2 < required
-        wide = (low < required) & (high >= required) & (high - low > _WIDE * self.searched[pairs])
+        wide = (low <= 0) & (high >= required)
         left = matter.copy()
         left[states[out & ~wide]] = False
+        for pair in np.unique(pairs[wide]):
+            if self.celled(int(pair)):
+                i = np.flatnonzero(wide & (pairs == pair) & left[states])
+                out[i] = self.closer(int(pair), X[states[i]], poses[states[i]])
+                left[states[i[out[i]]]], wide[i] = False, False
         for i in np.flatnonzero(wide):
             k = int(states[i])
             out[i] = left[k] and self.closer(int(pairs[i]), X[[k]], poses[[k]])[0]
@@ -277,7 +277,7 @@ class Pairs:
         close = self.gaps(poses, states, pairs) < self.required[pairs]
         states, pairs = states[close], pairs[close]
         required = self.required[pairs]
-        low, high = self.bounds(poses, states, pairs, required, required, 0.0 if exact else self.searched[pairs])
+        low, high = self.bounds(poses, states, pairs, required, required, 0.0 if exact else SEARCHED)
         out[states[high < required]] = True
         if not exact:
             out[states[self.seem_near(X, poses, states, pairs, low, high, ~out)]] = True

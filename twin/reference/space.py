@@ -23,7 +23,7 @@ from twin.core.spatial import Array
 from twin.core.units import DEG, MM
 from twin.reference.closing import Closing
 from twin.reference.model import ReferenceModel
-from twin.reference.pairs import Pairs, Still
+from twin.reference.pairs import SEARCHED, Pairs, Still
 
 _ANGLE = 0.1
 """Length in m that is equivalent to 1 rad in comparisons of paths."""
@@ -423,7 +423,7 @@ class JointSpace:
             left = np.flatnonzero(pairs.gaps(poses, row, pair) < margin)
             least, most = pairs.bounds(
                 *(poses, row[left], pair[left], margin[left], required[left]),
-                0.0 if exact else pairs.searched[pair[left]],
+                0.0 if exact else SEARCHED,
             )
             if exact:
                 near = most < required[left]

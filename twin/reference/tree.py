@@ -189,7 +189,7 @@ class Tree:
                 turn = first + 3 * (kind == "JointModelFreeFlyer")
                 if kind == "JointModelFreeFlyer":
                     T[:, :3, 3] += np.einsum("kij,kj->ki", T[:, :3, :3], X[:, first:turn])
-                T[:, :3, :3] = T[:, :3, :3] @ spatial.matrix_from_quat_wxyz(np.roll(X[:, turn : turn + 4], 1, axis=1))
+                T[:, :3, :3] = T[:, :3, :3] @ spatial.matrix_from_quat_wxyz(X[:, [turn + 3, turn, turn + 1, turn + 2]])
         return poses
 
     def columns(self, poses: Array) -> Array:
@@ -221,7 +221,7 @@ class Tree:
             w, v, r = X[:, place + 3, None], X[:, place : place + 3], steps[:, column : column + 3] / 2
             half = np.linalg.norm(r, axis=1, keepdims=True)
             c, u = np.cos(half), r * np.sinc(half / np.pi)
-            out[:, place : place + 3] = w * u + c * v + np.cross(v, u)
+            out[:, place : place + 3] = w * u + c * v + (spatial.hat(v) @ u[..., None])[..., 0]
             out[:, place + 3] = (w * c)[:, 0] - (v * u).sum(axis=1)
         return self.unit(out)
 
