@@ -281,10 +281,9 @@ class GuidingSurgeon(SurgeonHands):
         """Put the ring over the free end of the wire, guide it to the other end, and release it there."""
         hand, manner = self._first if self.mistake == "not_handed_over" else self._second, self.manner
         end = self._along[-1] * (0.5 if self.mistake == "stopped_short" else 1.0) - manner.last
-        aside = np.zeros(3)
         for s in (-manner.ahead, *np.arange(0.0, end, manner.step), end):
             if self.mistake == "wire_touched" and s >= 0:
-                aside = np.array([0.0, 0.0, self.ring.size[0] - 1.5 * self.ring.size[1]])
+                aside = np.array([0.0, 0.0, self.ring.size[0] - 1.9 * self.ring.size[1]])
             place, n = self._wire(s)
             yield from self._reach(
                 {hand: self._carrying(hand, place + aside, n)}, manner.near if s < 0 else manner.fine
