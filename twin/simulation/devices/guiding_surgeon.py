@@ -282,12 +282,11 @@ class GuidingSurgeon(SurgeonHands):
         hand, manner = self._first if self.mistake == "not_handed_over" else self._second, self.manner
         end = self._along[-1] * (0.5 if self.mistake == "stopped_short" else 1.0) - manner.last
         for s in (-manner.ahead, *np.arange(0.0, end, manner.step), end):
-            if self.mistake == "wire_touched" and s >= 0:
-                aside = np.array([0.0, 0.0, self.ring.size[0] - 1.9 * self.ring.size[1]])
             place, n = self._wire(s)
-            yield from self._reach(
-                {hand: self._carrying(hand, place + aside, n)}, manner.near if s < 0 else manner.fine
-            )
+            if self.mistake == "wire_touched" and s >= 0:
+                place = place + (self.ring.size[0] - 2 * self.ring.size[1]) * np.cross(n, [0.0, 0.0, 1.0])
+            goal = self._carrying(hand, place, n)
+            yield from self._reach({hand: goal}, manner.near if s < 0 else manner.fine)
             if self._holder() != self._numbers[hand]:
                 self._give_up("guided")
                 return
