@@ -320,7 +320,7 @@ def test_a_mistake_fails_its_own_check(scene, mistake, missed, exceeded):
     found = operate_console(scene, seed=3, mistake=mistake)
     assert found.verdict == "disagree"
     assert next(iter(found.guided.missed), None) == missed
-    assert [row[0] for row in found.guided.exceeded] == exceeded
+    assert {row[0] for row in found.guided.exceeded} >= set(exceeded)
 
 
 @pytest.mark.slow
