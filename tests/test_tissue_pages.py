@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -16,7 +17,7 @@ from twin.cli import scene as scenes
 from twin.core.units import MM, srgb
 from twin.simulation.frame import Frame
 from twin.ui.headset import served
-from twin.ui.headset.scene_frame import LEVELS, SceneFrame
+from twin.ui.headset.scene_frame import SceneFrame
 from twin.ui.session.desk import Desk
 from twin.ui.session.feed import Surface
 from twin.ui.session.organs import OrganFeed
@@ -145,20 +146,15 @@ def test_two_pages_get_all_organs_at_60_hz_whole_and_in_time():
             await asyncio.sleep(5.0)
             return [(list(p.frames), list(p.raw), list(p.times)) for p in (one, two)]
 
-    backs = [np.linalg.pinv(t.weights) for t in feed.rods.tissues]
-    mixed = feed.rods.tissues[0].surface.vertices.copy()
-    mixed[::2, 2] += 0.1 * MM
-    assert np.abs(feed.rods.tissues[0].weights @ (backs[0] @ mixed) - mixed).max() > 0.04 * MM
+    mixed = [t.surface.vertices.copy() for t in feed.rods.tissues]
+    assert not made.torn(SimpleNamespace(fields=mixed))
+    mixed[0][::2, 2] += 0.1 * MM
+    assert made.torn(SimpleNamespace(fields=mixed))
     for frames, raw, times in asyncio.run(go()):
         late = np.array([t - f.server_time for t, f in zip(times, frames, strict=True)])
         rate, size = (len(frames) - 1) / (times[-1] - times[0]), np.mean([len(r) for r in raw])
         print(f"{count} vertices: {rate:.1f} Hz, {size:.0f} bytes a frame, {rate * size / 1e6:.2f} MB/s, "
               f"latency p50 {np.median(late) * 1e3:.1f} ms, p95 {np.percentile(late, 95) * 1e3:.1f} ms")  # fmt: skip
         assert (np.diff([f.seq for f in frames]) > 0).all()
-        for t, back in zip(feed.rods.tissues, backs, strict=True):
-            k = feed.rods.tissues.index(t)
-            for f in frames:  # vertices of two times in one frame do not follow from any nodes
-                v = np.asarray(f.fields[k], float)
-                assert v.shape == t.surface.vertices.shape
-                assert np.abs(t.weights @ (back @ v) - v).max() < 2 * np.ptp(v, axis=0).max() / LEVELS
+        assert not any(made.torn(f) for f in frames)
         assert np.percentile(late, 95) < 0.05

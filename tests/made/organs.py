@@ -18,6 +18,7 @@ from twin.model.surface import Surface
 from twin.model.tissue import Pin, Tissue
 from twin.simulation import tissue_scene
 from twin.simulation.plants.tissue import Organs, Tool
+from twin.ui.headset.scene_frame import LEVELS
 
 ROOT = Path(__file__).parents[2]
 
@@ -87,6 +88,20 @@ def abdomen():
     scene = load_scene(ROOT / "cad/vsrs/scene.toml")
     assert scene.anatomy is not None
     return tissue_scene.tissues(scene, read_props(scene.file.parent / scene.anatomy.file))
+
+
+def torn(frame):
+    """Return whether a frame has vertices of several times: they do not follow from any nodes of their organ's grid."""
+    for tissue, v in zip(abdomen(), frame.fields, strict=True):
+        off = tissue.weights @ (_back(tissue.name) @ v) - v
+        if v.shape != tissue.surface.vertices.shape or np.abs(off).max() > 2 * np.ptp(v, axis=0).max() / LEVELS:
+            return True
+    return False
+
+
+@functools.cache
+def _back(name):
+    return np.linalg.pinv(next(t.weights for t in abdomen() if t.name == name))
 
 
 SHORT = 0.08

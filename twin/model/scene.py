@@ -139,7 +139,7 @@ class Scene:
 
     @property
     def models(self) -> tuple[Place, ...]:
-        """The places of the models of the machines; each model has the place of its machine."""
+        """Place of the model of each machine (see `TrainerTable`): the place of the machine, with the model's name."""
         machines = [] if self.trainer is None else self.trainer.robots
         return tuple(replace(p, name=p.name + MODEL) for p in self.places if p.name in machines)
 

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _VIEWS = (("from above", 0, 1), ("from the feet", 0, 2))
-"""Title of each view of the paths, and the World's axes to the right and upwards."""
+"""Title of each view of the paths, and indices of the World's axes that point right and up in the view."""
 
 _POINTS = 2000
 """Maximum number of points of a path and of a curve, because the page contains all points."""
@@ -147,7 +147,7 @@ def _paths(ax: Axes, found: ConsoleSession, arms: list[tuple[str, str]], title: 
 
 
 def _bands(ax: Axes, found: ConsoleSession, arms: list[tuple[str, str]]) -> None:
-    """Draw one band for each pedal and state; a gripper as a curve in its band."""
+    """Draw one band for each pedal and state over time; the angle of a gripper is a curve in its band."""
     kept, t = found.ran.kept, found.t
     rows: list[tuple[str, np.ndarray, str]] = [
         ("clutch", kept[f"{PEDALS}.clutch"][:, 0] > 0.5, NEAR),
