@@ -14,7 +14,7 @@ import trimesh
 
 import twin
 from benchmarks.guiding import judge
-from twin.api.act import props_of
+from twin.api.act import props_of, robots_at
 from twin.api.session import FILE, operate_console, replay_session
 from twin.cli import main
 from twin.core import spatial
@@ -32,6 +32,7 @@ from twin.simulation.plants.contact import Contact, Solid
 from twin.simulation.plants.contact.gripper import grip_frame
 from twin.simulation.session.guiding import STEPS, Referee
 from twin.simulation.ways import _stations
+from twin.ui.session.console import LiveConsole
 
 
 @pytest.fixture(scope="module")
@@ -271,6 +272,22 @@ def test_an_unknown_mistake_is_named(scene, tmp_path, capsys):
         operate_console(twin.load_scene("davinci"), "touch", mistake="dropped")
     assert main(["operate", "davinci", "--mistake", "dropped", "--out", str(tmp_path / "x")]) == 2
     assert "--mistake applies to a procedure or a ring to guide; task 'touch' is neither" in capsys.readouterr().err
+
+
+# -- by hand -------------------------------------------------------------------------------------------------
+
+
+def test_an_attempt_by_hand_has_the_scoreboard_and_can_be_ended(scene, props):
+    live = LiveConsole(scene, robots_at(scene.places), task=scene.tasks["ring"], props=props)
+    live.advance(0.02)
+    board = live.reading["task"]
+    assert dict(board["rows"])["Steps done"] == "0 of 5"
+    assert [name for name, *_ in board["rings"]] == ["ring"]
+    assert board["rings"][0][1] == "on the tower"
+    live.end("page 1")
+    live.advance(0.01)
+    assert live.reading["task"]["over"] == "The task was ended."
+    live.close()
 
 
 # -- the whole task ------------------------------------------------------------------------------------------
