@@ -26,8 +26,8 @@ from twin.simulation.ways import CLEARANCE, Ways
 
 Mistake = Literal["", "dropped", "not_handed_over", "stopped_short", "wire_touched", "wall_hit", "left_inside"]
 """Mistakes on request: the first hand opens before the second arm holds the ring; the first arm guides the ring itself;
-the ring is released in the middle of the wire; it is guided beside the wire; an instrument is led into the wall of the
-dome; the instruments stay in the dome."""
+the ring is released in the middle of the wire; it is laid on the wire for half of it; an instrument is led into the
+wall of the dome; the instruments stay in the dome."""
 
 _TRIES = 3
 """Number of grasps after which the surgeon gives the ring up, and of searches for a way."""
@@ -281,14 +281,12 @@ class GuidingSurgeon(SurgeonHands):
         """Put the ring over the free end of the wire, guide it to the other end, and release it there."""
         hand, manner = self._first if self.mistake == "not_handed_over" else self._second, self.manner
         end = self._along[-1] * (0.5 if self.mistake == "stopped_short" else 1.0) - manner.last
-        aside = np.zeros(3)
         for s in (-manner.ahead, *np.arange(0.0, end, manner.step), end):
-            if self.mistake == "wire_touched" and s >= 0:
-                aside = np.array([0.0, 0.0, self.ring.size[0] - 1.5 * self.ring.size[1]])
             place, n = self._wire(s)
-            yield from self._reach(
-                {hand: self._carrying(hand, place + aside, n)}, manner.near if s < 0 else manner.fine
-            )
+            if self.mistake == "wire_touched" and 0 <= s < end / 2:  # the ring lies on the wire
+                place = place - [0.0, 0.0, self.ring.size[0] - 1.75 * self.ring.size[1]]
+            goal = self._carrying(hand, place, n)
+            yield from self._reach({hand: goal}, manner.near if s < 0 else manner.fine)
             if self._holder() != self._numbers[hand]:
                 self._give_up("guided")
                 return
