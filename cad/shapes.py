@@ -41,6 +41,17 @@ def pipe(at, axis, inner, outer, h):
     return cyl(at, axis, outer, h) - cyl(at, axis, inner, h)
 
 
+def pin(start, end, radius):
+    """Return a pin with two round ends; the rounding at `start` is inside the body that carries the pin."""
+    way = [b - a for a, b in zip(start, end, strict=True)]
+    length = sum(w * w for w in way) ** 0.5
+    tip = [b - radius * w / length for b, w in zip(end, way, strict=True)]
+    solid = Solid.make_cylinder(radius, length - radius, Plane(origin=start, z_dir=way))
+    for middle in (start, tip):
+        solid += Solid.make_sphere(radius, Plane(origin=middle, z_dir=way), -90, 90, 360)
+    return solid
+
+
 def box(x0, x1, y0, y1, z0, z1, radius=0.0, axis=Axis.Z):
     """Return a box between two corners; its edges parallel to `axis` are rounded by a radius."""
     solid = Solid.make_box(x1 - x0, y1 - y0, z1 - z0, Plane(origin=(x0, y0, z0)))

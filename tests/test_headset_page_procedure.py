@@ -115,7 +115,8 @@ BOXES = """
 (() => {
   const box = (what) => document.querySelector(what).getBoundingClientRect().toJSON();
   const lines = [...document.querySelectorAll('.score tr, .score li')].filter((o) => !o.hidden && o.offsetHeight);
-  return {...Object.fromEntries(['.score', '.tools', '.inset', '.help', '.foot', '.side', '.heading'].map((w) => [w, box(w)])),
+  const windows = ['.score', '.tools', '.inset', '.help', '.foot', '.side', '.heading'];
+  return {...Object.fromEntries(windows.map((w) => [w, box(w)])),
     lowest: Math.max(...lines.map((o) => o.getBoundingClientRect().bottom))};
 })()
 """

@@ -233,3 +233,23 @@ def test_leaving_the_session_lets_the_hands_go(opened):
     assert page("[twin.app.console.screen.group.visible, twin.app.world.placement.visible]") == [False, True]
     assert page("twin.app.console.hands.leading.size") == 0
     page.enter()  # as it was
+
+
+def test_a_button_of_a_controller_plans_a_motion_of_its_arm(opened):
+    let_go(opened)
+    hands, page = Tracked(opened, "controllers"), opened
+    hands.take("left")
+    before = rest(page)
+    page("device.controllers.left.updateButtonValue('y-button', 1)")
+    page.until("twin.app.console.plan.phase === 'aim'", "the target is led")
+    at = page("[...twin.app.console.plan.target]")
+    hands.move([0, 0.02, 0], "left")
+    page.until(f"twin.app.console.plan.target.some((x, i) => Math.abs(x - {at}[i]) > 0.002)", "the ghost moves")
+    assert moved(before, rest(page)) == set(), "the arm rests"
+    page("device.controllers.left.updateButtonValue('y-button', 0)")
+    page.until("['plan', 'preview'].includes(twin.app.console.plan.phase)", "its release plans")
+    assert page("twin.app.model.console.plan.robot") == "psm2"
+    page("twin.app.console.plan.cancel()")
+    page.until("twin.app.console.plan.phase === 'off'", "cancelled")
+    assert moved(before, rest(page)) == set()
+    let_go(page)

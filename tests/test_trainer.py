@@ -21,6 +21,7 @@ from twin.core.errors import DescriptionError, DeviceError, TwinError
 from twin.model.scene import load_scene
 from twin.simulation import console_scene, machine_scene
 from twin.simulation.controllers.cue import Cue
+from twin.simulation.controllers.planned import HELD, RUN
 from twin.simulation.controllers.trainer import Bounds, Mode, Phase, Smooth, Tips, Trainer, ViewSwitch, Why, asked, told
 from twin.simulation.devices.joint_packets import JointPackets
 from twin.simulation.devices.joint_packets import pack as pack_joints
@@ -96,6 +97,7 @@ class Desk:
                 "console.mode": 0.0,
                 "arm.goal": kin.forward(self.q).ravel(),
                 "arm.follows": 1.0,
+                "arm.planned": np.zeros(17),
                 "arm.jaw": 0.0,
                 "arm.run": [1.0, Level.PEDAL_DN, 0, 0],
                 "arm.measured": self.q,
@@ -142,6 +144,22 @@ def test_both_get_the_same_packets_and_the_model_begins_where_the_machine_is(des
     assert model_gets[9] == 1
     np.testing.assert_array_equal(machine_gets, model_gets[:9])
     assert desk.step()[4][9] == 0
+
+
+def test_a_plan_leads_both_without_a_hand(desk):
+    desk.set("arm.follows", 0.0)
+    assert np.array_equal(desk.step()[3], STILL)
+    desk.set("arm.planned", RUN, 0)
+    for goal in (0.0, 5e-3):
+        T = desk.signals["arm.goal"].reshape(4, 4).copy()
+        T[0, 3] += goal
+        desk.set("arm.goal", T.ravel())
+        machine_gets, model_gets = desk.step(10)[3:]
+        assert machine_gets[8] == 1
+        np.testing.assert_array_equal(machine_gets, model_gets[:9])
+    assert machine_gets[0] > 0, "towards the goal"
+    desk.set("arm.planned", HELD, 0)
+    assert np.array_equal(desk.step()[3], STILL)
 
 
 def test_increments_wait_until_both_are_ready(desk):

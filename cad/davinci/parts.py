@@ -4,6 +4,7 @@ from math import cos, radians, sin
 
 import surgeons_cart
 from build123d import Plane, Solid
+from shapes import pin
 from surgeons_cart import cart
 
 __all__ = ["MATERIALS", "board", "cart"]
@@ -13,17 +14,6 @@ MATERIALS = surgeons_cart.MATERIALS | {  # sRGB, density in kg/m3
     "peg_left": ((0.16, 0.42, 0.78), 1100),
     "peg_right": ((0.86, 0.62, 0.10), 1100),
 }
-
-
-def _pin(start, end, radius):
-    """Return a pin with two round ends; the rounding at `start` is inside the body that carries the pin."""
-    way = [b - a for a, b in zip(start, end, strict=True)]
-    length = sum(w * w for w in way) ** 0.5
-    tip = [b - radius * w / length for b, w in zip(end, way, strict=True)]
-    pin = Solid.make_cylinder(radius, length - radius, Plane(origin=start, z_dir=way))
-    for middle in (start, tip):
-        pin += Solid.make_sphere(radius, Plane(origin=middle, z_dir=way), -90, 90, 360)
-    return pin
 
 
 def board(d):
@@ -40,9 +30,9 @@ def board(d):
             foot = (x + (i - 2.5) * d.wall_peg_pitch, face + d.peg_inside, top + d.wall_row + j * d.wall_row_pitch)
             long = d.wall_peg_long + d.peg_inside
             end = (foot[0], foot[1] - long * out, foot[2] + long * rise)
-            pins.append((f"peg_{row}{i + 1}", _pin(foot, end, d.peg_radius), "peg"))
+            pins.append((f"peg_{row}{i + 1}", pin(foot, end, d.peg_radius), "peg"))
     for side, s in (("left", -1), ("right", 1)):
         at = (x + s * d.floor_peg_apart / 2, y + d.floor_peg_y)
-        pin = _pin((*at, top - d.peg_inside), (*at, top + d.floor_peg_high), d.peg_radius)
-        pins.append((f"peg_{side}", pin, f"peg_{side}"))
+        ends = (*at, top - d.peg_inside), (*at, top + d.floor_peg_high)
+        pins.append((f"peg_{side}", pin(*ends, d.peg_radius), f"peg_{side}"))
     return [("floor", floor, "board"), ("wall", wall, "board"), *pins]

@@ -294,7 +294,7 @@ class ToleranceBudget(Result):
 
     @property
     def factor(self) -> float | None:
-        """Required position error divided by the computed error in the worst state; below 1, it is not met."""
+        """Required position error / computed error in the worst state; below 1, the requirement is not met."""
         return None if self.required is None else self.required / self.worst.within[0]
 
     @property

@@ -28,6 +28,7 @@ from twin.simulation.session import camera_task, forces, measures, movement, rin
 from twin.simulation.session.camera_task import AlignMeasures
 from twin.simulation.session.file import NAME as FILE
 from twin.simulation.session.forces import ForceMeasures
+from twin.simulation.session.guiding import GuideMeasures
 from twin.simulation.session.measures import ArmMeasures, ConsoleMeasures
 from twin.simulation.session.rings import BoardMeasures
 from twin.simulation.session.run import Ran
@@ -72,6 +73,8 @@ class ConsoleSession(Result):
         recorded: content of the session file of a simulated surgeon; None for a replayed file.
         pegs: pegs of a task with rings, by name.
         aligned: measures of a task with an alignment; None for another task.
+        guided: measures of a task with a ring to guide; None for another task.
+        wire: (k, 3) middle line of the wire of such a task, in m in the World; empty for another task.
         training: measures of the machines.
     """
 
@@ -85,6 +88,8 @@ class ConsoleSession(Result):
     recorded: bytes | None = None
     pegs: Mapping[str, Peg] = field(default_factory=dict)
     aligned: AlignMeasures | None = None
+    guided: GuideMeasures | None = None
+    wire: Array = field(default_factory=lambda: np.zeros((0, 3)))
     training: Sequence[Training] = ()
 
     kind = "session"
@@ -95,12 +100,16 @@ class ConsoleSession(Result):
         if self.verdict == "agree":
             done = "All targets were touched" if self.board is None else "All rings are on their pegs"
             done = done if self.aligned is None else "The endoscope is aligned"
+            done = done if self.guided is None else "The ring was guided along the wire"
             done = "The machine followed its model" if self.training else done
             return "The replay gives the same bytes" if self.source else done
         codes = {f.code for f in self.findings if f.severity == "disagreement"}
         if "task.missed" in codes:
             missed = "Not all targets were touched" if self.board is None else "Not all rings are on their pegs"
+            missed = missed if self.guided is None else "Not all steps of the task are done"
             return missed if self.aligned is None else "The endoscope is not aligned"
+        if "task.errors" in codes:
+            return "More errors than allowed"
         return "The replay gives different bytes" if "session.differs" in codes else super().word
 
     @property
@@ -193,12 +202,23 @@ class ConsoleSession(Result):
                 for r in self.board.rings
                 if r.t is None
             ]
+        out += self._unguided()
         out += self._unaligned()
         out += [finding for machine in self.training for finding in machine.findings()]
         if find_spec("mcap") is None:
             text = f"session.mcap is not written: pip install 'twin-robotics[{EXTRAS['mcap']}]'"
             out.append(info("session.no_mcap", "", text))
         return out
+
+    def _unguided(self) -> Iterator[Finding]:
+        """Yield findings on steps that are not done, and on errors above what is allowed."""
+        if (g := self.guided) is None:
+            return
+        for step in g.missed:
+            yield disagreement("task.missed", step, f"this step is not done; the wire was passed by {g.passed:.0%}")
+        for what, value, most, unit in g.exceeded:
+            text = f"more {what} than allowed"
+            yield disagreement("task.errors", what, text, Quantity(value, unit), most, word="allowed")
 
     def _unaligned(self) -> Iterator[Finding]:
         """Yield findings on an unaligned camera, on two angles that differ, and on a missing angle."""
@@ -278,6 +298,7 @@ class ConsoleSession(Result):
             "forces": None
             if (f := self.forces) is None
             else {"on": f.on, "felt_s": dict(f.felt), "largest_n": dict(f.largest)},
+            "guided": None if self.guided is None else self.guided.content(),
             "machines": [machine.content() for machine in self.training],
             "board": None
             if (board := self.board) is None
@@ -335,6 +356,11 @@ class ConsoleSession(Result):
             yield Table(("ring", "peg", "transferred at", "dropped"), outcome)
             yield ""
             yield Table((), b.rows())
+        elif self.guided is not None:
+            outcome = [(name, "-" if t is None else f"{t:.1f} s") for name, t in self.guided.steps.items()]
+            yield Table(("step", "done at"), outcome)
+            yield ""
+            yield Table((), self.guided.rows())
         elif self.aligned is not None:
             yield Table((), _aligned_rows(self.aligned))
         elif self.task is not None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -24,7 +25,7 @@ from twin.simulation import console_scene, contact_scene, machine_scene
 from twin.simulation.console_scene import Member
 from twin.simulation.contact_scene import Peg
 from twin.simulation.machine.link import Address
-from twin.simulation.session import camera_task, training
+from twin.simulation.session import camera_task, guiding, training
 from twin.simulation.session.camera_task import AlignMeasures, Sight
 from twin.simulation.session.condition import Condition
 from twin.simulation.session.file import NAME as FILE
@@ -39,6 +40,7 @@ def operate_console(
     seed: int = 0,
     scale: float | None = None,
     haptics: bool | None = None,
+    mistake: str = "",
     progress: Progress = silent,
 ) -> ConsoleSession:
     """Simulate a surgeon who performs a task at the console of a scene; the surgeon's habits are ASSUMED.
@@ -49,6 +51,7 @@ def operate_console(
         seed: random seed; the same seed gives the same session.
         scale: motion scale, 0.05 to 1; default: the motion scale of the console.
         haptics: whether to compute forces on the hands, to which this surgeon does not react; default: no.
+        mistake: a mistake that the surgeon makes in a task with a ring to guide; see `devices.guiding_surgeon`.
         progress: see `Progress`.
 
     Raises:
@@ -60,18 +63,21 @@ def operate_console(
     _require_console(run.task_of(scene, task))
     _require_scale(scale)
     chosen = run.task_of(scene, task)
+    if mistake and chosen.guide is None:
+        raise TwinError(f"task '{chosen.name}': this surgeon makes mistakes only in a task with a ring to guide")
     progress("read CAD", 0.0)
     robots, members = _members(scene)
     condition = None if haptics is None else Condition(haptics=haptics)
     props, pegs = _board(scene, chosen, condition)
     with Scratch() as folder:
         file = Path(folder) / FILE
-        more = {"seed": seed, "scale": scale, "props": props, "condition": condition}
+        more = {"seed": seed, "scale": scale, "props": props, "condition": condition, "mistake": mistake}
         ran = run.perform(scene, members, chosen, file, **more, progress=progress)
         recorded = file.read_bytes()
     arms = _arms(scene, robots, ran)
     aligned = _aligned(scene, chosen, robots, ran, arms, props)
-    return ConsoleSession(scene, "", seed, chosen, ran, arms, recorded=recorded, pegs=pegs, aligned=aligned)
+    more = {"pegs": pegs, "aligned": aligned, **_guided(scene, chosen, members, ran, props)}
+    return ConsoleSession(scene, "", seed, chosen, ran, arms, recorded=recorded, **more)
 
 
 def operate_machine(
@@ -165,6 +171,7 @@ def replay_session(
     arms = _arms(placed, robots, ran)
     aligned = _aligned(placed, task, robots, ran, arms, props)
     more = {"pegs": pegs, "aligned": aligned, "training": _training(placed, robots, ran)}
+    more |= _guided(placed, task, members, ran, props)
     return ConsoleSession(placed, str(path), start.seed, task, ran, arms, session.lost, **more)
 
 
@@ -184,10 +191,21 @@ def _require_console(task: Task) -> None:
 
 def _board(scene: Scene, task: Task | None, condition: Condition | None) -> tuple[Mechanism | None, Mapping[str, Peg]]:
     """Return the props and the pegs of a task; a task with targets needs props only for forces on the hands."""
-    if task is None or not (task.transfers or task.alignment):
+    if task is None or not (task.grasps or task.alignment):
         return None if condition is None else props_of(scene), {}
     props = props_of(scene)
     return props, contact_scene.pegs(scene, props, task) if task.transfers else {}
+
+
+def _guided(
+    scene: Scene, task: Task | None, members: Mapping[str, Member], ran: Ran, props: Mechanism | None
+) -> dict[str, Any]:
+    """Return the measures of a task with a ring to guide, and its wire; {} for another task."""
+    if task is None or task.guide is None:
+        return {}
+    course = contact_scene.course(scene, props, task)
+    referee = guiding.Referee.of(scene, task, members, course, ran.kept.dt)
+    return {"guided": guiding.measure(ran.kept, referee), "wire": course.wire}
 
 
 def _aligned(

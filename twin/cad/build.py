@@ -61,7 +61,10 @@ class CadModel:
 
 
 def inputs(description_path: Path, description: Description | None = None) -> list[Path]:
-    """Return the files of a robot: its TOML file and the CAD files named there; `description`: its content or None."""
+    """Return the files of a robot: its TOML file and the CAD files named there.
+
+    `description` is the content of the TOML file, which is read if None.
+    """
     description = description or load(description_path)
     files = [description_path]
     files += [description_path.parent / description.step] if description.step else []
@@ -88,7 +91,7 @@ def fingerprint(description_path: Path, description: Description | None = None, 
 
 
 def read_props(description_path: Path) -> Mechanism:
-    """Return the props of a scene, without masses, from cad/<scene>/<props>.toml; raise as `read_mechanism`."""
+    """Return the props of a scene, without masses, from cad/<scene>/<props>.toml; see `read_mechanism` for errors."""
     return read_mechanism(description_path, with_mass=False, tolerance=PROP_TOLERANCE).mechanism
 
 

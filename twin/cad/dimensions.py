@@ -1,6 +1,6 @@
 """The dimensions from which a drawing was made, `cad/<robot>/dimensions.toml`; read only for their provenance.
 
-The mechanism is measured on the STEP file and does not use these dimensions; reports list the unpublished ones.
+The mechanism is measured on the STEP file and does not use these dimensions; reports list the unpublished dimensions.
 """
 
 from __future__ import annotations

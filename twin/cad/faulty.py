@@ -71,7 +71,7 @@ class Suspect:
 
 @dataclass(frozen=True)
 class Fault:
-    """Joints whose sides do not meet for one reason, and the suspects; empty if no single part explains the fault."""
+    """Joints whose sides do not meet for one reason, and suspects: no suspect if no single part explains the fault."""
 
     joints: tuple[str, ...]
     suspects: tuple[Suspect, ...]

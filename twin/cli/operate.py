@@ -76,11 +76,12 @@ def _at_console(file: Path, args: argparse.Namespace) -> int:
     folder = show.folder(args, scene.name, f"{task.name}-operator")
     if task.procedure is not None:
         return _procedure(scene, task.name, folder, args)
-    if args.mistake is not None:
-        raise TwinError(f"--mistake applies to a procedure; task '{task.name}' is performed at a console")
+    if args.mistake is not None and task.guide is None:
+        raise TwinError(f"--mistake applies to a procedure or a ring to guide; task '{task.name}' is neither")
     with show.progress(args.quiet or args.json) as progress:
         haptics = None if args.haptics is None else args.haptics == "on"
-        found = operate_console(scene, task.name, seed=args.seed, scale=args.scale, haptics=haptics, progress=progress)
+        more = {"seed": args.seed, "scale": args.scale, "haptics": haptics, "mistake": args.mistake or ""}
+        found = operate_console(scene, task.name, **more, progress=progress)
     return show.store(found, args, folder, [FILE])
 
 

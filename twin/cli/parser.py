@@ -368,6 +368,7 @@ def _pages(add: Add) -> None:
         "  twin serve vsrs                     all robots of a scene, with one clock\n"
         "  twin serve davinci                  instruments and camera, controlled from the page or the headset\n"
         "  twin serve davinci --task pegboard            rings to grasp, with a scoreboard\n"
+        "  twin serve raven_dome --task ring             a ring to hand over and to guide in a dome\n"
         "  twin serve davinci --packets 9870 --mqtt 127.0.0.1    also by UDP packets; motion scale by MQTT\n"
         "  twin serve sils --host 0.0.0.0 --cert cert.pem --key key.pem    for every headset in the network\n"
         "  twin serve sils --record session.json        record requests and what clients see\n"
@@ -402,6 +403,7 @@ def _trials(add: Add) -> None:
         "  twin operate sils lowered_patient --scale 0.5\n"
         "  twin operate davinci --seed 3       a surgeon with two hands, clutch and camera at a scene's console\n"
         "  twin operate davinci --task pegboard      rings from pegs to pegs, held by friction\n"
+        "  twin operate raven_dome                   a ring handed over and guided along a wire\n"
         "  twin operate vsrs --task cholecystectomy  a gallbladder taken out in five stages\n"
         "  twin operate raven --trials 3       machines by teleoperation, then a motion rehearsed in their models",
     )
@@ -409,7 +411,9 @@ def _trials(add: Add) -> None:
     sub.protocol()
     sub.text("--task", "NAME", "task of a scene (default: its first task)")
     mistakes = "clip_missed, wrong_vessel, organ_punctured, cut_outside, bed_left"
-    sub.text("--mistake", "NAME", f"mistake that the surgeon of a procedure makes: {mistakes}")
+    guided = "dropped, not_handed_over, stopped_short, wire_touched, wall_hit, left_inside"
+    text = f"mistake that the surgeon makes. In a procedure: {mistakes}; with a ring to guide: {guided}"
+    sub.text("--mistake", "NAME", text)
     sub.choice("--haptics", ("on", "off"), "compute forces on the hands (the operator does not react)")
     sub.out("./twin-out/<robot>/<protocol>-operator/")
     sub.integer("--seed", "random seed of the simulated hand; each further trial adds 1", 0)

@@ -78,7 +78,7 @@ def require_writable(target: Path) -> None:
     """Raise an error if `atomic_folder` could not write to the target; to be called before a long computation.
 
     Raises:
-        OutputError: as `atomic_folder`.
+        OutputError: the target cannot be written (read-only, full, a file with the name of a folder).
     """
     with contextlib.suppress(_ProbeError), atomic_folder(target):
         raise _ProbeError

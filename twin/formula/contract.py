@@ -161,7 +161,7 @@ class Formula:
     numbers: Callable[[np.ndarray, Mapping[str, float]], str] | None = None
 
     def has(self, stage: Stage) -> bool:
-        """Return whether the formula has an equation of a stage."""
+        """Return whether the formula has an equation of a stage: "inverse", "forward" or "helper"."""
         return any(e.stage == stage for e in self.equations)
 
 

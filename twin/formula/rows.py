@@ -22,7 +22,7 @@ POSE, JOINTS = "pose", "q"
 
 
 class PlainRows(ABC):
-    """Wrapper that calls a plain function with symbols by name and returns a tuple of outputs.
+    """Wrapper of a plain function (see `twin.formula.plain`): takes symbols by name and returns a tuple of outputs.
 
     Attributes:
         name: "inverse", "forward" or "points".

@@ -172,7 +172,7 @@ def _newton_many(kin: Compiled, qs: Array, seeds: Array) -> Array:
 
 
 def _score(kin: Compiled, Ts: Array) -> Array:
-    """Return a score (k,): number of preferred aspect signs; ties are decided by the distance to a seed."""
+    """Return a score (k,): number of preferred aspect signs; in a tie, a pose nearer to the first seed scores more."""
     preferred = np.array([a.preferred for a in kin.formula.aspects])
     agree = (kin.aspect_signs(Ts) == preferred).sum(axis=1).astype(float)
     home = list(seeds(kin, rng=0, starts=1))

@@ -91,8 +91,8 @@ class Kinematics(Compiled):
         from the previous solution.
 
         Raises:
-            KinematicsError: as `inverse`, for the first pose without a solution, with its index and the number of such
-                poses.
+            KinematicsError: a pose has no solution; the message is that of `inverse` for the first such pose, with its
+                index and the number of such poses.
         """
         Ts = poses(Ts_base_tool)
         q = self.inverse_many(Ts) if self.closed_inverse else assembly.inverse_by_solver_many(self, Ts, seed)

@@ -127,7 +127,7 @@ class Compiled(ABC):
     def inverse_jacobian_many(self, Ts: ArrayLike | None = None, qs: ArrayLike | None = None) -> Array:
         """Return the derivatives (k, n, 6) of q with respect to a twist; NaN at singularities.
 
-        Without inverse equations: the pseudo-inverse of `jacobian`.
+        Without inverse equations, the pseudo-inverses of `jacobian_many` are returned.
         """
         if self.closed_inverse:
             return self.program.inverse_jacobian.many(self._states(Ts, qs))
@@ -147,7 +147,7 @@ class Compiled(ABC):
         return J
 
     def jacobian_many(self, Ts: ArrayLike | None = None, qs: ArrayLike | None = None) -> Array:
-        """Return the Jacobians (k, 6, n), as `jacobian`; NaN at singularities."""
+        """Return the derivatives (k, 6, n) of the tool's twist with respect to q; NaN at singularities."""
         if self.closed_forward:
             return self.program.forward_jacobian.many(
                 self._joints(qs) if qs is not None else self.inverse_many(_need(Ts, "poses"))
@@ -189,7 +189,7 @@ class Compiled(ABC):
         return singularity.condition_inverse(self.inverse_jacobian(T, q), self.characteristic_length)
 
     def condition_many(self, Ts: ArrayLike | None = None, qs: ArrayLike | None = None) -> Array:
-        """Return the condition numbers (k,), as `condition`; infinite where the Jacobian is singular or NaN."""
+        """Return the condition numbers (k,) of the scaled Jacobians, see `condition`; infinite if singular or NaN."""
         if self.closed_forward:
             J = self.jacobian_many(Ts, qs)
             J[:, 3:] *= self.characteristic_length

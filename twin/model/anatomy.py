@@ -37,7 +37,7 @@ class PinTable(Table):
 
 
 class TissueTable(Sourced):
-    """A soft organ: a body of the anatomy with the name of the table.
+    """A soft organ. Its shape is the body of the anatomy that has the name of this table.
 
     The organ is elastic in a grid of `cells` along its three principal axes, the longest first, or along the axes of
     the World (`upright`), and keeps its volume. `edge_mm` is the longest edge of its triangles; `damping_s`

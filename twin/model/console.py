@@ -87,8 +87,8 @@ class ConsoleTable(Sourced):
 class HapticsTable(Sourced):
     """Forces on the hands: stiffness and damping of all surfaces; forces are clipped at `largest_n`.
 
-    `device_damping_ns_m` is the damping of the device and of the fingers on it, with which the sampled surface is
-    passive. `on` states whether forces are on at the start.
+    `device_damping_ns_m` is the damping of the device and of the fingers on it; with this damping, a surface whose
+    forces are computed at sample times adds no energy (is passive). `on` states whether forces are on at the start.
     """
 
     stiffness_n_m: float = Field(gt=0, le=10_000)

@@ -50,7 +50,7 @@ class Deformable:
 
 @dataclass(frozen=True, eq=False)
 class Bend:
-    """The motion of a deformable, in the World; at the first time it is at rest.
+    """The motion of a deformable, in the World. At the first time, the deformable has its shape at rest.
 
     At times (k,) in s, evenly spaced from 0, nodes (k, m, 3) are in m; vertices (n, 3) = weights (n, m) @ nodes; `mesh`
     is at rest.

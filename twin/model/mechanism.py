@@ -180,11 +180,11 @@ class Mechanism:
         return out
 
     def motors(self, q: Array) -> Array:
-        """Return motor values or rates (..., n) for joint values or rates (..., n); motors as in `motor_names`."""
+        """Return motor values or rates (..., n), in the order of `motor_names`, for joint values or rates (..., n)."""
         return np.asarray(q, float).dot(self._motor_rows.T)  # for one vector three times as fast as @
 
     def from_motors(self, m: Array) -> Array:
-        """Return joint values or rates (..., n) for motor values or rates (..., n); motors as in `motor_names`."""
+        """Return joint values or rates (..., n) for motor values or rates (..., n), in the order of `motor_names`."""
         return np.asarray(m, float).dot(self.motor_matrix.T)
 
     def motor_efforts(self, efforts: Array) -> Array:

@@ -139,7 +139,7 @@ class Scene:
 
     @property
     def models(self) -> tuple[Place, ...]:
-        """The places of the models of the machines; each model has the place of its machine."""
+        """Place of the model of each machine (see `TrainerTable`): the place of the machine, with the model's name."""
         machines = [] if self.trainer is None else self.trainer.robots
         return tuple(replace(p, name=p.name + MODEL) for p in self.places if p.name in machines)
 
@@ -187,7 +187,7 @@ def load_scene(path: Path) -> Scene:
     for name, t in table.task.items():
         if table.console is None and t.procedure is None:
             raise error_at(path, ("task", name), "a task needs a console: add a section [console]")
-        task.check_transfers(path, name, t, table.object, table.contact is not None)
+        task.check_rings(path, name, t, table.object, table.contact is not None)
     props = None if table.props is None else path.parent / table.props
     if props is not None and not props.is_file():
         raise error_at(path, ("props",), f"there is no file {props.name} in the folder of the scene")

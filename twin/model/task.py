@@ -1,4 +1,7 @@
-"""A task at a console or a bedside: targets to touch, rings to bring to pegs, a camera to align, or a procedure."""
+"""A task at a console or a bedside.
+
+Targets to touch, rings to bring to pegs, a ring to guide along a wire, a camera to align, or a procedure.
+"""
 
 from __future__ import annotations
 
@@ -13,9 +16,10 @@ from twin.core.errors import unknown
 from twin.core.provenance import Parameter
 from twin.core.spatial import Array
 from twin.core.units import MM
-from twin.model import alignment, procedure
+from twin.model import alignment, guide, procedure
 from twin.model.alignment import Alignment, AlignTable
 from twin.model.contact import ObjectTable
+from twin.model.guide import GuideTable
 from twin.model.procedure import ProcedureTable
 from twin.schema import Identifier, Row, Sourced, Table, Vector, at, error_at
 
@@ -42,12 +46,12 @@ class TargetTable(Table):
 
 
 class TaskTable(Sourced):
-    """A task: targets to touch in this order, rings to bring to pegs, a camera to align, or a surgical procedure.
+    """A task: targets to touch in order, rings to bring to pegs, a ring to guide, a camera to align, or a procedure.
 
     A target has a point for one hand or for both. It is touched when the tips of these hands have all been within the
     tolerance of their points for `hold_s`, without interruption. A ring is transferred when it lies around its peg and
-    nothing holds it. `AlignTable` describes `align`, `ProcedureTable` describes `procedure`; only a task with
-    `procedure` needs no console.
+    nothing holds it. `GuideTable` describes `guide`, `AlignTable` describes `align`, `ProcedureTable` describes
+    `procedure`; only a task with `procedure` needs no console.
     """
 
     title: str = Field(min_length=1)
@@ -55,18 +59,19 @@ class TaskTable(Sourced):
     hold_s: float | None = Field(None, ge=0, le=10)
     target: list[TargetTable] = Field(default_factory=list)
     transfer: list[Transfer] = Field(default_factory=list)
+    guide: GuideTable | None = None
     align: AlignTable | None = None
     procedure: ProcedureTable | None = None
 
     @model_validator(mode="after")
     def _one_kind(self) -> TaskTable:
-        kinds = [name for name in ("target", "transfer", "align", "procedure") if getattr(self, name)]
+        kinds = [name for name in ("target", "transfer", "guide", "align", "procedure") if getattr(self, name)]
         if len(kinds) != 1:
             found = " and ".join(f"`{k}`" for k in kinds) or "none of them"
             raise at(
                 "title",
-                "a task needs a goal: `target` or `transfer` with at least one entry, `align` or `procedure`; it has "
-                f"{found}",
+                "a task needs a goal: `target` or `transfer` with at least one entry, `guide`, `align` or `procedure`; "
+                f"it has {found}",
             )
         for key in ("tolerance_mm", "hold_s"):
             if (getattr(self, key) is None) == bool(self.target):
@@ -85,7 +90,7 @@ class Target:
 
 @dataclass(frozen=True)
 class Task:
-    """A task; it has targets, transfers, an alignment or a procedure. Only a procedure needs no console.
+    """A task; it has targets, transfers, a guide, an alignment or a procedure. Only a procedure needs no console.
 
     `tolerance` is the maximum distance in m of a tip from its point during a touch; `hold` is the time in s for which
     all tips of a target must be within the tolerance. `alignment` has rectangle and line of the camera task.
@@ -99,6 +104,12 @@ class Task:
     transfers: tuple[Transfer, ...] = ()
     alignment: Alignment | None = None
     procedure: ProcedureTable | None = None
+    guide: GuideTable | None = None
+
+    @property
+    def grasps(self) -> bool:
+        """Whether the instruments grasp movable objects."""
+        return bool(self.transfers) or self.guide is not None
 
 
 def task_of(name: str, task: TaskTable) -> Task:
@@ -116,30 +127,40 @@ def task_of(name: str, task: TaskTable) -> Task:
         tuple(task.transfer),
         None if task.align is None else alignment.alignment(task.align),
         task.procedure,
+        task.guide,
     )
 
 
-def check_transfers(path: Path, name: str, task: TaskTable, objects: Mapping[str, ObjectTable], contact: bool) -> None:
+def check_rings(path: Path, name: str, task: TaskTable, objects: Mapping[str, ObjectTable], contact: bool) -> None:
     """Raise if a ring of task `name` is not a ring of the scene, is listed twice, or nothing can touch it.
 
     Raises:
         DescriptionError: with file, line, key and value.
     """
-    if task.transfer and not contact:
-        raise error_at(path, ("task", name), "a task with `transfer` requires a section [contact] in this file")
+    kind = "transfer" if task.transfer else "guide" if task.guide else ""
+    if kind and not contact:
+        raise error_at(path, ("task", name), f"a task with `{kind}` requires a section [contact] in this file")
+    if task.guide is not None:
+        _check_ring(path, ("task", name, "guide", "ring"), task.guide.ring, objects)
     for k, transfer in enumerate(task.transfer):
         keys = ("task", name, "transfer", k, "ring")
-        if transfer.ring not in objects:
-            raise error_at(path, keys, unknown("object", transfer.ring, objects))
-        if (shape := objects[transfer.ring].shape) != "ring":
-            raise error_at(path, keys, f"'{transfer.ring}' is a {shape}; only a ring goes around a peg")
+        _check_ring(path, keys, transfer.ring, objects)
         if transfer.ring in [t.ring for t in task.transfer[:k]]:
             raise error_at(path, keys, f"'{transfer.ring}' is listed twice")
+
+
+def _check_ring(path: Path, keys: tuple[str | int, ...], name: str, objects: Mapping[str, ObjectTable]) -> None:
+    if name not in objects:
+        raise error_at(path, keys, unknown("object", name, objects))
+    if (shape := objects[name].shape) != "ring":
+        raise error_at(path, keys, f"'{name}' is a {shape}; only a ring goes around a peg or a wire")
 
 
 def listed(name: str, task: TaskTable) -> Iterator[Parameter]:
     """Yield the numbers of task `name`, with their provenance."""
     rows: list[Row] = [("tolerance", task.tolerance_mm, "mm"), ("hold", task.hold_s, "s")]
+    if task.guide is not None:
+        rows += guide.rows(task.guide)
     if task.align is not None:
         rows += alignment.rows(task.align)
     if task.procedure is not None:

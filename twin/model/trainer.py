@@ -1,4 +1,7 @@
-"""The section `[trainer]` of a scene: robots that are machines with a model each, and the limits of their motions."""
+"""The section `[trainer]` of a scene: machines, each with its model, and the limits of their motions.
+
+A machine is a robot in a process of software, motors and links that packets command. Its model gets the same packets.
+"""
 
 from __future__ import annotations
 
@@ -21,9 +24,9 @@ _NotNegative = Annotated[float, Field(ge=0)]
 
 
 class CueTable(Table):
-    """Cue, a force on the hand by the deviation of a machine from its model.
+    """Cue: a force on the hand, from the distance and the relative velocity of the tips of a machine and its model.
 
-    The force begins at a deviation of `tol_mm`, has gains in N/mm and N s/mm, and is at most `largest_n`.
+    The force begins at a distance of `tol_mm`, has the gains `kp_n_mm` and `kd_ns_mm`, and is at most `largest_n`.
     """
 
     reading: Literal["printed", "corrected"] = "corrected"
@@ -35,7 +38,9 @@ class CueTable(Table):
 
 
 class TrainerTable(Sourced):
-    """Robots of the scene that are machines, and the limits of teleoperation and rehearsal.
+    """Robots of the scene that are machines (commanded by packets), and the limits of teleoperation and rehearsal.
+
+    The model of a machine gets the same packets; the motion of both is compared.
 
     `speed_mm_s` and `turn_deg_s` limit the speed of the tool that packets command. The replay of a rehearsed motion is
     refused if its tip was faster than `rehearsed_mm_s`, or if the machine is farther than `start_mm` or `start_deg`

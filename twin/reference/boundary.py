@@ -24,7 +24,7 @@ from twin.reference.seeking import NEARLY, Mask, Valid, Walks, seek, wander
 from twin.reference.states import Run
 
 _DEGENERATE = 1e-2
-"""Relative singular value below which the mechanism counts as degenerate; larger than the error of a walk (1e-5)."""
+"""Relative singular value below which the mechanism counts as degenerate; the error of a search for zeros is 1e-5."""
 
 _STARTS = 12
 """Number of states at which walks start."""
@@ -35,7 +35,7 @@ _FLAT = 1e-2
 """Relative slope per radian of a margin below which the margin counts as being at its minimum."""
 
 _ENDS = 0.05
-"""Relative size of another margin below which it counts as zero; the walk then ended because of that margin."""
+"""Relative size of another margin below which it counts as zero; a search then ended because of that margin."""
 
 _MOSTLY = 0.3
 """Minimum ratio of two sums of an aspect's values: values with the preferred sign, and values with the other sign.
@@ -64,7 +64,7 @@ class Stated(Protocol):
         ...
 
     def valid(self, s: Run, passive: bool) -> Mask:
-        """Return (k,) bool: whether the equations give the active and, with `passive`, the passive joint values."""
+        """Return (k,) bool: whether the equations give the active (and, with `passive`, the passive) joint values."""
         ...
 
     def refuses(self, Ts_base_tool: Array) -> Array:
@@ -72,7 +72,7 @@ class Stated(Protocol):
         ...
 
     def fails(self, s: Run) -> Array:
-        """Return the rate (k,) of the formula's joint values per pose change; unbounded at its singularities."""
+        """Return the largest joint rate (k,) per pose change by the formula; infinite where the formula is singular."""
         ...
 
     def homogeneous(self, s: Run, by: float) -> bool:
@@ -232,7 +232,7 @@ class Boundary:
         return seek(self.motions, self._at, valid, starts, row, np.array(aside * len(rows)), self._size, seed)
 
     def _zeros(self, i: int, walks: list[Walks]) -> Array:
-        """Return all states at which walks found a zero of a row."""
+        """Return the states (k, nq) at which walks (sequences of Newton steps) found a zero of row i."""
         ends = np.concatenate([w.states[w.ended == "zero"] for w in walks])
         return ends[np.abs(self._at(ends)[:, i]) <= NEARLY * self._size[i]] if len(ends) else ends
 

@@ -2,8 +2,9 @@
 
 One surface is covered by balls; of the other, lower bounds of the distance are stored on a grid in its own frame. The
 distance of the surfaces is at least the smallest stored value at a ball's centre minus the ball's radius, and at most
-this value plus both errors, because each ball contains a part of its surface. A look-up takes nanoseconds (`lookup`), a
-distance of two meshes up to a millisecond. Grids and balls depend on the surface only and are kept on disk.
+this value plus both errors, because each ball contains a part of its surface. A look-up (`lookup`) takes nanoseconds;
+computing the distance of two meshes takes up to a millisecond. Grids and balls depend on the surface only and are kept
+on disk.
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ _BAND = 3
 """Width in cells of the band around the surface in which stored distances are accurate."""
 
 _DEPTH = 12
-"""Maximum number of halvings of a surface into balls."""
+"""Maximum number of times that a surface is halved to get smaller balls."""
 
 _SMALL = 1 / 250
 """Radius of the smallest balls, relative to the extent of the surface."""
@@ -69,7 +70,7 @@ def divided(triangles: Array, edge: float) -> Array:
 
 
 def balls(triangles: Array) -> Array:
-    """Return balls (n, 5) that cover the surface of triangles (k, 3, 3), each of which contains a part of it.
+    """Return balls (n, 5) that cover the surface of triangles (k, 3, 3); each ball contains a part of the surface.
 
     A ball's part of the surface is halved for two smaller balls. The rows are in the order of a depth-first search:
     centre (3) in m, radius in m, number of the row that follows the ball and all balls of its part.
@@ -125,7 +126,7 @@ class Grid:
         low, high: (3,) corners of the bounding box of the surface in m.
         error: maximum in m of (distance of a node from the surface minus stored value), for values below `known`.
         known: stored value in m below which `error` applies.
-        far: the same maximum in m for nodes with values of at least `known`.
+        far: maximum of this difference in m for values of at least `known`.
     """
 
     values: np.ndarray

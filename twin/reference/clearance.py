@@ -178,7 +178,7 @@ def _way(a: Shape, b: Shape, link_poses: Mapping[str, Array], since: int = 0) ->
 
 
 def box_gap(low_a: Array, high_a: Array, low_b: Array, high_b: Array) -> Array:
-    """Return the distance (...) between boxes with corners (..., 3): a lower bound for their contents."""
+    """Return the distance (...) in m between boxes with corners (..., 3): a lower bound for shapes inside the boxes."""
     return np.linalg.norm(np.maximum(np.maximum(low_a - high_b, low_b - high_a), 0), axis=-1)
 
 

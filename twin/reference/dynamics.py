@@ -216,7 +216,7 @@ class Dynamics:
 
     @cached_property
     def _scatter(self) -> Array:
-        """G for a tree without loops: passive joints follow by the couplings, others are at rest."""
+        """G (nv, n), as returned by `_gain`, of a tree without loops: couplings move passive joints, others rest."""
         if not self._tree.loops.names:
             return np.eye(self._pin.nv)[:, self._tree.active]
         return self.model.gains(self._home[None])[0]
@@ -228,7 +228,7 @@ class Dynamics:
 
     @cached_property
     def _follow(self) -> Array:
-        """Change of these joints per change of each active joint."""
+        """Change of the joints `_followers` per change of each active joint, (followers, n)."""
         columns = {i: k for c in self._tree.loops.couplings for i, k in zip(c.places, c.columns, strict=True)}
         return self._scatter[[columns[i] for i in self._followers]]
 

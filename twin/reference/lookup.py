@@ -19,17 +19,18 @@ from twin.core.machine import compiled
 from twin.core.spatial import Array
 
 BALL = 5
-"""Numbers of a ball: centre (3), radius, number of the ball after its part."""
+"""Count of numbers that describe a ball: centre (3), radius, number of the first ball after its smaller balls."""
 
 GRID = 20
-"""Numbers of a grid: first node (3), cell, 1/cell, number of the last node (3), strides (2), place of the first value,
-box of the surface (6), error, known, far (see `bounds.Grid`)."""
+"""Count of numbers that describe a grid: first node (3), cell, 1/cell, number of the last node (3), strides (2), place
+of the first value, box of the surface (6), error, known, far (see `bounds.Grid`)."""
 
 PAIR = 6
-"""Numbers of a pair: number of shapes, shape with the grid, shape with the balls, grid, first ball, last ball + 1."""
+"""Count of numbers that describe a pair: number of all shapes, indices of the shape with the grid, of the shape with
+the balls, of the grid, of the first ball, and of the last ball + 1."""
 
 _ROUGH = 0.75
-"""Part of the upper bound that is sufficient as a lower bound in a search."""
+"""Fraction of the upper bound at which a lower bound is sufficient in a search."""
 
 _DOUBLE, _FLOAT, _INT, _POINTER = ir.DoubleType(), ir.FloatType(), ir.IntType(64), ir.PointerType()
 
@@ -221,7 +222,7 @@ def look_up(
         pairs: (n,) row of `table` of each item.
         enough: (n,) in m; a larger lower bound is not required.
         reject: (n,) in m; if the upper bound is below it, the lower bound is 0, and no better one is searched.
-        fine: (n,) in m; balls that are not larger are not opened.
+        fine: (n,) in m; balls with at most this radius are not replaced by their smaller balls.
         table: (pairs, PAIR) int64.
         grids: (grids, GRID) float64.
         values: float32, the values of all grids.

@@ -28,7 +28,7 @@ SEARCHED = 2 * MM
 """Radius in m of balls that are small enough for a search; a found path is tested with smaller ones."""
 
 _FEW = 3
-"""Largest number of turns between two bodies for which cells are stored."""
+"""Maximum number of revolute joints between two bodies for which results are stored in cells (see `Pairs.closer`)."""
 
 
 @dataclass(frozen=True)
@@ -130,11 +130,11 @@ class Pairs:
 
     @cached_property
     def levers(self) -> Levers | None:
-        """Bounds of motion around a state; None if the tree has other joints than turns and slides."""
+        """Bounds of motion around a state; None if a joint of the tree is neither revolute, prismatic nor a ball."""
         return Levers(self._tree, self._numbers, self.rows) if Levers.possible(self._tree) else None
 
     def around(self, X: Array, moved: Array) -> tuple[Array, Array]:
-        """Return (poses as of `poses`, bounds (k, pairs) in m of the relative motion around configurations X (k, nq)).
+        """Return (poses as `poses` returns them, bounds (k, pairs) in m of the relative motion) around X (k, nq).
 
         Args:
             X: configurations.
@@ -239,11 +239,35 @@ class Pairs:
             self._cells[key] = not self.nearer(pair, poses, 1.5 * float(self.required[pair]))
         return self._cells[key]
 
+    def seem_near(
+        self, X: Array, poses: Array, states: np.ndarray, pairs: np.ndarray, low: Array, high: Array, matter: np.ndarray
+    ) -> np.ndarray:
+        """Return (n,) bool: whether `pairs` (n,) in `states` (n,) seem nearer than required, for a search.
+
+        The mean of the bounds `low` and `high` (n,) decides, except where they allow a collision: the balls of large
+        bodies are large, and the mean of the bounds of two bodies that collide can exceed the required distance. There,
+        the exact distance decides, but only in states that `matter` (k,), and in each until a pair is near.
+        """
+        required = self.required[pairs]
+        out = (low + high) / 2 < required
+        wide = (low <= 0) & (high >= required)
+        left = matter.copy()
+        left[states[out & ~wide]] = False
+        for pair in np.unique(pairs[wide]):
+            if self.celled(int(pair)):
+                i = np.flatnonzero(wide & (pairs == pair) & left[states])
+                out[i] = self.closer(int(pair), X[states[i]], poses[states[i]])
+                left[states[i[out[i]]]], wide[i] = False, False
+        for i in np.flatnonzero(wide):
+            k = int(states[i])
+            out[i] = left[k] and self.closer(int(pairs[i]), X[[k]], poses[[k]])[0]
+            left[k] &= not out[i]
+        return out
+
     def near(self, X: Array, *, exact: bool = True) -> np.ndarray:
         """Return (k,) bool: whether any pair is nearer than required at configurations X (k, nq).
 
-        Pairs that the bounds do not decide are decided by the exact distance or, without `exact`, by the mean of both
-        bounds.
+        Pairs that the bounds do not decide are decided by the exact distance or, without `exact`, by `seem_near`.
         """
         out = np.zeros(len(X), bool)
         if not len(self):
@@ -256,7 +280,7 @@ class Pairs:
         low, high = self.bounds(poses, states, pairs, required, required, 0.0 if exact else SEARCHED)
         out[states[high < required]] = True
         if not exact:
-            out[states[(low + high) / 2 < required]] = True
+            out[states[self.seem_near(X, poses, states, pairs, low, high, ~out)]] = True
             return out
         unknown = low < required
         for pair in np.unique(pairs[unknown]):

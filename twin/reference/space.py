@@ -35,7 +35,8 @@ _FINE = 512
 """Number of intervals of a path; in each, the speed is taken as the larger speed of both ends, times `_BETWEEN`."""
 
 _BETWEEN = 1.05
-"""Safety factor: in corners rounded over 1/80 of a path (six intervals), the speed exceeds both ends by up to 0.3 %."""
+"""Safety factor: in a corner rounded over 1/80 of a path (six intervals), the speed within an interval exceeds the
+speeds at its two ends by up to 0.3 %."""
 
 _BETWEEN_LOOPS = 1.5
 """Safety factor for passive joints, whose speeds are known only at stations; the value is chosen, not derived."""
@@ -56,7 +57,7 @@ _SEARCH = 6 * MM
 """Motion in m of two bodies from the nearest tested state that a search accepts; paths found are tested whole."""
 
 _FAR = 100 * MM
-"""Distance in m beyond which bounds for a certificate need not be better, as long as no distance is known."""
+"""Distance in m up to which a certificate asks for lower bounds, as long as no exact distance is known."""
 
 
 def _nothing() -> None:
@@ -76,7 +77,7 @@ class _Stations:
         s: (k,) values of s at the stations.
         X: (k, nq) configurations at the stations.
         fine: (m,) values of s from 0 to 1.
-        moved: (m, nv) in m or rad, upper bound of the motion of each coordinate, to and fro, from s = 0 to `fine`.
+        moved: (m, nv) in m or rad, upper bound of the path length of each coordinate from s = 0 to `fine`.
     """
 
     path: Callable[[Array], Array]
@@ -421,10 +422,14 @@ class JointSpace:
             margin = np.maximum(required, required / 2 + way)
             left = np.flatnonzero(pairs.gaps(poses, row, pair) < margin)
             least, most = pairs.bounds(
-                *(poses, row[left], pair[left], margin[left], required[left]), 0.0 if exact else SEARCHED
+                *(poses, row[left], pair[left], margin[left], required[left]),
+                0.0 if exact else SEARCHED,
             )
-            blocked = most if exact else (least + most) / 2
-            ok[path[left[blocked < required[left]]]] = False
+            if exact:
+                near = most < required[left]
+            else:
+                near = pairs.seem_near(X, poses, row[left], pair[left], least, most, ok[paths])
+            ok[path[left[near]]] = False
             left = left[(least < margin[left]) & ok[path[left]]]
             # where the bounds do not decide and the interval is short, exact distances do
             split = [] if exact else left[way[left] > _SEARCH]
@@ -446,7 +451,8 @@ class JointSpace:
     def free_each(self, a: Array, b: Array) -> np.ndarray:
         """Return (m,) bool: whether the straight paths from a (m, n) to b (m, n), with free ends, are probably free.
 
-        As `free_between`, for all paths at once, but by bounds of distances only, unless the mechanism has loops.
+        All paths are tested at once, by bounds of distances only. For a mechanism with loops, each path is tested
+        separately and exactly by `free_between`.
         """
         a, b = np.asarray(a, float), np.asarray(b, float)
         if not len(a):

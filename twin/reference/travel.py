@@ -23,6 +23,9 @@ Placed = tuple[int, Array]
 """(number of the Pinocchio joint that carries a body, 0 if at rest; vertices (m, 3) in the frame of this joint)."""
 
 
+_BALL = "JointModelSpherical"
+
+
 class Reach:
     """Upper bounds of the relative motion of pairs of bodies, per m or rad of each coordinate."""
 
@@ -90,9 +93,10 @@ class Reach:
 class Levers:
     """Bounds of the relative motion of pairs of bodies around given states; much smaller than those of `Reach`.
 
-    For trees of turns and slides. In a state, let rho be the distance of a body's farthest point from an axis. While
-    the joints between axis and body move the body by at most S, rho grows by at most S. So, from the body to the base,
-    a turn by dx adds (rho + S) dx to S, a slide adds dx.
+    All joints of the tree must be revolute, prismatic or ball joints. In a state, let rho be the distance of a body's
+    farthest point from an axis, or from the centre of a ball joint. While the joints between axis and body move the
+    body by at most S, rho grows by at most S. Therefore S is summed from the body to the base: a rotation by dx adds
+    (rho + S) dx to S, a translation adds dx.
     """
 
     def __init__(self, tree: Tree, numbers: np.ndarray, pairs: np.ndarray) -> None:
@@ -115,14 +119,15 @@ class Levers:
         self._joints, self._bodies = np.nonzero(above.T)
         self._moved = [np.flatnonzero(self._joints == n) for n in range(model.njoints)]
         self._columns = np.array([j.idx_v for j in model.joints])
+        self._balls = np.array([j.shortname() == _BALL for j in model.joints])
         self._turn = [n > 0 and not _slides(model, n) for n in range(model.njoints)]
         self._rows = pairs
 
     @staticmethod
     def possible(tree: Tree) -> bool:
-        """Return whether every joint of a tree is one rotation about z or one translation along z."""
+        """Return whether every joint of a tree is a rotation about z, a translation along z, or a ball joint."""
         kinds = {tree.model.joints[n].shortname() for n in range(1, tree.model.njoints)}
-        return kinds <= {"JointModelRZ", "JointModelPZ"}
+        return kinds <= {"JointModelRZ", "JointModelPZ", _BALL}
 
     def bounds(self, joints: Array, centres: Array, radii: Array, moved: Array) -> Array:
         """Return bounds (pairs, k) in m of the relative motion of each pair.
@@ -137,6 +142,9 @@ class Levers:
         steps, place = moved.T[self._columns], np.ascontiguousarray(np.moveaxis(joints[:, :, :3, 2:], 0, -1))
         off = centres[self._bodies] - place[self._joints, :, 1]
         along = (off * place[self._joints, :, 0]).sum(axis=1)
+        for n in np.flatnonzero(self._balls):
+            steps[n] = np.linalg.norm(moved[:, self._columns[n] : self._columns[n] + 3], axis=1)
+            along[self._joints == n] = 0.0
         rho = np.sqrt(np.maximum((off * off).sum(axis=1) - along**2, 0.0)) + radii[self._bodies, None]
         total, out = np.zeros((len(radii), len(joints))), np.zeros((len(self._rows), len(joints)))
         for n in range(len(self._columns) - 1, -1, -1):

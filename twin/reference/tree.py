@@ -108,7 +108,7 @@ class Tree:
         self._body[joint.child] = (number, T_joint_child)
 
     def _look(self) -> dict[bool, list[Array]]:
-        """Return views of rotation (3, 3) and position (3, 1) of each joint, in turn, in Pinocchio's memory.
+        """Return views of Pinocchio's memory: rotation (3, 3) and position (3, 1) of joint 1, then of joint 2, ...
 
         The key is `closing_only` of `update`. Copying all views at once takes half the time of one call per pose.
         """
@@ -173,7 +173,7 @@ class Tree:
     def place(self, X: Array) -> Array:
         """Return the poses (k, joints, 4, 4) of all joint frames in base at configurations X (k, nq), for many at once.
 
-        Numpy computes them; `update` asks Pinocchio, one configuration at a time.
+        NumPy computes the poses; `update` lets Pinocchio compute them, one configuration at a time.
         """
         poses = np.zeros((len(X), self.model.njoints, 4, 4))
         poses[:, 0] = np.eye(4)
@@ -189,7 +189,7 @@ class Tree:
                 turn = first + 3 * (kind == "JointModelFreeFlyer")
                 if kind == "JointModelFreeFlyer":
                     T[:, :3, 3] += np.einsum("kij,kj->ki", T[:, :3, :3], X[:, first:turn])
-                T[:, :3, :3] = T[:, :3, :3] @ spatial.matrix_from_quat_wxyz(np.roll(X[:, turn : turn + 4], 1, axis=1))
+                T[:, :3, :3] = T[:, :3, :3] @ spatial.matrix_from_quat_wxyz(X[:, [turn + 3, turn, turn + 1, turn + 2]])
         return poses
 
     def columns(self, poses: Array) -> Array:
@@ -221,7 +221,7 @@ class Tree:
             w, v, r = X[:, place + 3, None], X[:, place : place + 3], steps[:, column : column + 3] / 2
             half = np.linalg.norm(r, axis=1, keepdims=True)
             c, u = np.cos(half), r * np.sinc(half / np.pi)
-            out[:, place : place + 3] = w * u + c * v + np.cross(v, u)
+            out[:, place : place + 3] = w * u + c * v + (spatial.hat(v) @ u[..., None])[..., 0]
             out[:, place + 3] = (w * c)[:, 0] - (v * u).sum(axis=1)
         return self.unit(out)
 

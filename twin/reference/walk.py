@@ -29,7 +29,10 @@ def knots(targets: Array) -> Index:
 
 
 def distance(a: Array, b: Array) -> float:
-    """Return the distance of two targets: largest joint difference, or larger of translation (m) and rotation (rad)."""
+    """Return the distance of two targets in m or rad.
+
+    For joint values, it is the largest difference; for poses, the larger of the translation and the rotation angle.
+    """
     if a.ndim == 1:
         return float(np.abs(a - b).max(initial=0.0))
     turn = float(spatial.rotation_angle(a[:3, :3].T @ b[:3, :3]))

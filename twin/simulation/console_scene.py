@@ -105,7 +105,7 @@ def world(
         dt: duration of one tick in s.
         records: whether every tick is recorded; see `World`.
         watch: blocks without outputs that read all signals at the end of a tick.
-        task: a task; if it has transfers, the instruments touch objects and the solid bodies of the props. If it is a
+        task: a task; if it has rings, the instruments touch objects and the solid bodies of the props. If it is a
             procedure, the grippers close the jaws of tools in the organs.
         props: mechanism of the props; only needed for such a task, and for the forces of contacts.
         haptics: whether the forces on the hands are on at the start; None: the World has none. With forces, the
@@ -147,11 +147,11 @@ def world(
     plants += machines.plants(q)
     robots = [Placed(p.name, members[p.name].mechanism, p.T_world_base, members[p.name].links) for p in led]
     robots += machines.models(members)
-    objects = scene.objects if task is not None and task.transfers else ()
+    objects = scene.objects if task is not None and task.grasps else ()
     felt = _felt(scene, props, haptics)
     if objects or felt:
         arms = {n: (places[n], members[n].mechanism, members[n].kin) for hand in HANDS for n in getattr(table, hand)}
-        plants.append(contact_scene.contact(scene, props, arms, q, objects, felt))
+        plants.append(contact_scene.contact(scene, props, arms, q, objects, felt, task))
     operated = None
     if task is not None and task.procedure is not None:
         operated, grips = _operated(scene, {n: m.mechanism for n, m in members.items()}, task, q, organs)
@@ -296,9 +296,9 @@ def identity(
         about.append(scene.trainer.model_dump(exclude={"provenance", "note"}))
     if haptics is not None:
         about.append([plain(x) for x in astuple(surface(scene))])
-    if (_felt(scene, props, haptics) or (task is not None and task.transfers)) and scene.contact is not None:
+    if (_felt(scene, props, haptics) or (task is not None and task.grasps)) and scene.contact is not None:
         about.append(scene.contact.model_dump(include={"solid", "friction", "jaw_effort_n_mm"}))
-    if task is not None and task.transfers and scene.contact is not None:
+    if task is not None and task.grasps and scene.contact is not None:
         about += [
             [o.name, o.shape, plain(o.size), plain(o.mass), plain(o.friction), plain(o.T_world_object)]
             for o in scene.objects
@@ -307,6 +307,9 @@ def identity(
             [peg.name, plain(peg.end), plain(peg.foot), plain(peg.radius)]
             for peg in contact_scene.pegs(scene, props, task).values()
         ]
+    if task is not None and task.guide is not None:
+        course = contact_scene.course(scene, props, task)
+        about += [task.guide.model_dump(), plain(course.wire), plain(course.dome)]
     if task is not None and (a := task.alignment) is not None:
         about.append([plain(a.T_world_plate), plain(a.size), plain(a.plate), plain(a.line), camera.view_deg])
         about.append([plain(a.tolerance), plain(a.off)])

@@ -1,4 +1,4 @@
-"""Contact of a console's instruments with a scene: with its movable objects, the bodies of its props, and its pegs."""
+"""Contact of a console's instruments with a scene: with its movable objects, bodies of its props, pegs and wires."""
 
 from __future__ import annotations
 
@@ -31,6 +31,23 @@ class Peg:
     radius: float
 
 
+@dataclass(frozen=True)
+class Course:
+    """The parts of a task with a ring to guide, in the World, in m.
+
+    Attributes:
+        wire: (k, 3) middle line of the wire, from its free end.
+        dome: (m, 4) the convex hull of the dome: p is inside if dome[:, :3] @ p + dome[:, 3] <= 0 in all rows.
+    """
+
+    wire: Array
+    dome: Array
+
+    def outside(self, p: Array) -> float:
+        """Return how far a point (3,) is outside the convex hull of the dome, at least, in m; inside it is negative."""
+        return float((self.dome[:, :3] @ p + self.dome[:, 3]).max())
+
+
 def contact(
     scene: Scene,
     props: Mechanism | None,
@@ -38,6 +55,7 @@ def contact(
     q: Mapping[str, Array],
     objects: Sequence[Movable],
     feels: bool = False,
+    task: Task | None = None,
 ) -> Contact:
     """Return the contact of objects with the solid bodies of a scene and the instruments.
 
@@ -48,6 +66,7 @@ def contact(
         q: joint values (n,) of the instruments at the start, by robot.
         objects: the movable objects.
         feels: whether the planes are written that the forces on the hands need.
+        task: the task; if it has a ring to guide, contacts of the ring with the wire are written.
 
     Raises:
         TwinError: the scene has no such table, or a solid body is not in the props.
@@ -58,7 +77,9 @@ def contact(
         Gripper(name, mechanism, kin, place.T_world_base, table.jaw_effort_n_mm * MM)
         for name, (place, mechanism, kin) in arms.items()
     ]
-    return Contact(objects, _solids(scene, props), grippers, q, friction=table.friction, feels=feels)
+    solids = _solids(scene, props)
+    rubbed = [part.name for _, part in _wire(solids, scene, task)] if task is not None and task.guide else []
+    return Contact(objects, solids, grippers, q, friction=table.friction, feels=feels, rubbed=rubbed)
 
 
 def pegs(scene: Scene, props: Mechanism | None, task: Task) -> dict[str, Peg]:
@@ -70,22 +91,71 @@ def pegs(scene: Scene, props: Mechanism | None, task: Task) -> dict[str, Peg]:
     Raises:
         TwinError: a peg is not a part of a solid body.
     """
-    parts = {part.name: (solid, part) for solid in _solids(scene, props) for part in solid.parts}
-    out = {}
-    for name in {t.peg for t in task.transfers}:
-        if name not in parts:
-            raise TwinError(f"{scene.file.name}: task '{task.name}': {unknown('peg', name, parts)}")
-        solid, part = parts[name]
-        p = part.vertices @ solid.T_world_body[:3, :3].T + solid.T_world_body[:3, 3]
-        middle = (p.min(axis=0) + p.max(axis=0)) / 2
-        axis = np.linalg.svd(p - p.mean(axis=0), full_matrices=False)[2][0]
-        along = (p - middle) @ axis
-        radius = float(np.linalg.norm(p - middle - np.outer(along, axis), axis=1).max())
-        ends = [middle + axis * along.min(), middle + axis * along.max()]
-        others = [_box(x, solid) for x in solid.parts if x is not part]
-        ends.sort(key=lambda end: min(float(np.linalg.norm(np.clip(end, *box) - end)) for box in others))
-        out[name] = Peg(name, ends[1], ends[0], radius)
-    return dict(sorted(out.items()))
+    solids = _solids(scene, props)
+    return {name: _peg(scene, solids, task, name) for name in sorted({t.peg for t in task.transfers})}
+
+
+def course(scene: Scene, props: Mechanism | None, task: Task) -> Course:
+    """Return the parts of a task with a ring to guide, measured on the drawn parts.
+
+    Raises:
+        TwinError: wire or dome is not among the solid bodies, or the task has no ring to guide.
+    """
+    from scipy.spatial import ConvexHull  # late: it takes a while
+
+    if task.guide is None:
+        raise TwinError(f"task '{task.name}' has no ring to guide: choose a task with a section [task.NAME.guide]")
+    solids = _solids(scene, props)
+    axes = [_axis(solid, part) for solid, part in _wire(solids, scene, task)]
+    ends = [(middle - (half - radius) * axis, middle + (half - radius) * axis) for middle, axis, half, radius in axes]
+    line = [*ends[0]]
+    if len(ends) > 1 and min(_far(line[0], p) for p in ends[1]) < min(_far(line[1], p) for p in ends[1]):
+        line.reverse()
+    for pair in ends[1:]:
+        line.append(max(pair, key=lambda p: _far(p, line[-1])))
+    bodies = {solid.name: solid for solid in solids}
+    if task.guide.dome not in bodies:
+        raise TwinError(f"{scene.file.name}: task '{task.name}': {unknown('solid body', task.guide.dome, bodies)}")
+    dome = bodies[task.guide.dome]
+    corners = np.concatenate([part.vertices for part in dome.parts])
+    hull = ConvexHull(corners @ dome.T_world_body[:3, :3].T + dome.T_world_body[:3, 3])
+    return Course(np.array(line), hull.equations)
+
+
+def _peg(scene: Scene, solids: Sequence[Solid], task: Task, name: str) -> Peg:
+    parts = {part.name: (solid, part) for solid in solids for part in solid.parts}
+    if name not in parts:
+        raise TwinError(f"{scene.file.name}: task '{task.name}': {unknown('peg', name, parts)}")
+    solid, part = parts[name]
+    middle, axis, half, radius = _axis(solid, part)
+    ends = [middle - half * axis, middle + half * axis]
+    others = [_box(x, solid) for x in solid.parts if x is not part]
+    ends.sort(key=lambda end: min(float(np.linalg.norm(np.clip(end, *box) - end)) for box in others))
+    return Peg(name, ends[1], ends[0], radius)
+
+
+def _wire(solids: Sequence[Solid], scene: Scene, task: Task) -> list[tuple[Solid, Mesh]]:
+    """Return the parts of the wire of a task, from the free end."""
+    prefix = "" if task.guide is None else task.guide.wire
+    parts = {part.name: (solid, part) for solid in solids for part in solid.parts}
+    if not (found := [parts[name] for name in parts if name.startswith(prefix)]):
+        raise TwinError(f"{scene.file.name}: task '{task.name}': {unknown('wire', prefix, parts)}")
+    return found
+
+
+def _axis(solid: Solid, part: Mesh) -> tuple[Array, Array, float, float]:
+    """Return middle (3,), direction (3,), half the length, and radius of a long part in the World, in m."""
+    p = part.vertices @ solid.T_world_body[:3, :3].T + solid.T_world_body[:3, 3]
+    middle = (p.min(axis=0) + p.max(axis=0)) / 2
+    axis = np.linalg.svd(p - p.mean(axis=0), full_matrices=False)[2][0]
+    along = (p - middle) @ axis
+    radius = float(np.linalg.norm(p - middle - np.outer(along, axis), axis=1).max())
+    middle, half = middle + axis * (along.max() + along.min()) / 2, float(along.max() - along.min()) / 2
+    return middle, axis, half, radius
+
+
+def _far(a: Array, b: Array) -> float:
+    return float(np.linalg.norm(a - b))
 
 
 def _table(scene: Scene) -> ContactTable:

@@ -31,7 +31,7 @@ _FAMILIES: dict[str, Side] = {
 """Side of a finding, by the first word of its code; findings with other codes belong to the side "protocol"."""
 
 _SAME = 0.999
-"""Fraction of the largest size from which a finding counts as equally large; the first such finding is the head."""
+"""Fraction of the largest size from which a finding counts as equally large; the first such finding becomes `head`."""
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ class Cause:
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """All findings of the cause, the head first."""
+        """All findings of the cause, `head` first."""
         return (self.head, *self.also, *self.follows, *self.perhaps)
 
     def lines(self) -> Iterator[str]:
@@ -129,7 +129,7 @@ def _cause(of: Side, name: str, group: list[Finding]) -> Cause:
 
 
 def _after_cad(found: list[Cause]) -> tuple[Cause, ...]:
-    """If the CAD contradicts itself, move the findings on the equations to `perhaps` of the first cause, the CAD's."""
+    """If the first cause is a fault of the CAD, move the findings on the equations to its `perhaps`."""
     if not found or found[0].side != "CAD" or found[0].head.severity != "disagreement":
         return tuple(found)
     blamed = [c for c in found if c.side == "equations"]

@@ -25,7 +25,10 @@ from twin.formula.closed_form import ClosedForm, Terms
 from twin.reference.dynamics import Dynamics
 
 _EXPLAINED = 1e-2
-"""Largest accepted ratio of the differences after and before an edit; rounded parameters leave smaller differences."""
+"""Maximum ratio of the differences after an edit to the differences before it, at which the edit explains them.
+
+Rounded parameters leave smaller differences.
+"""
 
 _RATES = (1.0, 0.2)
 """Largest rates of the random states, in rad/s and m/s; similar to the largest speeds of the arm."""
@@ -39,7 +42,7 @@ _BROKEN = Kind("motion.inconsistent", "disagreement", "derive C from M, by the C
 
 @dataclass(frozen=True)
 class Row:
-    """Largest difference of one term: its name, the value in SI and its unit, the limit."""
+    """Largest difference `worst` of one term, in the SI unit `unit`, and its limit; `term` is the name of the term."""
 
     term: str
     worst: float
@@ -59,8 +62,8 @@ class Judged:
     Attributes:
         rows: largest difference of each term.
         cause: the single edit that explains all differences; "" without differences or without such an edit.
-        balance: largest error of the power balance of A, relative to the largest power.
-        least: smallest eigenvalue of M of A.
+        balance: largest error of the power balance of the published equations, relative to the largest power.
+        least: smallest eigenvalue of the published mass matrix, in SI.
         findings: terms that differ.
     """
 
@@ -123,7 +126,7 @@ class _State:
 
 
 def _consistent(states: list[_State], out: Judged) -> None:
-    """Judge A alone: symmetry, smallest eigenvalue and power balance."""
+    """Check the published equations alone: smallest eigenvalue of the mass matrix, and power balance."""
     for s in states:
         out.least = min(out.least, float(np.linalg.eigvalsh(s.A.M)[0]))
         power = s.qd @ (s.A.change - 2 * s.A.C) @ s.qd

@@ -44,7 +44,7 @@ class Comparison:
     series: dict[str, Array] = field(default_factory=dict)
     facts: dict[str, dict[str, str]] = field(default_factory=dict)
     driven: Run | None = None
-    """The mechanism driven by the equations' joint values, at every sample; None if it cannot be assembled."""
+    """States of the mechanism at the equations' joint values, at every sample; None if it cannot be assembled."""
 
     posed: Run | None = None
     """States of the mechanism at the protocol's tool poses, at the coarse samples; None before they are computed."""
@@ -59,7 +59,7 @@ class Comparison:
             self.findings.append(r.finding(kind, what, where, **more))
 
     def differs(self, r: Residual, what: str, cause: str = "") -> None:
-        """Add a row and, if it disagrees, a disagreement; an info finding if the row is a consequence of another row.
+        """Add a row and, if it disagrees, a finding: info if it is a consequence of another row, else disagreement.
 
         `cause` is the name of the wrong equation, if known.
         """
@@ -136,7 +136,10 @@ def _unsolved(kin: Kinematics, q: Array, out: Comparison, clock: Clock) -> None:
 
 
 def _posed(model: ReferenceModel, trajectory: Trajectory, rows: Index, q: Array | None, progress: Progress) -> Run:
-    """Return the mechanism at the tool poses of the samples `rows`; `q`: joint values near the solution, or None."""
+    """Return the states of the mechanism at the tool poses of the samples with the indices `rows`.
+
+    `q` (k, n) has joint values near the solutions, for all k samples of the trajectory; None: the trajectory's values.
+    """
 
     def report(fraction: float) -> None:
         progress("mechanism at the tool poses", fraction)
@@ -194,7 +197,7 @@ class _Check:
     Attributes:
         model, trajectory, clock, tolerances, progress: see `compare`.
         out: the comparison to fill.
-        posed: the mechanism at the tool poses of the coarse samples.
+        posed: states of the mechanism at the tool poses of the coarse samples.
     """
 
     model: ReferenceModel
@@ -207,7 +210,7 @@ class _Check:
 
     @property
     def coarse(self) -> Clock:
-        """Clock of the coarse samples."""
+        """Times and phases of the coarse samples."""
         return self.clock.at(self.out.coarse)
 
     @property

@@ -61,7 +61,8 @@ class Fix:
         size += [f"{self.turned / DEG:.2f} deg"] if self.turned > 0 else []
         reach = f"the robot reaches it ({self.why})" if self.reachable else f"out of reach: {self.why}"
         drift = (
-            f"; on the straight path the shaft would still miss the RCM by {self.straight / MM:.2f} mm between its ends"
+            f"; on the straight path, the shaft would still miss the RCM by {self.straight / MM:.2f} mm at a point "
+            "between the ends of the path"
         )
         drifts = drift if self.straight > 1e-5 else ""
         return f"{self.name}, by {' and '.join(size) or '0 mm'}: {self.value}; {reach}{drifts}"

@@ -493,7 +493,7 @@ def _point(name: str, equation: str, text: str, off: float, said: str, way: str)
 def _within(
     name: str, equation: str, text: str, value: float, unit: str, limit: float, said: str, way: str, also: bool = True
 ) -> Clause:
-    """Return the clause that a value is at most its limit; `also` is a further condition."""
+    """Return a clause, which holds if a value is at most its limit and the further condition `also` is true."""
     return Clause(name, equation, text, value, unit, limit, also and value <= limit, said, way)
 
 

@@ -214,7 +214,7 @@ def _stage(case: Case, model: ReferenceModel, out: Comparison, clock: Clock, pro
 
 
 def _motion(measured: Measured, looked: Samples, case: Case, out: Comparison, clock: Clock) -> None:
-    """Add the findings and curves of the baked motion and of the clearances."""
+    """Add the findings and curves of the baked motion and of the clearances to `out`."""
     rows, findings = baked_rows(measured, looked, clock.phases, case.tolerances)
     if measured.written is not None:
         more, found = written_rows(measured.written, looked, clock.phases, case.tolerances, case.baked_for_it)

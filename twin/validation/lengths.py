@@ -68,7 +68,10 @@ def lengths(
 
 
 def put_down(kin: Kinematics, found: list[Finding], findings: list[Finding]) -> list[Finding]:
-    """Return `findings` on the equations; those on an equation that uses a length of `found` get it as their cause."""
+    """Return `findings` with new causes: if a wrong equation uses a wrong length, the length is the cause.
+
+    `found` are the findings on wrong lengths, `findings` the findings on the equations.
+    """
     parameters = [f.cause.removeprefix("length ") for f in found]
     causes = {}
     for e in kin.formula.equations:

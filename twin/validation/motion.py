@@ -49,8 +49,8 @@ class Samples:
 
     Attributes:
         keys, Ts_keys, q_keys: times (k,) in s of the baked keys, with T_base_tool (k, 4, 4) and joint values (k, n).
-        middle, Ts_middle, q_middle: the same in the middle between keys.
-        sparse, Ts_sparse, q_sparse: the same at the times at which clearances are measured.
+        middle, Ts_middle, q_middle: times, poses and joint values in the middle between keys.
+        sparse, Ts_sparse, q_sparse: times, poses and joint values at which clearances are measured.
         followed: whether the joint values, not the tool poses, define the motion, as in the trajectory.
     """
 

@@ -32,7 +32,7 @@ class Item(Table):
 
 
 class Total(Table):
-    """The total score of a questionnaire: `weight` times the sum of the unweighted sums of all scales."""
+    """The total score: `weight` times the sum of all scales, where each scale is the plain sum of its items."""
 
     name: Identifier
     weight: float = Field(gt=0)

@@ -65,9 +65,10 @@ class Users:
         return {group: x[np.isfinite(x)] for group, x in out.items()}
 
     def pairs(self, measure: str) -> list[tuple[str, str]]:
-        """Return the pairs of names from `samples` to compare: every two groups.
+        """Return the pairs of names from `samples` to compare.
 
-        If `repeated`, the first and the last session of each group, and the last sessions of every two groups.
+        The pairs are all pairs of groups. If `repeated`, the first session of each group is paired with its last
+        session, and the last session of each group with the last session of every other group.
         """
         names = list(self.samples(measure))
         if not self.repeated:
@@ -170,9 +171,9 @@ class Ranks(Result):
 def compare(path: Path) -> Ranks:
     """Test every pair of groups in every numeric column of a CSV file; empty cells are skipped.
 
-    Columns ssq_1 to ssq_16 and ueq_1 to ueq_26 are answers to questionnaires, and are scored. With a column `session`,
-    rows are sessions of the same users: the last ones of all groups are compared, and the first with the last ones. The
-    file has a header, a column `group`, and one row per user or session.
+    The file has a header, a column `group`, and one row per user or session. Columns ssq_1 to ssq_16 and ueq_1 to
+    ueq_26 are answers to questionnaires, and are scored. With a column `session`, rows are sessions of the same users:
+    the last sessions of all groups are compared with each other, and in each group the first session with the last.
 
     Raises:
         DescriptionError: the column is missing, there is only one group, every group has only one value, or a cell is

@@ -52,7 +52,7 @@ class Bench:
     """A robot, its protocol planned with coarse samples, and its stage with this motion, in a separate folder."""
 
     def __init__(self, robot: api.Robot, protocol: str | None, folder: Path) -> None:
-        """Prepare the robot without a fault: plan its motion, compute its masses, build its stage and validate it.
+        """Prepare the correct robot (no seeded fault): plan its motion, compute masses, build the stage, validate it.
 
         Raises:
             TwinError: the robot has no equations or CAD, or its protocol cannot be carried out.
@@ -82,13 +82,16 @@ class Bench:
         return robot.files.protocol(self.chosen.name)
 
     def planned(self, protocol: Protocol, robot: api.Robot | None = None) -> Trajectory:
-        """Return the trajectory of a protocol, planned with the sample time of the bench."""
+        """Return the trajectory of a protocol, planned with the sample time `STEP`."""
         paths = self.paths if robot is None else robot.path_kinematics()
         mechanism = (robot or self.robot).mechanism
         return plan(protocol, paths, T_tool_frame=mechanism.frame_in_tool(protocol.frame), dt=STEP)
 
     def written(self, mechanism: Mechanism, bound: Mechanism, folder: Path) -> Path:
-        """Write the stage of a mechanism with the motion of the bench; return the path of its root layer."""
+        """Write the stage of a mechanism with the motion of the correct robot; return the path of its root layer.
+
+        `bound` is the mechanism with the trocar positions of the protocol.
+        """
         folder.mkdir(parents=True, exist_ok=True)
         root = write_usd(mechanism, (), folder)[0]
         bake(mechanism, bound, self.trajectory, folder)
@@ -97,7 +100,7 @@ class Bench:
     # -- the correct robot -------------------------------------------------------------------------------
 
     def case(self, **changes) -> Case:
-        """Return the correct robot as a case for the validator, with `changes` to its fields."""
+        """Return the input of the validator for the correct robot, with `changes` to the fields of `Case`."""
         case = Case(
             self.kin, self.cad, self.chosen, self.trajectory, self.stage, self.tolerances, self.paths, baked_for_it=True
         )
@@ -122,7 +125,7 @@ class Bench:
 
     @cached_property
     def links(self) -> tuple[Array, dict[str, Array]]:
-        """(key times in s, poses of the links at these times) of the correct motion."""
+        """Key times (k,) in s, and T_base_link (k, 4, 4) at these times by link, of the correct robot."""
         looked = samples(self.trajectory)
         model = ReferenceModel(self.robot.mechanism)
         return looked.keys, model.link_poses(self.trajectory.on(model, looked.keys).x)

@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 __all__ = ["SCENE", "AuditReport", "Check", "audit", "key_times"]
 
 Truth = Mapping[str, tuple[np.ndarray, Mapping[str, np.ndarray]]]
-"""Expected motions: (times (k,) in s, T_world_link (k, 4, 4) by link) by clip name."""
+"""Expected motion of each clip, by clip name: (times (k,) in s, poses T_world_link (k, 4, 4) by link name)."""
 
 Progress = Callable[[str, float], None]
 """Function called during the audit with the name of the file being read and the fraction done (0..1)."""
@@ -82,7 +82,7 @@ def audit(
 def _audited(
     path: Path, truth: Truth, mechanism: Mechanism | None, tell: Progress
 ) -> tuple[list[Content], list[Ledger]]:
-    """Return the contents of one robot's files, compared with each other, and their ledgers."""
+    """Read one robot's files and compare them with each other; return (their contents, their checks and findings)."""
     found = find(path)
     contents: list[Content] = []
     ledgers: list[Ledger] = []
@@ -177,7 +177,7 @@ def _guarded(read: Callable[[Path, Ledger], Any], path: Path, ledger: Ledger) ->
 
 
 _KINDS = {".csv": "tracks", ".json": "tracks", ".urdf": "urdf", ".xml": "mjcf"}
-"""First part of the codes of findings by file name suffix; "usd" for all other suffixes."""
+"""Format name with which the code of a finding starts, by file name suffix; "usd" for all other suffixes."""
 
 
 def _gltf(path: Path, ledger: Ledger) -> Content | None:
@@ -223,9 +223,10 @@ def _tracks(path: Path, ledger: Ledger) -> Content | None:
 
 
 def _plays(stem: str, clip: str, models: Sequence[str]) -> bool:
-    """Return whether a model file is used for a clip.
+    """Return whether the joint values of a clip are applied to a model file (MJCF or URDF) with the name `stem`.
 
-    A model named <robot>_<clip> is the only model for its clip, and is not used for other clips.
+    A model named <robot>_<clip> is used for this clip only. The clip uses no other model. A clip without such a model
+    uses the models whose names have no clip.
     """
     own = [f"{m}_{clip}" for m in models if f"{m}_{clip}" in models]
     return stem in own if own else not any(stem.startswith(f"{m}_") for m in models)

@@ -28,7 +28,7 @@ _TIMES = 16
 
 
 def audit_bends(folder: Path) -> list[Ledger]:
-    """Return the ledger of the deformables of a scene; without their files, an empty list."""
+    """Return a list with one ledger, the findings on the deformables of a scene; [] if the scene has no organs.glb."""
     glb, usd = folder / GLB, folder / USD
     ledger = Ledger(GLB, "twin.exchange.audit bends", "1")
     if not glb.is_file():

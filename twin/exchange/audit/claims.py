@@ -17,7 +17,7 @@ TOO_GOOD = 3.0
 """Maximum ratio of the estimated error to the stated error; at higher ratios, the stated error is too small."""
 
 TOO_BAD = 20.0
-"""Maximum ratio of the stated error to the estimated error.
+"""Maximum ratio of the stated error to the estimated error; at higher ratios, the stated error is too large.
 
 The ratio 4 is normal for a stage, whose stated error is measured with every second sample removed.
 """
@@ -78,7 +78,7 @@ def _check_heads(table: Content, other: Content) -> None:
     for key in dict.fromkeys((*its, *mine)):
         if key not in mine or key not in its:
             here, there = (other.file, table.file) if key in its else (table.file, other.file)
-            text = f"{here} has the entry '{key}', {there} does not."
+            text = f"the entry '{key}' is in {here}, but not in {there}."
         elif not _equal(mine[key], its[key]):
             text = f"'{key}' is {_short(mine[key])}; in {other.file} it is {_short(its[key])}."
         else:
@@ -100,7 +100,7 @@ def _short(value: Any) -> str:
 
 
 def _check_same_robot(tracks: Sequence[Content]) -> None:
-    """Report data of the robot that differ between tracks."""
+    """Report names and types of the robot's joints, frames and tool that differ from the first track."""
     if not tracks:
         return
     first = tracks[0]

@@ -29,7 +29,7 @@ _FAMILY = {"usda": "usd", "usdc": "usd", "gltf": "glb", "csv": "tracks"}
 
 
 _ZERO = 1e-6
-"""Size up to which a ratio of a coupling counts as zero (rounding of single precision).
+"""Absolute value up to which a ratio of a coupling counts as zero (rounding of single precision).
 
 The ratios of each coupling are first divided by the largest absolute ratio of the coupling."""
 
@@ -41,7 +41,7 @@ def _number(a: float, b: float) -> float:
 
 
 def _row(a: Mapping[str, float], b: Mapping[str, float]) -> float:
-    """Return the relative difference between two sets of factors by joint; a missing joint has factor 0."""
+    """Return the relative difference between two mappings {joint: factor}; a missing joint has the factor 0."""
     both = np.array([(a.get(n, 0.0), b.get(n, 0.0)) for n in dict.fromkeys((*a, *b))], float).reshape(-1, 2)
     size = float(np.linalg.norm(both, axis=0).max(initial=0.0))
     return float(np.linalg.norm(both[:, 0] - both[:, 1])) / size if size else 0.0

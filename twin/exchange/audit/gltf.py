@@ -106,7 +106,7 @@ def _check_names(file: Gltf, nodes: list[Node], animated: set[int]) -> None:
     for n in nodes:
         told = n.spec["extras"]["link"] if n.is_link else None
         if isinstance(told, str) and told != n.name:
-            text = f"node '{n.label}' states in its extras that it is link '{told}'."
+            text = f"node '{n.label}' has the link name '{told}' in its extras: the two names must be equal."
             file.ledger.wrong("gltf.link_name", text, n.label, suggestion="give the node the name of its link")
 
 

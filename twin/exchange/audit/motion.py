@@ -88,7 +88,7 @@ class Content:
         model_hash: hash, stated in the file, of the mechanism that the file was made from; "" if not stated.
         facts: conventions of the file, for the report: units, up_axis, handedness, ...
         known: links that any file in the folder marks; None if no file marks links.
-        extra: data for a single check (limits, phases).
+        extra: data of the file that only one check needs, such as limits or phases.
     """
 
     ledger: Ledger

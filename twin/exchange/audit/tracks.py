@@ -28,7 +28,7 @@ WORDS = {
     "angle_unit": "rad",
     "quaternion_order": "xyzw",
 }
-"""Entries with a fixed value in version 1 of the schema, which players require."""
+"""Entries whose value is fixed in version 1 of the schema; players require these values."""
 
 LIMIT_TOL = 1e-6
 """Violation of a joint limit in m or rad that counts as rounding."""

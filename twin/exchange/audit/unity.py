@@ -103,7 +103,8 @@ def _check_metas(folder: Path, seen: list[Path], ledger: Ledger) -> dict[str, Pa
     for meta in (p for p in seen if p.suffix == ".meta"):
         if meta.with_suffix("") not in assets:
             name = meta.relative_to(folder).as_posix()
-            ledger.add("unity.meta_orphan", "warning", f"'{name}' has no matching file.", name)
+            text = f"'{name}' describes a file or folder that does not exist."
+            ledger.add("unity.meta_orphan", "warning", text, name)
     return guids
 
 
@@ -146,7 +147,7 @@ def _check_scripts(folder: Path, seen: list[Path], ledger: Ledger) -> None:
         name = script.relative_to(folder).as_posix()
         text = script.read_text(encoding="utf-8", errors="replace")
         if not any(script.is_relative_to(a) for a in assemblies):
-            message = f"{name} belongs to no assembly definition, which packages require."
+            message = f"{name} belongs to no assembly definition: Unity does not compile such scripts of a package."
             ledger.wrong("unity.asmdef", message, name)
         behaviours = _BEHAVIOUR.findall(_without_comments(text))
         if behaviours and script.stem not in behaviours:

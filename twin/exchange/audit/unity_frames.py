@@ -50,7 +50,7 @@ def check_frames(path: Path, name: str, ledger: Ledger) -> None:
         ):
             for given, meant in rows:
                 value = Value(kind, tuple(map(float, given)))
-                off = _off(script, ledger, name, method, (value, convention), meant, f"of a {kind}, {convention}")
+                off = _off(script, ledger, name, method, (value, convention), meant, f"of a {kind} with {convention}")
                 worst = max(worst, off)
         meant = poses.quaternion(ROOTS[convention])
         worst = max(worst, _off(script, ledger, name, "RootRotation", (convention,), meant, f"for {convention}"))

@@ -74,7 +74,7 @@ class _Vectors:
         return np.array(self.data[key], float).reshape(-1, width)
 
     def points(self) -> dict[str, float]:
-        """Check points of links, in imported coordinates and in Unity's world; return the errors in m, by check."""
+        """Return the errors in m of points of links, in imported coordinates and in Unity's world, by vector name."""
         robot, out = self.rows("point_robot", 3), {}
         where = self.T[self.data["point_key"], self.data["point_link"]]
         world = np.einsum("kij,kj->ki", where, np.column_stack([robot, np.ones(len(robot))]))
@@ -84,7 +84,7 @@ class _Vectors:
         return out
 
     def between(self) -> dict[str, float]:
-        """Check interpolated poses between two keys."""
+        """Return the maximum error (m, or quaternion component) of poses interpolated between keys, by vector name."""
         t, got = np.array(self.data["between_time"], float), self.rows("between_pose", 7)
         k = np.clip(np.searchsorted(self.times, t, side="right") - 1, 0, len(self.times) - 2)
         share = (t - self.times[k]) / (self.times[k + 1] - self.times[k])
@@ -94,13 +94,16 @@ class _Vectors:
         return {"between_pose": max(_apart(got[:, :3], p), _turned(got[:, 3:], q))}
 
     def turns(self) -> dict[str, float]:
-        """Check interpolated rotations, which must be the shorter ones."""
+        """Return the maximum error of quaternions interpolated along the shorter rotation, by vector name."""
         a, b = self.rows("turn_a", 4), self.rows("turn_b", 4)
         share = np.array(self.data["turn_share"], float)
         return {"turn_want": _turned(self.rows("turn_want", 4), poses.slerp(a, b, share))}
 
     def joints(self) -> dict[str, float]:
-        """Check joint values between keys, and drive targets: clipped to the limits, sign reversed, in degrees."""
+        """Return the errors of joint values between keys and of drive targets, by vector name.
+
+        A drive target is clipped to the limits; its sign may be reversed, and angles are in degrees.
+        """
         names, table = self.track["joints"], np.array(self.track["positions"], float).reshape(len(self.times), -1)
         t = self.data["joint_time"]
         want = [np.interp(t, self.times, table[:, names.index(n)]) for n in self.data["joint_name"]]

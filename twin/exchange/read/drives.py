@@ -1,4 +1,4 @@
-"""Add drives to driven joints without gains in the file; the gains are ASSUMED, computed from the moved inertia."""
+"""Add drives to driven joints whose gains the file does not state; the gains are ASSUMED, from the moved inertia."""
 
 from __future__ import annotations
 

@@ -201,8 +201,9 @@ def _along_axis(
 ) -> tuple[JointType, list[_Frame], str]:
     """Return (type, frames, evidence) of a joint about or along the common axis of two faces.
 
-    The origins are on the axis, where two faces of the bodies that are perpendicular to the axis touch. Without such
-    faces, the child's frame is offset along its axis to the origin on the parent.
+    The origins are on the axis. Two plane faces, one of each body, that touch and are perpendicular to the axis
+    determine their position along it. Without such faces, a number offsets the child's frame along its axis to the
+    origin on the parent.
     """
     low, high = shared(p, c)
     middle = p.face.point + 0.5 * (low + high) * p.face.direction

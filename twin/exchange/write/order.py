@@ -33,7 +33,7 @@ Plan = Callable[..., Trajectory]
 
 
 class Robot(Protocol):
-    """Interface of a robot that an export requires; `twin.api.Robot` implements it."""
+    """Interface that an export requires of a robot; `twin.api.Robot` implements it."""
 
     @property
     def name(self) -> str: ...  # noqa: D102

@@ -132,7 +132,7 @@ class Equations:
     def links(self) -> dict[str, ca.SX]:
         """Return T_base_body (3, 4) of every body, by name; each pose is composed from the pose of the parent body.
 
-        `pose` carries vectors along the whole path instead, which gives less to compute for one frame.
+        `pose` transforms vectors along the whole path instead, which is less work for a single frame.
         """
         poses: dict[str, ca.SX | Array] = {self.mechanism.base: np.eye(4)}
         for joint in self.mechanism.tree:

@@ -12,10 +12,10 @@ _JUMP = 0.5
 
 
 class LinkPoses:
-    """Returns the body poses at joint values; each call continues from the state of the last call."""
+    """Function object that returns the body poses at joint values; each call starts from the state of the last call."""
 
     def __init__(self, loops: LoopSolver) -> None:
-        """Use a mechanism whose loops are compiled."""
+        """Store the loop solver of a mechanism; the first call starts from the rest poses."""
         self._loops = loops
         self._names = [b.name for b in loops.mechanism.bodies]
         self._states: Array | None = None

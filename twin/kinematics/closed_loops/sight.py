@@ -22,7 +22,7 @@ class Look:
     """Point, tool and Jacobians in one state with closed loops.
 
     Attributes:
-        q, u: active joints (n,) and loop unknowns (m,), as `Closed.states`.
+        q, u: active joints (n,) and loop unknowns (m,); `Closed.states` has the unknowns in the same order.
         p: position (3,) of the point in base, in m.
         J: (3, n) velocity of the point per rate of each active joint.
         answers: (steps, n) rates of the loop unknowns (one row for each step, see `Equations`) per rate of each active

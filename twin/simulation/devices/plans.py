@@ -96,9 +96,8 @@ class Plans(Block):
         """
         Ts = np.asarray(Ts, float)
         if not self.robot or not len(Ts) or not np.isfinite(Ts).all():
-            raise WorldError(
-                f"{self.robot or 'no arm'} cannot follow {len(Ts)} poses; they must be finite, at least one"
-            )
+            whose = self.robot or "no arm"
+            raise WorldError(f"{whose} cannot follow {len(Ts)} poses: at least one is needed, and all must be finite")
         self._Ts, self._k, self._since, self.off = Ts, 0, np.nan, 0.0
         self._set(self.robot, RUN)
         self._new[f"{self.robot}.planned"] = _values(RUN, Ts[0])

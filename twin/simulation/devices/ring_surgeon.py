@@ -8,7 +8,7 @@ The motion of the hands is in `devices.surgeon_hands`; all habits are ASSUMED.
 
 from __future__ import annotations
 
-from collections.abc import Generator, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,9 +19,6 @@ from twin.core.spatial import Array
 from twin.core.units import DEG, MM
 from twin.simulation.devices.hand import Hand
 from twin.simulation.devices.surgeon_hands import Eye, Habits, SurgeonHands
-
-_STALLED = 8
-"""Number of strokes without progress after which the surgeon gives up a movement."""
 
 _TRIES = 3
 """Number of grasps of a ring after which the surgeon leaves it."""
@@ -63,7 +60,6 @@ class Manner:
             `below` it when the ring is released.
         tilt: angle at which a ring is put over its peg, its far side lower than the near one.
         near, fine: remaining distance at the end of a rough and of a fine movement.
-        turn: remaining angle at the end of a movement.
     """
 
     beyond: float = 1.0 * MM
@@ -76,7 +72,6 @@ class Manner:
     tilt: float = 30 * DEG
     near: float = 1.5 * MM
     fine: float = 0.5 * MM
-    turn: float = 4 * DEG
 
 
 class RingSurgeon(SurgeonHands):
@@ -233,25 +228,6 @@ class RingSurgeon(SurgeonHands):
         R = np.column_stack([np.cross(y, z), y, z])
         middle = T[:3, :3].T @ (T_ring[:3, 3] - T[:3, 3])
         return spatial.pose(R, ring.end + height * up - R @ middle)
-
-    def _reach(self, goals: Mapping[str, Array], near: float) -> Generator[None, None, bool]:
-        """Move the tools to poses (4, 4) in the World by strokes; return whether the poses are reached."""
-        best, stalled = np.inf, 0
-        while goals and stalled < _STALLED:
-            R_view = self._view()[:3, :3]
-            ways, turns, left = {}, {}, 0.0
-            for hand, goal in goals.items():
-                T = self._tool(hand)
-                way = R_view.T @ (goal[:3, 3] - T[:3, 3])
-                turn = R_view.T @ spatial.log_so3(goal[:3, :3] @ T[:3, :3].T)
-                far = max(float(np.linalg.norm(way)) / near, float(np.linalg.norm(turn)) / self.manner.turn)
-                left = max(left, far)
-                ways[hand], turns[hand] = self._misjudged(way) / self.scale, self._misjudged(turn)
-            if left < 1.0:
-                return True
-            best, stalled = (left, 0) if left < 0.98 * best else (best, stalled + 1)
-            yield from self._stroke(ways, self.habits.hand.pause, turns)
-        return not goals
 
 
 def _unit(v: Array) -> Array:

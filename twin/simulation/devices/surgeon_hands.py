@@ -9,7 +9,7 @@ at such a console are not published.
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Iterator, Mapping
+from collections.abc import Generator, Iterator, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -22,6 +22,9 @@ from twin.core.units import DEG
 from twin.kinematics import Kinematics
 from twin.simulation.devices.hand import Hand, Tremor, minimum_jerk
 from twin.simulation.world import Block, Signals
+
+_STALLED = 8
+"""Number of strokes without progress after which the surgeon gives up a movement."""
 
 _DRAGS = 20
 """Maximum number of strokes with the camera pedal for one target; then the surgeon accepts the picture."""
@@ -235,6 +238,30 @@ class SurgeonHands(Block):
             for hand, (angle, R, A, B) in turned.items():  # Rodrigues' formula
                 self._R[hand] = R + np.sin(s * angle) * A + (1 - np.cos(s * angle)) * B
             yield
+
+    def _reach(
+        self, goals: Mapping[str, Array], near: float, near_turn: float = 4 * DEG
+    ) -> Generator[None, None, bool]:
+        """Move the tools to poses (4, 4) in the World by strokes; return whether the poses are reached.
+
+        `near` and `near_turn` are the remaining distance in m and angle in rad at the end.
+        """
+        best, stalled = np.inf, 0
+        while goals and stalled < _STALLED:
+            R_view = self._view()[:3, :3]
+            ways, turns, left = {}, {}, 0.0
+            for hand, goal in goals.items():
+                T = self._tool(hand)
+                way = R_view.T @ (goal[:3, 3] - T[:3, 3])
+                turn = R_view.T @ spatial.log_so3(goal[:3, :3] @ T[:3, :3].T)
+                far = max(float(np.linalg.norm(way)) / near, float(np.linalg.norm(turn)) / near_turn)
+                left = max(left, far)
+                ways[hand], turns[hand] = self._misjudged(way) / self.scale, self._misjudged(turn)
+            if left < 1.0:
+                return True
+            best, stalled = (left, 0) if left < 0.98 * best else (best, stalled + 1)
+            yield from self._stroke(ways, self.habits.hand.pause, turns)
+        return not goals
 
     def _turn_grip(self, to: Mapping[str, float]) -> Iterator[None]:
         start = dict(self._grip)

@@ -27,6 +27,7 @@ class CameraReferee(Block):
 
     outputs: Mapping[str, Array] = {}
     complete = False
+    ending = ""
 
     def __init__(self, camera: str, period: float) -> None:
         """Begin with no sample; `camera` is the name of its arm, `period` the time in s between two samples."""

@@ -12,7 +12,7 @@ from twin.model.tissue import Tissue
 from twin.model.tool import Kind, ToolTable
 from twin.model.vessel import Vessel
 from twin.simulation.session.procedure_checks import Check, ProcedureReferee
-from twin.simulation.session.rings import Event
+from twin.simulation.session.referee import Event
 
 _TITLES = {
     "expose": "Expose the organ",

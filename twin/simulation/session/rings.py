@@ -8,20 +8,18 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Any
 
 from twin.core.spatial import Array
 from twin.core.units import MM, hex_digits
 from twin.model.movable import Movable
 from twin.model.task import Task
 from twin.simulation.contact_scene import Peg
-from twin.simulation.world import Block, Recording, Signals
+from twin.simulation.session.referee import InstrumentReferee, Tone, signals_of
+from twin.simulation.world import Recording
 
 _FALL = 10 * MM
 """Minimum fall in m of a ring that is not held, to count as a drop; ASSUMED."""
-
-_SHORT = 0.25
-"""Minimum duration in s of an interruption that ends a grasp or a collision; ASSUMED."""
 
 
 @dataclass(frozen=True)
@@ -81,31 +79,13 @@ class BoardMeasures:
         ]
 
 
-@dataclass(frozen=True)
-class Event:
-    """An event that a page reports immediately.
+class Referee(InstrumentReferee):
+    """Judges a task with rings while it is performed.
 
-    Attributes:
-        t: time in s.
-        tone: "good": a ring is on its peg; "bad": an error; "plain": no measure.
-        text: the sentence.
+    Signals: those of `InstrumentReferee`, `<ring>.pose` and `<ring>.holder`.
     """
 
-    t: float
-    tone: Literal["good", "plain", "bad"]
-    text: str
-
-
-class Referee(Block):
-    """Judges a task with rings while it is performed; it writes no signal.
-
-    Signals: `<ring>.pose`, `<ring>.holder`, and `<robot>.touches`, `<robot>.meets`, `<robot>.follows`.
-
-    Attributes:
-        events: all events so far, in order of time.
-    """
-
-    outputs: Mapping[str, Array] = {}
+    ending = "All rings are on their pegs."
 
     def __init__(
         self, task: Task, objects: Sequence[Movable], pegs: Mapping[str, Peg], robots: Sequence[str], period: float
@@ -119,38 +99,17 @@ class Referee(Block):
             robots: the instruments, in the order of the numbers in `<ring>.holder`.
             period: time in s between two samples.
         """
+        super().__init__(robots, period)
         shapes = {o.name: o for o in objects}
-        self.period, self.events, self._names = period, list[Event](), tuple(robots)
-        few = round(_SHORT / period)
-        self._rings = [_Ring(shapes[t.ring], pegs[t.peg], few) for t in task.transfers]
-        self._hits = [_Contacts(few) for _ in robots]
-        self._meetings = _Contacts(few)
-        self._samples, self._begun = 0, -1
+        self._rings = [_Ring(shapes[t.ring], pegs[t.peg], self._few) for t in task.transfers]
 
-    def step(self, signals: Signals, t: float, dt: float) -> dict[str, Array]:
-        """Judge the signals at the end of this tick."""
-        self.see(signals.now)
-        return {}
-
-    def see(self, now: Mapping[str, Array]) -> None:
-        """Judge one sample, `period` after the sample before."""
-        k = self._samples
-        self._samples += 1
-        if self._begun < 0 and any(now[f"{name}.follows"][0] > 0.5 for name in self._names):
-            self._begun = k
+    def _see_task(self, k: int, now: Mapping[str, Array]) -> None:
         for ring in self._rings:
             name = ring.name
             if (news := ring.see(k, now[f"{name}.pose"], int(now[f"{name}.holder"][0]))) is not None:
                 done = sum(r.settled for r in self._rings)
                 count = f": {done} of {len(self._rings)}" if news[0] == "good" else ""
                 self._tell(k, news[0], news[1] + count)
-        met = False
-        for name, hits in zip(self._names, self._hits, strict=True):
-            met |= bool(now[f"{name}.meets"][0] > 0.5)
-            if hits.see(k, bool(now[f"{name}.touches"][0] > 0.5)):
-                self._tell(k, "bad", f"{name} touched the board")
-        if self._meetings.see(k, met):
-            self._tell(k, "bad", f"{' and '.join(self._names)} touched each other")
 
     @property
     def complete(self) -> bool:
@@ -159,24 +118,19 @@ class Referee(Block):
 
     def measures(self) -> BoardMeasures:
         """Return the measures of all samples so far."""
-        dt = self.period
-        found = [ring.result(dt) for ring in self._rings]
-        start = max(self._begun, 0) * dt
-        end = max((self._samples * dt if r.t is None else r.t for r in found), default=start)
-        if self._begun < 0:
-            end = start
-        return BoardMeasures(found, sum(h.count for h in self._hits) + self._meetings.count, end - start)
+        found = [ring.result(self.period) for ring in self._rings]
+        times = [r.t for r in found if r.t is not None]
+        return BoardMeasures(
+            found, self.collisions, self._duration(max(times) if times and len(times) == len(found) else None)
+        )
 
     def content(self, last: int = 5) -> dict[str, Any]:
         """Return the scoreboard as plain data: the measures, the state and colour of each ring, the `last` events."""
         return {
             "rows": [list(row) for row in self.measures().rows()],
             "rings": [[ring.name, ring.state(self._names), ring.color] for ring in self._rings],
-            "events": [[round(e.t, 1), e.tone, e.text] for e in self.events[-last:]],
+            "events": self._told(last),
         }
-
-    def _tell(self, k: int, tone: Literal["good", "plain", "bad"], text: str) -> None:
-        self.events.append(Event(k * self.period, tone, text))
 
 
 def measure(
@@ -185,7 +139,7 @@ def measure(
     """Return the measures of a task with transfers; the arguments are those of `Referee`, `kept` its signals."""
     referee = Referee(task, objects, pegs, robots, kept.dt)
     names = [f"{t.ring}.{what}" for t in task.transfers for what in ("pose", "holder")]
-    names += [f"{robot}.{what}" for robot in robots for what in ("touches", "meets", "follows")]
+    names += signals_of(robots)
     columns = [(name, kept[name]) for name in names]
     for k in range(len(kept.rows)):
         referee.see({name: column[k] for name, column in columns})
@@ -197,33 +151,24 @@ def around(T: Array, radius: float, peg: Peg) -> bool:
 
     It does if the peg's axis intersects the plane of the ring at less than `radius` in m from the ring's centre.
     """
+    return crossing(T, radius, peg.foot, peg.end) is not None
+
+
+def crossing(T: Array, radius: float, start: Array, end: Array) -> float | None:
+    """Return where a straight line from `start` (3,) to `end` passes through a ring at a pose T (16,), row by row.
+
+    0 is at the start, 1 at the end. None: the line does not pass through the plane of the ring at less than `radius` in
+    m from its centre.
+    """
     _, _, nx, x, _, _, ny, y, _, _, nz, z, *_ = T.tolist()
-    (fx, fy, fz), (ex, ey, ez) = peg.foot.tolist(), peg.end.tolist()
+    (fx, fy, fz), (ex, ey, ez) = start.tolist(), end.tolist()
     wx, wy, wz = ex - fx, ey - fy, ez - fz
     slope = nx * wx + ny * wy + nz * wz
     if abs(slope) < 1e-12:
-        return False
+        return None
     s = (nx * (x - fx) + ny * (y - fy) + nz * (z - fz)) / slope
     off = math.hypot(fx + s * wx - x, fy + s * wy - y, fz + s * wz - z)
-    return 0 <= s <= 1 and off < radius
-
-
-@dataclass
-class _Contacts:
-    """Counts the runs of samples with contact; runs that are at most `few` samples apart are one."""
-
-    few: int
-    count: int = 0
-    last: int | None = None
-
-    def see(self, k: int, on: bool) -> bool:
-        """Return whether a run begins at sample k."""
-        if not on:
-            return False
-        begins = self.last is None or k - self.last > self.few
-        self.count += begins
-        self.last = k
-        return begins
+    return s if 0 <= s <= 1 and off < radius else None
 
 
 @dataclass
@@ -268,7 +213,7 @@ class _Ring:
         """Whether the ring is around its peg, and no hand has held it for some time."""
         return self.placed is not None and self.left
 
-    def see(self, k: int, T: Array, holder: int) -> tuple[Literal["good", "plain", "bad"], str] | None:
+    def see(self, k: int, T: Array, holder: int) -> tuple[Tone, str] | None:
         """Judge sample k; return tone and text of an event, or None."""
         before, self.at, self.holder = self.holder, k, holder
         if holder >= 0:
@@ -285,7 +230,7 @@ class _Ring:
                 self.placed = k
         return self._news()
 
-    def _news(self) -> tuple[Literal["good", "plain", "bad"], str] | None:
+    def _news(self) -> tuple[Tone, str] | None:
         if self.holder >= 0:
             now = "" if self.told != "placed" else "taken"
         elif not self.left:

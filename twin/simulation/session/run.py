@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -18,21 +18,25 @@ from twin.model.tissue import Tissue
 from twin.simulation import console_scene, contact_scene
 from twin.simulation.console_scene import HANDS, PEDALS, Member
 from twin.simulation.devices.camera_surgeon import CameraSurgeon
+from twin.simulation.devices.guiding_surgeon import GuidingSurgeon
 from twin.simulation.devices.recorded import Recorded
 from twin.simulation.devices.ring_surgeon import Ring, RingSurgeon
 from twin.simulation.devices.surgeon import ScriptedSurgeon
 from twin.simulation.devices.surgeon_hands import Eye
 from twin.simulation.machine.machine import Parts
+from twin.simulation.plants.contact.gripper import grip_frame
 from twin.simulation.session import file
 from twin.simulation.session.condition import Condition
 from twin.simulation.session.file import Session, SessionWriter
+from twin.simulation.session.guiding import STEPS
 from twin.simulation.session.tape import Tape
+from twin.simulation.ways import Ways
 from twin.simulation.world import Block, Recording, World
 
 SAMPLE = 5e-3
 """Time in s between two kept rows of signals."""
 
-_KEPT = (".q", ".follows", ".jaw", ".grip", ".pose", ".at", ".holder", ".touches", ".meets", ".force")
+_KEPT = (".q", ".follows", ".jaw", ".grip", ".pose", ".at", ".holder", ".touches", ".meets", ".rubs", ".force")
 _KEPT += (".deviation", ".apart", ".phase", ".run", ".cue")
 _KEPT_OF = ("console.", f"{PEDALS}.", "surgeon.", "haptics.")
 """Prefixes of the names of kept signals; signals whose names end with an item of `_KEPT` are kept as well."""
@@ -132,7 +136,8 @@ def surgeon(
     scale: float | None = None,
     dt: float = 1e-3,
     props: Mechanism | None = None,
-) -> ScriptedSurgeon | RingSurgeon | CameraSurgeon:
+    mistake: str = "",
+) -> ScriptedSurgeon | RingSurgeon | GuidingSurgeon | CameraSurgeon:
     """Return the simulated surgeon of a task, who controls the first arm of each hand.
 
     Args:
@@ -142,7 +147,8 @@ def surgeon(
         seed: random seed.
         scale: motion scale; None: that of the console.
         dt: duration of a tick in s.
-        props: mechanism of the props; only needed for a task with transfers.
+        props: mechanism of the props; only needed for a task with rings.
+        mistake: a mistake to make in a task with a ring to guide, "": none.
     """
     table, arms = console_scene.console_of(scene), eyes(scene, members)
     camera = scene.cameras[table.camera]
@@ -154,10 +160,23 @@ def surgeon(
             for t in task.transfers
         ]
         return RingSurgeon(PEDALS, arms, camera.robot, view, rings, scale, dt, seed)
+    if task.guide is not None:
+        ring = next(o for o in scene.objects if o.name == task.guide.ring)
+        grips = {h: replace(e, T_tool_tip=grip_frame(members[e.robot].mechanism)) for h, e in arms.items()}
+        course, ways = contact_scene.course(scene, props, task), ways_of(scene, members, props)
+        return GuidingSurgeon(
+            PEDALS, grips, camera.robot, view, ring, course, task.guide.first, ways, scale, dt, seed, mistake
+        )
     if (a := task.alignment) is not None:
         return CameraSurgeon(PEDALS, arms, camera.robot, view, task.name, a.upper, a.line, scale, dt, seed)
     targets = [(t.name, t.p_world) for t in task.targets]
     return ScriptedSurgeon(PEDALS, arms, camera.robot, view, targets, task.tolerance, task.hold, scale, dt, seed)
+
+
+def ways_of(scene: Scene, members: Mapping[str, Member], props: Mechanism | None) -> Ways:
+    """Return the planner of ways for the robots of a console."""
+    arms = {p.name: (p, members[p.name].mechanism, members[p.name].kin) for p in console_scene.led_by(scene)}
+    return Ways(arms, props, scene.objects)
 
 
 def eyes(scene: Scene, members: Mapping[str, Member]) -> dict[str, Eye]:
@@ -181,6 +200,7 @@ def perform(
     scale: float | None = None,
     props: Mechanism | None = None,
     condition: Condition | None = None,
+    mistake: str = "",
     progress: Progress,
 ) -> Ran:
     """Simulate a surgeon who performs a task, and write the session.
@@ -192,21 +212,23 @@ def perform(
         path: the session file.
         seed: random seed of the surgeon.
         scale: motion scale; None: that of the console.
-        props: mechanism of the props; only needed for a task with transfers, and for forces on the hands.
+        props: mechanism of the props; only needed for a task with rings, and for forces on the hands.
         condition: condition of the session; None: the World has no forces. The surgeon does not react to forces.
+        mistake: a mistake to make in a task with a ring to guide, "": none.
         progress: called with the name of the target or ring, and the fraction of them done.
 
     Raises:
         OutputError: the file cannot be written.
         TwinError: the scene has no console.
     """
-    device, tape = surgeon(scene, members, task, seed, scale, props=props), Tape()
+    device, tape = surgeon(scene, members, task, seed, scale, props=props, mistake=mistake), Tape()
     world = console_scene.world(
         scene, members, device, records=False, watch=[tape], task=task, props=props, haptics=_switch(condition)
     )
     writer = SessionWriter(path, head_of(scene, members, world, device, task, seed, props, condition))
     keep = Keep(world, kept(world))
-    names = [*(t.name for t in task.targets), *(t.ring for t in task.transfers)] or [task.name]
+    names = [*(t.name for t in task.targets), *(t.ring for t in task.transfers)]
+    names = names or [*(STEPS if task.guide else ()), task.name]
     try:
         while not world.ended and not writer.full:
             world.step(file.CHUNK)
@@ -276,7 +298,7 @@ def replay(
         scene: its scene.
         members: robots by the names of their places.
         progress: called with "replay" and the fraction done.
-        props: mechanism of the props; only needed for a task with transfers, and for forces on the hands.
+        props: mechanism of the props; only needed for a task with rings, and for forces on the hands.
         parts: compiled parts of the machines of the scene; the states of the machines are read from the session.
 
     Raises:

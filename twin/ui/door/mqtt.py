@@ -24,14 +24,14 @@ if TYPE_CHECKING:
 
 
 _RETRY, _TIMEOUT, _KEEPALIVE = 2.0, 5.0, 10
-"""Times in s: between two attempts to connect; maximum for an answer of the broker; keep-alive interval of MQTT."""
+"""Times in s: pause between two attempts to connect, maximum wait for an answer of the broker, keep-alive interval."""
 
 _AT_ONCE = [(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)]
 """Socket option to send small messages at once; without it, TCP can delay a message by 40 ms."""
 
 _QUIET, _SHOWN, _LONGEST = 1.0, 40, 200
-"""Time in s without a wrong payload before the next report; maximum number of characters of a shown payload, of a
-topic."""
+"""Time in s without a wrong payload after which the next wrong payload is reported; maximum number of characters of a
+payload in a report; maximum number of characters of a topic."""
 
 
 class ScaleTopic:
@@ -80,11 +80,11 @@ class ScaleTopic:
 
     @property
     def state(self) -> dict[str, Any]:
-        """Entry for the broker in the document `state`."""
+        """State of the connection as plain data, which the server publishes: broker, topic, connected, problem."""
         return {"broker": self.broker, "topic": self.topic, "connected": self.connected, "problem": self.problem}
 
     def show(self, scale: float) -> None:
-        """Publish the current scale."""
+        """Store `scale` as the current motion scale, which `run` then publishes."""
         self._scale = scale
         self._changed.set()
 

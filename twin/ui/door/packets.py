@@ -112,7 +112,10 @@ class PacketDoor:
         return max((t for _, t in self._owners.values()), default=-math.inf)
 
     def answer(self, hand: int, force: ArrayLike, t: float) -> None:
-        """Send a force (3,) in N in frame {H} to the address that controls a hand at time t in s, if any."""
+        """Send a force (3,) in N in frame {H} to the address that controls a hand at time t in s.
+
+        Nothing is sent if no address controls the hand.
+        """
         if (owner := self.sender(hand, t)) is None:
             return
         try:

@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 
 class Reports:
-    """Reports the first problem of each kind, and later ones only after a time without problems of this kind.
+    """Reports a problem of a kind if the last problem of this kind was at least a given time ago, or is the first one.
 
     Attributes:
         tell: function that receives the message.

@@ -20,7 +20,7 @@ _LEAST = 1e-2
 
 
 def figure(found: Hazards) -> Figure:
-    """Return a figure: a row of points for each class of faults; below, ROC curves and times of the trainee."""
+    """Return a figure: a row of points for each class of faults; ROC curves; reaction times of the trainee."""
     with styled():
         n = len(found.by_class)
         height = 5.2 + 0.28 * n

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _VIEWS = (("from above", 0, 1), ("from the feet", 0, 2))
-"""Title of each view of the paths, and the World's axes to the right and upwards."""
+"""Title of each view of the paths, and indices of the World's axes that point right and up in the view."""
 
 _POINTS = 2000
 """Maximum number of points of a path and of a curve, because the page contains all points."""
@@ -34,11 +34,12 @@ def figure(found: ConsoleSession) -> Figure:
     table = console_scene.console_of(found.scene)
     arms = [(hand, name) for hand in HANDS for name in getattr(table, hand)]
 
-    rows = 3 + 2 * len(HANDS) + (len(arms) if found.board is not None else 0)
+    rows = 3 + 2 * len(HANDS) + (len(arms) if _contacts(found) else 0) + (found.guided is not None)
     height = 5.9 + 0.24 * rows
     who = "a person" if found.seed is None else f"simulated surgeon, seed {found.seed}"
     out = sheet(f"{found.scene.name}: session of {found.ran.duration:.1f} s, {who}", height)
-    left, wide = 1.2 / WIDTH, (WIDTH - 1.2 - 0.25) / WIDTH
+    beside = 1.2 if max(len(name) for _, name in arms) < 8 else 1.5  # inches for the names of the bands
+    left, wide = beside / WIDTH, (WIDTH - beside - 0.25) / WIDTH
     foot, bands, speeds = 0.5, 0.24 * rows, 1.6
     low = out.add_axes((left, foot / height, wide, bands / height))
     middle = out.add_axes((left, (foot + bands + 0.2) / height, wide, speeds / height), sharex=low)
@@ -131,6 +132,12 @@ def _paths(ax: Axes, found: ConsoleSession, arms: list[tuple[str, str]], title: 
             ax.plot(p[::step, x], p[::step, y], color=INK, lw=0.7, ls=(0, (4, 2)))
             peg = found.pegs[transfer.peg].end / MM
             ax.plot([peg[x]], [peg[y]], "s", ms=5, mfc="none", mec=INK)
+    if found.guided is not None and found.task is not None and found.task.guide is not None:
+        legend = ", dashed = ring, grey = wire"
+        p = found.ran.kept[f"{found.task.guide.ring}.pose"].reshape(-1, 4, 4)[:, :3, 3] / MM
+        step = max(1, len(p) // _POINTS)
+        ax.plot(found.wire[:, x] / MM, found.wire[:, y] / MM, color=INK, lw=3, alpha=0.35)
+        ax.plot(p[::step, x], p[::step, y], color=INK, lw=0.7, ls=(0, (4, 2)))
     ax.set_aspect("equal", adjustable="datalim")
     ax.set_title(f"{title}: circle = start{legend}", loc="left", fontsize=9)
     ax.set_xlabel(f"{'xyz'[x]} [mm]")
@@ -140,7 +147,7 @@ def _paths(ax: Axes, found: ConsoleSession, arms: list[tuple[str, str]], title: 
 
 
 def _bands(ax: Axes, found: ConsoleSession, arms: list[tuple[str, str]]) -> None:
-    """Draw one band for each pedal and state; a gripper as a curve in its band."""
+    """Draw one band for each pedal and state over time; the angle of a gripper is a curve in its band."""
     kept, t = found.ran.kept, found.t
     rows: list[tuple[str, np.ndarray, str]] = [
         ("clutch", kept[f"{PEDALS}.clutch"][:, 0] > 0.5, NEAR),
@@ -149,7 +156,11 @@ def _bands(ax: Axes, found: ConsoleSession, arms: list[tuple[str, str]]) -> None
     if f"{PEDALS}.silent" in kept.sizes:
         rows.append(("silent", kept[f"{PEDALS}.silent"][:, 0] > 0.5, INK))
     rows += [(f"{hand} arm follows", _leads(found, hand), _color(arms, hand)) for hand in HANDS]
-    if found.board is not None:
+    if found.guided is not None and found.task is not None and found.task.guide is not None:
+        rubs = (kept[f"{found.task.guide.ring}.{what}"][:, 0] for what in ("rubs", "holder"))
+        rubbing, holder = rubs
+        rows.append(("wire touched", (rubbing > 0.5) & (holder >= 0), INK))
+    if _contacts(found):
         rows += [(f"{n} touches", _hits(found, n), _color(arms, hand)) for hand, n in arms]
     names = []
     for k, (name, on, color) in enumerate(rows):
@@ -170,8 +181,13 @@ def _bands(ax: Axes, found: ConsoleSession, arms: list[tuple[str, str]]) -> None
     ax.tick_params(length=2.5)
 
 
+def _contacts(found: ConsoleSession) -> bool:
+    """Return whether the session has contacts of instruments with props and objects."""
+    return found.board is not None or found.guided is not None
+
+
 def _hits(found: ConsoleSession, robot: str) -> np.ndarray:
-    """Return (k,) bool: whether an instrument touches the board or the other instrument."""
+    """Return (k,) bool: whether an instrument touches a fixed part or the other instrument."""
     return np.any([found.ran.kept[f"{robot}.{what}"][:, 0] > 0.5 for what in ("touches", "meets")], axis=0)
 
 

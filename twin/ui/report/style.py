@@ -244,7 +244,10 @@ def limit_line(ax: Axes, value: float | None, label: str, color: str = UNFIT) ->
 
 
 def mark(ax: Axes, t: float, value: float, text: str, color: str = INK, below: bool = False) -> None:
-    """Mark a sample with a ring, and write its value above or (if `below`) under the ring, as far as there is space."""
+    """Mark a sample with a ring, and write `text` above it, or below it if `below` or if there is no space above.
+
+    If there is no space below, the text is above the ring.
+    """
     ax.plot([t], [value], "o", ms=6, mfc="none", mec=color, mew=1.2, zorder=4, clip_on=False)
     left, right = ax.get_xlim()
     late = t > left + 0.7 * (right - left)

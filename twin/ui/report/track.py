@@ -1,4 +1,4 @@
-"""Draw results of computed-torque control: tip error over time, efforts relative to limits, error over mismatch."""
+"""Draw results of computed-torque control: tip error and efforts over time, tip error by inertia error of the model."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _TICKS = 25
 
 @styled()
 def figure(result: Tracking) -> Figure:
-    """Return a figure: tip errors of all runs, efforts of the worst run, maximum tip error over inertia error."""
+    """Return a figure: tip errors of all runs, efforts of the worst run, maximum tip error by inertia error in %."""
     runs, worst, curves = result.runs, result.runs[result.worst], result.curves
     w = worst.conditions.w
     title = f"{result.robot}, {result.protocol}: computed torque control, Kp = w², Kv = 2 w, w = {w:g} rad/s"

@@ -19,7 +19,7 @@ _LEAST = 1e-2
 
 
 def figure(found: Trends) -> Figure:
-    """Return a figure with the deviation by motion scale beside the paper's, and a panel for each stuck value."""
+    """Return a figure: deviation by motion scale, ours and the paper's; a panel for each stuck motor command."""
     with styled():
         n = len(found.stuck)
         height = 3.9 + 1.25 * n

@@ -76,7 +76,7 @@ def _cut(reached: np.ndarray, shown: np.ndarray) -> tuple[int, int, int]:
 
 
 def _volumes(ax: Axes, shown: np.ndarray, values: np.ndarray, step: float, label: str) -> None:
-    """Draw the volume of the cells whose conditioning is at least a minimum value, over this minimum value."""
+    """Draw, as a function of a minimum value, the volume of the cells whose conditioning is at least this value."""
     cell = (step / 0.1) ** 3
     share = values[:, 0].astype(float)
     ordered = np.sort(shown.astype(float))

@@ -39,7 +39,7 @@ from twin.simulation.controllers.trainer import Mode
 from twin.simulation.devices.given import GivenHands, HandState
 from twin.simulation.devices.together import Together
 from twin.simulation.plants.tissue import clips_of
-from twin.simulation.session import rings
+from twin.simulation.session import guiding, rings
 from twin.simulation.session.camera_referee import CameraReferee
 from twin.simulation.session.condition import Condition
 from twin.simulation.session.procedure_guide import ProcedureGuide
@@ -86,7 +86,7 @@ class LiveConsole:
         members: mechanism and equations of each robot.
         task: the task; None: no task.
         objects: the movable objects of the World.
-        referee: judge of a task with rings, of the camera task or of a procedure; None for other tasks.
+        referee: judge of a task with rings or a wire, of the camera task or of a procedure; None for other tasks.
         feed: deformables of the World; None: it has none.
         machines: connections to machines; None: there are none.
         planning: planning mode of the arms.
@@ -118,7 +118,7 @@ class LiveConsole:
             device: the input device; None: `GivenHands`.
             session: session file; the files of later attempts have its name with a number. None: no file, or a
                 temporary one if a report is made.
-            task: a task; if it has transfers, the World has movable objects and contact; if it is a procedure, organs,
+            task: a task; if it has rings, the World has movable objects and contact; if it is a procedure, organs,
                 vessels and clips.
             props: mechanism of the props; only needed for such a task, and for the forces of contacts.
             report: makes the report of an attempt, in another process; None: no reports.
@@ -144,14 +144,15 @@ class LiveConsole:
         on = scene.haptics is None or scene.haptics.on
         self.condition = condition or Condition(haptics=on)
         self.device.feel(self.condition.haptics)
-        with_rings = task is not None and bool(task.transfers)
+        with_rings = task is not None and task.grasps
         self._organs, self._first = tuple(organs), settings
         self.objects: Sequence[Movable] = scene.objects if with_rings else ()
         if task is not None and task.procedure is not None:
             self.objects = clips_of(scene.tools)
         self._pegs = contact_scene.pegs(scene, props, task) if task is not None and with_rings else {}
         self._scratch = None
-        judged = task is not None and bool(task.transfers or task.alignment or task.procedure)
+        self._course = contact_scene.course(scene, props, task) if task is not None and task.guide else None
+        judged = task is not None and bool(with_rings or task.alignment or task.procedure)
         if session is None and judged and report is not None:
             self._scratch = Scratch()
             session = Path(self._scratch.name) / "hands.session"
@@ -180,6 +181,8 @@ class LiveConsole:
         if self.task is not None and self.task.transfers:
             robots = [n for hand in HANDS for n in getattr(self.table, hand)]
             referee = rings.Referee(self.task, self.objects, self._pegs, robots, SAMPLE)
+        elif self.task is not None and self._course is not None:
+            referee = guiding.Referee.of(self.scene, self.task, self.members, self._course, SAMPLE)
         elif self.task is not None and self.task.alignment is not None:
             referee = CameraReferee(self._camera, SAMPLE)
         elif self.task is not None and self.task.procedure is not None:
@@ -312,13 +315,11 @@ class LiveConsole:
         return self._tell(self._read())
 
     def _judge(self) -> None:
-        """End the attempt if all rings are on their pegs, or if the session file is full."""
+        """End the attempt if the task is completed, or if the session file is full."""
         if self.referee is None:
             return
         if self.referee.complete:
-            self._finish(
-                self.referee.ending if isinstance(self.referee, ProcedureGuide) else "All rings are on their pegs."
-            )
+            self._finish(self.referee.ending)
         elif self.recorder is not None and not self.recorder.running:
             self._finish("The task was ended: the session is no longer recorded.")
 

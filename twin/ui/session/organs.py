@@ -16,7 +16,7 @@ from twin.ui.session.feed import Surface
 from twin.ui.session.timeline import RATE
 
 _BEHIND = 2
-"""Maximum number of steps of the organs for each picture: a late picture is made up for, and the next one is not late too.
+"""Maximum number of steps of the organs for each picture: one late picture is made up for; more would be late as well.
 On a slower page, the organs lag behind the links."""
 
 _AWAY = spatial.pose(p=np.array([0.0, 0.0, 100.0]))

@@ -39,6 +39,9 @@ _SHARE = 0.75
 _MOVED = 1e-3
 """Difference in rad or m of a joint above which an arm is no longer where a plan left it."""
 
+_SAID = 6.0
+"""Time in s for which the end of a motion is told."""
+
 _SAME = 1e-4
 """Largest difference in rad or m of all joints at which the target is where the arm is."""
 
@@ -78,7 +81,7 @@ class PlanMode:
         self.plans = Plans(PEDALS, arms)
         self._numbers, self._room = itertools.count(1), None
         self._stands: dict[str, Array] = {}
-        self.changes = 0
+        self.changes, self._told = 0, 0.0
         self._clear()
 
     def _clear(self) -> None:
@@ -176,10 +179,8 @@ class PlanMode:
         self._stream.cancel()
         self.plans.stop(why)
         self._clear()
-        if was == "run":
-            self.said, self.bad = why or "Cancelled: the arm stays where it is.", bool(why)
-        elif why:
-            self.said, self.bad = why, True
+        if was == "run" or why:
+            self._tell(why or "Cancelled: the arm stays where it is.", bool(why))
 
     def close(self) -> None:
         """End the process."""
@@ -275,8 +276,12 @@ class PlanMode:
         robot, off, arrived, why = self.robot, self.plans.off, self.plans.arrived, self.plans.why
         self._stream.cancel()
         self._clear()
-        self.said = f"{robot} has arrived; its tip was at most {off / MM:.2f} mm from its path." if arrived else why
-        self.bad = not arrived
+        there = f"{robot} has arrived; its tip was at most {off / MM:.2f} mm from its path."
+        self._tell(there if arrived else why, not arrived)
+
+    def _tell(self, text: str, bad: bool) -> None:
+        """Tell how planning mode has ended."""
+        self.said, self.bad, self._told = text, bad, self._world().t
 
     # -- what surrounds the arm -----------------------------------------------------------------------
 
@@ -314,7 +319,7 @@ class PlanMode:
 
     def state(self) -> dict[str, Any] | None:
         """Return the state for displays; None if there is nothing to show."""
-        if self.phase == "off" and not self.said:
+        if self.phase == "off" and (not self.said or self._world().t - self._told > _SAID):
             return None
         out: dict[str, Any] = {"phase": self.phase, "hand": self.hand, "robot": self.robot}
         return out | {

@@ -21,7 +21,7 @@ QUATERNION_TOL = 1e-4
 """Deviation of a quaternion's length from 1 that counts as rounding of single precision."""
 
 COM_MARGIN = 1 * MM
-"""Maximum distance in m of a centre of mass outside the bounding box of thin shells and coarse meshes."""
+"""Maximum distance in m of a centre of mass outside its meshes' bounding box; thin shells and coarse meshes need it."""
 
 GYRATION = (0.02, 1.0)
 """Plausible range of the maximum radius of gyration, divided by the diagonal of the meshes' bounding box."""

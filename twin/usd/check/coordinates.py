@@ -38,7 +38,7 @@ _RADIANS = Kind("stage.radians", "disagreement", "multiply by 180/pi", word="")
 _STATE = Kind(
     "stage.state",
     "disagreement",
-    "author the coordinate of the authored pose: simulators start there",
+    "author the coordinate given by the body poses as the joint state: simulators start at the joint state",
     word="tolerance",
 )
 _SPEED = Kind(

@@ -132,7 +132,7 @@ def check_ops(scene: Scene) -> Iterator[Finding]:
 
 
 def check_transforms(scene: Scene) -> Iterator[Finding]:
-    """Yield findings on transforms that ignore their parents (resetXformStack), and on mirrored or scaled ones."""
+    """Yield findings on transforms that ignore their parents (resetXformStack), are mirrored, or are scaled."""
     for prim in scene.prims:
         if not prim.IsA(UsdGeom.Xformable):
             continue

@@ -37,7 +37,10 @@ def check_structure(scene: Scene) -> Iterator[Finding]:
 
 
 def _check_tree(scene: Scene, joints: list[RawJoint]) -> Iterator[Finding]:
-    """Check the tree of joints, which is built one joint at a time; a joint between connected bodies closes a loop."""
+    """Yield findings on loops, unconnected bodies and a base that is not fixed.
+
+    The tree is built one joint at a time; a joint between two bodies that are already connected closes a loop.
+    """
     ways: dict[str, dict[str, str]] = {}
     for joint in (j for j in joints if not j.excluded):
         a, b = (e.body for e in joint.ends)

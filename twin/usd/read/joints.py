@@ -226,8 +226,8 @@ def _cone(joint: RawJoint) -> float | None:
 def _drive(scene: Scene, joint: RawJoint, notes: list[Finding]) -> tuple[Drive | None, bool]:
     """Return (position drive in SI units or None, whether the joint is driven).
 
-    A drive without gains is ignored, because converters add one to every joint. The gains of an acceleration drive are
-    relative to the effective mass, which is unknown; the joint then counts as driven, but its gains are omitted.
+    A drive without gains is ignored, because converters add such a drive to every joint. The gains of an acceleration
+    drive are relative to the effective mass, which is unknown; the joint counts as driven, but its gains are omitted.
     """
     if not joint.instance or not joint.prim.HasAPI(UsdPhysics.DriveAPI, joint.instance):
         return None, False

@@ -69,7 +69,7 @@ class Candidate:
 
 @dataclass
 class Found:
-    """Search result for one group of rows: the edits that fix them, and the best edit that does not.
+    """Search result for one group of rows: the edits that fix the rows, and the best edit that does not fix them.
 
     A cure is an edited function that makes the rows agree. Its readings are the different edits that produce it.
 

@@ -1,8 +1,8 @@
 """Measure on which symbols the rows depend, to reject repairs that make a row trivial.
 
 A row with its unknown on the right side (q1 = ... q2 - q1 ...) agrees trivially if an edit changes it to q1 = q1 or to
-a copy of another row; a zero factor makes any row agree. Residuals at the mechanism's poses do not reveal such edits.
-The change of the residuals after the perturbation of one symbol does.
+a copy of another row; a zero factor makes any row agree. Residuals at the mechanism's poses do not reveal such edits;
+the change of the residuals after the perturbation of one symbol reveals them.
 """
 
 from __future__ import annotations

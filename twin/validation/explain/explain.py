@@ -396,7 +396,10 @@ def _repair(judge: Judge, search: Search, f: Found, root: Path | None) -> Repair
 
 
 def _told(way: list[Candidate]) -> list[Candidate]:
-    """Return the readings of a cure to report: preferably edits of single tokens in the equation's own rows."""
+    """Return the candidates to report, of candidates `way` that give the same function.
+
+    Edits in the equation's own rows are preferred to edits in helpers, and edits of single tokens to other edits.
+    """
     own = [c for c in way if c.edits[0].function == c.step.source.name] or way
     own = [c for c in own if _in_changed_rows(c)] or own  # an edit of a shared row would also change the default
     return [c for c in own if all(e.kind in TOKENS for e in c.edits)] or own[:1]

@@ -18,7 +18,7 @@ _ROUNDING = 10
 
 
 def held_out(judge: Judge, model: ReferenceModel, found: list[Found], lost: list[Key]) -> tuple[list[Found], list[Key]]:
-    """Return (search results without the cures that fail at fresh states, rows without a cure).
+    """Return (search results without the repairs that fail at fresh states, rows without a repair).
 
     A row may agree at all states of the search but disagree at other states. The agreement is then a coincidence.
     """

@@ -287,7 +287,7 @@ class Judge:
         return {}
 
     def _patch(self, step: Step, edits: list[Edit]) -> list[tuple[dict[str, Any], str, Any]]:
-        """Install an edited helper; return (globals, name, original function) of each place, to restore it."""
+        """Install an edited helper; return (globals, name, original function) of each use, to restore the original."""
         helper = next(h for h in self.helpers(step) if h.source.name == edits[0].function)
         scope: dict[str, Any] = dict(helper.function.__globals__)
         exec(helper.source.whole(edits), scope)

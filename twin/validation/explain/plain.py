@@ -1,4 +1,7 @@
-"""Run a plain formula on many samples: the code runs unchanged, and each scalar is an object with all its samples."""
+"""Run a plain formula (functions `inverse(pose)` or `forward(q)` in NumPy) on many samples at once.
+
+The code runs unchanged: each scalar is an object that holds the values at all samples.
+"""
 
 from __future__ import annotations
 

@@ -26,7 +26,7 @@ from twin.validation.explain.source import Edit, Source, Statement, patched
 from twin.validation.explain.suspects import available, suspects
 
 _WHOLE = 12
-"""Maximum number of repairs per cure that are checked on the whole formula."""
+"""Maximum number of repairs with the same resulting function that are checked on the whole formula."""
 
 _SHARED = 3
 """Number of edits per repaired group that are tried together with a second edit for the remaining rows."""

@@ -74,7 +74,7 @@ class Step:
     free: dict[str, Any] = field(default_factory=dict)
 
     def place(self, statement: int, position: int, symbol: str, line: int) -> Place:
-        """Return the place of a row."""
+        """Return the `Place` of the row of this equation at a statement and a position in its outputs."""
         k = (statement, position, symbol)
         if k not in self.places:
             self.places[k] = Place(self.equation.name, self.variant, statement, position, symbol, line)

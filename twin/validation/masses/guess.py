@@ -118,11 +118,11 @@ def _readings(tensor: Array, centre: Array, mass: float) -> Iterator[tuple[str, 
     if np.abs(far).max() > 0.2 * np.abs(tensor).max():
         yield (
             "origin",
-            "the tensor seems to be about the mass centre, not about the frame's origin, as stated",
+            "the stated tensor seems to be about the mass centre instead of the frame's origin",
             tensor + far,
         )
         yield (
             "origin",
-            "the tensor seems to be about the frame's origin, not about the mass centre, as stated",
+            "the stated tensor seems to be about the frame's origin instead of the mass centre",
             tensor - far,
         )

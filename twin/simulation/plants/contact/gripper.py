@@ -162,6 +162,31 @@ def _jaws(mechanism: Mechanism, hand: str, index: int) -> tuple[Jaw, ...]:
     return tuple(out)
 
 
+def grip_frame(mechanism: Mechanism) -> Array:
+    """Return the frame (4, 4) of the closed jaws in the tool frame, measured on the drawn parts.
+
+    Its origin is between the tips, z points out of them, and the jaws close along y.
+
+    Raises:
+        WorldError: the robot has no jaws.
+    """
+    tool = mechanism.frame(mechanism.tool)
+    names = [j.name for j in mechanism.active]
+    jaws = _jaws(mechanism, tool.body, names.index(mechanism.auxiliary[0].name)) if mechanism.auxiliary else ()
+    if not jaws:
+        raise WorldError(f"'{mechanism.name}' has no jaws that turn by an auxiliary joint")
+    tips = []
+    for jaw in jaws:
+        p = np.concatenate([part.vertices for part in jaw.body.meshes]) @ jaw.T_hand_jaw[:3, :3].T
+        off = p + jaw.T_hand_jaw[:3, 3] - jaw.point
+        off -= np.outer(off @ jaw.axis, jaw.axis)
+        tips.append(off[np.argmax(np.linalg.norm(off, axis=1))])
+    tip = np.mean(tips, axis=0)
+    z, x = tip / np.linalg.norm(tip), jaws[0].axis
+    T_hand_grip = spatial.pose(np.column_stack([x, np.cross(z, x), z]), jaws[0].point + tip)
+    return spatial.inverse(tool.T_body_frame) @ T_hand_grip
+
+
 def _carrying(mechanism: Mechanism, body: str) -> list[Joint]:
     """Return the joints of the path to a body, and the joints coupled to them."""
     path = {j.name for j in mechanism.path(body)}

@@ -42,7 +42,9 @@ class Contact(Block):
 
     Signals:
         `<object>.pose` (16,): T_world_object, row by row.
-        `<object>.holder`: index of the gripper whose jaws all touch the object; -1: none.
+        `<object>.holder`: index of the gripper whose jaws all touch the object, of several the last one that began to;
+            -1: none.
+        `<object>.rubs`: 1 while the object touches a part of `rubbed`; only if there are any.
         `<robot>.touches`: 1 while the instrument touches a fixed part.
         `<robot>.meets`: 1 while the instrument touches another instrument.
         `<robot>.planes`: local planes of the parts that the instrument or its held object touches; only with `feels`.
@@ -58,6 +60,7 @@ class Contact(Block):
         gravity: tuple[float, float, float] = (0.0, 0.0, -9.81),
         friction: float = 0.5,
         feels: bool = False,
+        rubbed: Sequence[str] = (),
     ) -> None:
         """Build the MuJoCo model.
 
@@ -70,6 +73,7 @@ class Contact(Block):
             gravity: acceleration in the World in m/s2.
             friction: coefficient of sliding friction of the instruments.
             feels: whether the planes are written that the forces on the hands need.
+            rubbed: names of parts of `solids`; whether objects touch any of them is written.
 
         Raises:
             WorldError: a number is out of range, or an object overlaps something by more than 0.1 mm at the start.
@@ -89,9 +93,13 @@ class Contact(Block):
         d = self._data = mujoco.MjData(m)
         self._start(q or {})
         self._sort()
+        names = [part.name for solid in solids for part in solid.parts]  # one geom of the World's body each, in order
+        fixed = np.flatnonzero(m.geom_bodyid == 0).tolist()
+        self._rubbed = {geom for geom, name in zip(fixed, names, strict=True) if name in rubbed}
         mujoco.mj_forward(m, d)
         self._require_apart()
-        self._said: tuple[list[int], set[int], set[int]] | None = None
+        self._holding: list[list[int]] = [[] for _ in self._objects]  # grippers that hold each object, in their order
+        self._said: tuple[list[int], set[int], set[int], set[int]] | None = None
         self.outputs = self._signals()
         self._feel = Feel(m, self._grippers, [o.name for o in self._objects], self._whose) if feels else None
         if self._feel is not None:
@@ -214,23 +222,28 @@ class Contact(Block):
         said = self._contacts()
         if said != self._said:
             self._said = said
-            holders, touches, meets = said
+            holders, touches, meets, rubs = said
             out |= {f"{item.name}.holder": float(k) for item, k in zip(self._objects, holders, strict=True)}
             for k, gripper in enumerate(self._grippers):
                 out[f"{gripper.robot}.touches"], out[f"{gripper.robot}.meets"] = float(k in touches), float(k in meets)
+            if self._rubbed:
+                out |= {f"{item.name}.rubs": float(k in rubs) for k, item in enumerate(self._objects)}
         return out
 
-    def _contacts(self) -> tuple[list[int], set[int], set[int]]:
-        """Return each object's holder (-1: none), the instruments at fixed parts, and those that touch each other."""
-        holders, touches, meets = [-1] * len(self._objects), set[int](), set[int]()
+    def _contacts(self) -> tuple[list[int], set[int], set[int], set[int]]:
+        """Return each object's holder (-1: none), instruments at fixed parts, those at each other, objects that rub."""
+        holders, touches, meets, rubs = [-1] * len(self._objects), set[int](), set[int](), set[int]()
         if not self._grippers or not self._data.ncon:
-            return holders, touches, meets
+            self._holding = [[] for _ in self._objects]
+            return holders, touches, meets, rubs
         contact, whose = self._data.contact, self._whose
         grips: dict[tuple[int, int], set[int]] = {}
         for (g, h), distance in zip(contact.geom.tolist(), contact.dist.tolist(), strict=True):
             if distance >= 0:
                 continue
             (item, arm, jaw), (item_h, arm_h, jaw_h) = whose[g], whose[h]
+            if g in self._rubbed or h in self._rubbed:
+                rubs |= {max(item, item_h)} - {-1}
             if arm < 0:
                 item, arm, jaw, item_h, arm_h = item_h, arm_h, jaw_h, item, arm
             if arm < 0:
@@ -241,10 +254,12 @@ class Contact(Block):
                 touches.add(arm)
             elif jaw >= 0:
                 grips.setdefault((item_h, arm), set()).add(jaw)
-        for (item, arm), jaws in grips.items():
-            if len(jaws) == len(self._grippers[arm].jaws):
-                holders[item] = arm
-        return holders, touches, meets
+        for item, before in enumerate(self._holding):
+            hold = {a for (i, a), jaws in grips.items() if i == item and len(jaws) == len(self._grippers[a].jaws)}
+            self._holding[item] = [a for a in before if a in hold] + sorted(hold.difference(before))
+            if hold:
+                holders[item] = self._holding[item][-1]
+        return holders, touches, meets, rubs
 
 
 class _Links:

@@ -72,6 +72,7 @@ export class ConsoleHands {
   forget(): void {
     this.leading.clear();
     this.console.pens.lost.clear();
+    this.console.plan.forget('headset');
     for (const pedal of ['clutch', 'camera'] as const)
       if (this.console.pens.presses(pedal, 'headset')) this.console.pens.press(pedal, 'headset', false);
   }
@@ -82,7 +83,9 @@ export class ConsoleHands {
     const fists = hands.filter((hand) => hand?.fist).length;
     const { pens } = this.console;
     pens.press('clutch', 'headset', fists === 1 || hands.some((hand) => hand?.clutch));
-    this.console.plan.press('headset', hands.some((hand) => hand?.plan));
+    const planned = SIDES.find((side) => this.leading.has(side) && seen[side]?.plan);
+    if (planned) this.console.chosen = planned;
+    this.console.plan.press('headset', planned !== undefined);
     pens.press('camera', 'headset', fists === 2 || hands.some((hand) => hand?.camera));
   }
 

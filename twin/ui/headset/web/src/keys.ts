@@ -53,7 +53,10 @@ export class Keys {
   constructor(private readonly console: Console) {
     window.addEventListener('keydown', (e) => this.press(e));
     window.addEventListener('keyup', (e) => this.lift(e));
-    window.addEventListener('blur', () => this.down.clear());
+    window.addEventListener('blur', () => {
+      this.down.clear();
+      this.console.plan.forget('keys');
+    });
   }
 
   /** Move the hands while keys are pressed; called for each picture. */

@@ -86,6 +86,7 @@ export class Pad {
   private lost(): void {
     const { pens } = this.console;
     for (const pedal of ['clutch', 'camera'] as const) if (pens.presses(pedal, 'pad')) pens.press(pedal, 'pad', false);
+    this.console.plan.forget('pad');
     for (const side of SIDES) pens[side].rest();
     this.console.say('The gamepad was disconnected: the instruments stop, and the jaws stay as they are.');
   }

@@ -25,7 +25,15 @@ export class Planning {
   /** Displays in the world frame (z up), visible in the endoscope's picture too. */
   readonly group = new Group();
   private readonly place = new Group();
-  private readonly material = new MeshStandardMaterial({ color: BLUE, opacity: OPACITY, transparent: true, depthWrite: false });
+  private readonly material = new MeshStandardMaterial({
+    color: BLUE,
+    opacity: OPACITY,
+    transparent: true,
+    depthWrite: false,
+    polygonOffset: true, // so that the solid arm at the same place hides the ghost
+    polygonOffsetFactor: 2,
+    polygonOffsetUnits: 2,
+  });
   private links: Object3D[] = [];
   private path: Object3D | null = null;
   private tree: LineSegments | null = null;
@@ -73,20 +81,21 @@ export class Planning {
       return;
     }
     this.pressed.delete(device);
-    if (performance.now() - (since as number) > TAP) this.ask('find');
+    if (this.phase === 'aim' && performance.now() - (since as number) > TAP) this.ask('find');
   }
 
-  /** The button of the page: the next step. */
-  next(): void {
-    const { phase } = this;
-    if (phase === 'off') this.ask('aim');
-    else if (phase === 'aim') this.ask('find');
-    else if (phase === 'preview') this.accept();
+  /** The device is gone: its pedal stays down, as after a tap. */
+  forget(device: string): void {
+    this.pressed.delete(device);
+  }
+
+  /** Let the hand lead a target; in a preview, the same one again. */
+  aim(): void {
+    this.ask('aim');
   }
 
   accept(): void {
-    if (this.phase !== 'preview') return;
-    this.ask('accept');
+    if (this.phase === 'preview') this.ask('accept');
   }
 
   cancel(): void {
@@ -104,7 +113,7 @@ export class Planning {
       kind: 'row',
       shown: () => this.phase !== 'off',
       items: [
-        button('plan-find', () => (this.phase === 'preview' ? 'Change the target' : 'Find a path'), () => this.ask(this.phase === 'preview' ? 'aim' : 'find'), () => this.phase !== 'aim' && this.phase !== 'preview', 'Plan a motion of the arm to the target (release P)'),
+        button('plan-find', () => (this.phase === 'preview' ? 'Change the target' : 'Find a path'), () => (this.phase === 'preview' ? this.aim() : this.ask('find')), () => this.phase !== 'aim' && this.phase !== 'preview', 'Plan a motion of the arm to the target (release P)'),
         button('plan-accept', () => 'Accept', () => this.accept(), () => this.phase !== 'preview', 'The arm makes the planned motion (Enter)'),
         button('plan-cancel', () => (this.phase === 'run' ? 'Stop' : 'Cancel'), () => this.cancel(), () => false, 'The arm stays where it is (Escape)'),
       ],

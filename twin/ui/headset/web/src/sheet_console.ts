@@ -53,7 +53,7 @@ export function pedals(console: Console): Control {
         label: () => 'Plan',
         on: () => console.plan.phase !== 'off',
         off: () => console.plan.phase !== 'off',
-        press: () => console.plan.next(),
+        press: () => console.plan.aim(),
         hint: 'Lead a target through everything, and plan a motion of the arm to it (hold P)',
       },
       jaw('left'),

@@ -1,0 +1,127 @@
+"""Planning mode on the page in Chromium: lead the target through the dome, plan, cancel, plan again, accept, arrive."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+import pytest
+
+from made import headset_page as headset
+from made.console_page import console
+from made.dome_console import ABOVE, dome_console
+from twin.api.standing import standing
+from twin.cli.scene import content
+from twin.core.units import DEG, MM
+from twin.reference import ReferenceModel
+from twin.reference.clearance import Shape, distance_between
+
+pytestmark = pytest.mark.browser
+
+PLAN = "twin.app.console.plan"
+FOLLOWS = "twin.app.console.move('left', 0, 0, 0) || twin.app.model.console.hands.left.follows"
+ARM = "twin.app.members.find((m) => m.model.info.name === 'raven_left')"
+
+
+@pytest.fixture(scope="module")
+def dome(tmp_path_factory):
+    return dome_console(tmp_path_factory.mktemp("dome"))
+
+
+@pytest.fixture(scope="module")
+def page(dome):
+    server = headset.Serving(str(dome.file.parent))
+    for browser in headset.chromium():
+        with console(browser, server.url, size=(900, 520)) as opened:
+            yield opened
+    server.stop()
+
+
+def q(page):
+    return np.array(page(f"[...{ARM}.model.frame.q]"), float)
+
+
+def lead(page, way, until):
+    """Lead the left hand by `way` (3,) in m in the picture, until something is seen."""
+    for _ in range(30):
+        page(f"twin.app.console.move('left', {way[0] / 30}, {way[1] / 30}, {way[2] / 30})")
+        time.sleep(0.03)
+    page.until(until, f"{until}: {page(f'{PLAN}.state')}")
+
+
+def begin(page):
+    """Press the pedal with its key; return the joints of the arm."""
+    page("twin.app.console.chosen = 'left'")
+    at = q(page)
+    page.page.keyboard.down("p")
+    page.until(f"{PLAN}.phase === 'aim' && {PLAN}.state.ready", "the target is led, the geometry is loaded")
+    time.sleep(0.3)  # longer than a tap
+    return at
+
+
+def out(scene, page):
+    """Return the way in the picture from the tip to a place above the lid, in m."""
+    robots, _ = content(scene)
+    kin = robots["raven_left"].kinematics()
+    goal = np.append([x * (MM if i == 2 else DEG) for i, x in enumerate(ABOVE)], 0.0)
+    way = kin.forward(goal)[:3, 3] - kin.forward(q(page))[:3, 3]
+    view = np.array(page("twin.app.console.views.scope.matrixWorld.elements")).reshape(4, 4).T[:3, :3]
+    return view.T @ np.array([[1, 0, 0], [0, 0, 1], [0, -1, 0]]) @ way
+
+
+def color(page):
+    return page(f"{PLAN}.material.color.getHex()")
+
+
+def test_a_motion_out_of_the_dome_is_planned_cancelled_planned_again_and_made(page, dome):
+    page.until(FOLLOWS, "the hand leads the arm")
+    at, way = begin(page), out(dome, page)
+    lead(page, 0.5 * way, f"{PLAN}.state.blocked !== ''")
+    page.until(f"{color(page)} && {PLAN}.material.color.getHex() === 0xd81b2a", "the ghost is red in the lid")
+    assert "props/dome" in page(f"{PLAN}.state.blocked")
+    lead(page, 0.5 * way, f"{PLAN}.state.blocked === ''")
+    page.until(f"{PLAN}.material.color.getHex() !== 0xd81b2a", "the ghost is free above the lid")
+    page.page.keyboard.up("p")
+    page.until(f"{PLAN}.motion !== null", "the preview")
+    assert q(page) == pytest.approx(at, abs=1e-6), "the arm rests"
+    page.until(f"{PLAN}.clearance?.proven > 0", "the proven clearance")
+    page.until("!document.querySelector('[data-id=clearance]').hidden", "the plot")
+    assert page(f"{PLAN}.tree !== null && {PLAN}.tree.visible && {PLAN}.path.visible")
+    page.page.keyboard.press("Escape")
+    page.until(f"{PLAN}.phase === 'off'", "cancelled")
+    page.until(f"!{PLAN}.group.visible", "nothing of it is shown")
+    assert q(page) == pytest.approx(at, abs=1e-6)
+
+    begin(page)
+    lead(page, way, f"{PLAN}.state.blocked === ''")
+    page.page.keyboard.up("p")
+    page.until(f"{PLAN}.phase === 'preview'", "the second preview")
+    goal = np.frombuffer(bytes(page(f"[...new Uint8Array({PLAN}.motion.poses.buffer)]")), "<f4").reshape(-1, 7)[-1]
+    page.page.keyboard.press("Enter")
+    passed = []
+    page.until(f"{PLAN}.phase === 'run'", "the arm moves")
+    while page(f"{PLAN}.phase") == "run":
+        passed.append(q(page))
+        time.sleep(0.05)
+    page.until("twin.app.model.said.includes('has arrived')", "the arm has arrived")
+    link = page(f"{ARM}.model.info.links.at(-1)")
+    seen = np.array(page(f"{ARM}.robot.links.get('{link}').node.position.toArray()"))
+    assert seen == pytest.approx(goal[:3], abs=0.1 * MM)
+    assert len(passed) > 5
+    assert clear(dome, passed) > 1 * MM
+
+
+def clear(scene, passed):
+    """Return the smallest distance in m of the arm from the props and the other robots, by exact geometry alone."""
+    import twin
+
+    arm = twin.load("raven_left").mechanism
+    model, stills = ReferenceModel(arm), standing(str(scene.file), "raven_left", twin.load)
+    props = [(Shape(s.name, s.name, s.body.meshes), s.T_base_body) for s in stills if s.name.startswith("props/")]
+    links = [Shape(b.name, b.name, b.meshes) for b in arm.bodies if b.meshes and b.name != arm.base]
+    least = np.inf
+    for joints in passed:
+        poses = model.solve(joints).link_poses
+        for link in links:
+            least = min([least, *(distance_between(link, prop, poses[link.name], T) for prop, T in props)])
+    return least

@@ -1,0 +1,467 @@
+"""Planning mode of a console: the arm rests while its target is led, follows an accepted plan, and replays it."""
+
+from __future__ import annotations
+
+import base64
+import json
+
+import numpy as np
+import pytest
+
+import twin
+from made.dome_console import ABOVE, dome_console
+from twin.cli.scene import content
+from twin.core import spatial
+from twin.core.errors import TwinError, WorldError
+from twin.core.units import DEG, MM
+from twin.simulation.controllers.planned import AIM, HELD, OFF, RUN
+from twin.simulation.devices.given import HandState
+from twin.simulation.devices.plans import Led, Plans
+from twin.simulation.session import run as sessions
+from twin.simulation.session.file import read_session
+from twin.ui.headset import protocol as wire
+from twin.ui.headset.operation import Operation
+from twin.ui.headset.protocol import RefusedError
+from twin.ui.session import plan_mode, plan_work
+from twin.ui.session.console import HeldError, LiveConsole
+from twin.ui.session.plan_work import Check, Checked, Clear, Found, Plan, Proven, Room
+
+ARM = "raven_left"
+
+
+class Here:
+    """The other process, in this one: a job is done in steps when it is asked for news."""
+
+    def __init__(self, function, nice=0):
+        self.function, self.job, self.jobs = function, None, []
+
+    def start(self, job):
+        self.job = self.function(job)
+        self.jobs.append(job)
+
+    def cancel(self):
+        if self.job is not None:
+            self.job.close()
+        self.job = None
+
+    close = cancel
+
+    def poll(self):
+        if self.job is None:
+            return [], None
+        try:
+            return [next(self.job)], None
+        except StopIteration:
+            self.job = None
+            return [], ""
+        except TwinError as error:
+            self.job = None
+            return [], str(error)
+
+
+def quick(job):
+    """Yield as `plan_work.work` does, but a straight motion of 1.5 s up, without a search."""
+    if isinstance(job, Check):
+        if job.q is not None:
+            yield Checked("")
+        return
+    yield 0.5
+    T = twin.load(ARM).kinematics().forward(job.start)
+    Ts = np.tile(T, (1501, 1, 1))
+    Ts[:, 2, 3] += np.linspace(0, 6 * MM, 1501)
+    yield Found(Ts, np.tile(np.eye(4), (10, 2, 1, 1)), ("a", "b"), np.zeros((0, 2, 3)))
+
+
+@pytest.fixture(scope="module")
+def dome(tmp_path_factory):
+    scene = dome_console(tmp_path_factory.mktemp("dome"))
+    return scene, *content(scene)
+
+
+@pytest.fixture
+def console(dome, monkeypatch, tmp_path):
+    """A console whose plans are made by the planner, in this process."""
+    monkeypatch.setattr(plan_mode, "Stream", Here)
+    scene, robots, props = dome
+    made = Operator(LiveConsole(scene, robots, session=tmp_path / "hands.session", props=props))
+    yield made
+    made.console.close()
+
+
+@pytest.fixture
+def planned(console):
+    """A console whose plans are all the same."""
+    console.mode._stream = Here(quick)
+    return console
+
+
+class Operator:
+    """A client that leads the left hand."""
+
+    def __init__(self, console):
+        self.console, self.number, self.at, self.roll = console, 0, np.zeros(3), 0.0
+        self.wait(2)
+        self.roll = 0.2  # a person holds the handle
+        self.wait(6)
+        assert console.reading["hands"]["left"]["follows"]
+
+    def wait(self, frames, *, clutch=False, camera=False):
+        for _ in range(frames):
+            self.number += 1
+            hand = spatial.pose(spatial.rotation_z(self.roll), self.at)
+            states = (HandState(k, clutch, camera, self.number, T, 0.0) for k, T in enumerate((np.eye(4), hand)))
+            self.console.give("me", *states)
+            self.console.advance(1 / 60)
+
+    def lead(self, way, frames=30):
+        """Move the hand by `way` (3,) in m in the World."""
+        step = self.console.view[:3, :3].T @ np.asarray(way) / frames
+        for _ in range(frames):
+            self.at = self.at + step
+            self.wait(1)
+
+    def ask(self, do, hand="left", client="me"):
+        self.console.plan(client, do, hand)
+
+    @property
+    def mode(self):
+        return self.console.planning
+
+    @property
+    def q(self):
+        return self.console.world.signals[f"{ARM}.q"]
+
+    def target(self):
+        return self.console.world.signals[f"{ARM}.target"][1:].reshape(4, 4)
+
+    def until(self, phase, frames=2000):
+        for _ in range(frames):
+            if self.mode.phase == phase:
+                return
+            self.wait(1)
+        raise AssertionError(f"{self.mode.phase}, not {phase}: {self.mode.state()}")
+
+
+def above():
+    return np.append([x * (MM if i == 2 else DEG) for i, x in enumerate(ABOVE)], 0.0)
+
+
+def aimed(console):
+    """Lead the target above the lid."""
+    console.ask("aim")
+    console.wait(4)
+    goal = console.console.members[ARM].kin.forward(above())
+    console.lead((goal - console.target())[:3, 3], 15)
+    console.wait(4)
+    return goal
+
+
+def lifted(console):
+    """Lead the target by a few mm."""
+    console.ask("aim")
+    console.wait(2)
+    console.lead([3 * MM, 0, -4 * MM], 5)
+    console.wait(2)
+
+
+def test_the_hand_leads_the_target_and_all_arms_rest(console):
+    at = {n: console.console.world.signals[f"{n}.q"] for n in (ARM, "raven_right", "ecm")}
+    goal = aimed(console)
+    assert console.target()[:3, 3] == pytest.approx(goal[:3, 3], abs=1 * MM)
+    for name, q in at.items():
+        assert np.array_equal(console.console.world.signals[f"{name}.q"], q), name
+    assert console.mode.ghost.keys() == {b.name for b in console.console.members[ARM].mechanism.bodies}
+    assert console.console.reading["hands"]["left"] == {
+        "robot": ARM, "follows": True, "wall": None, "jumps": 0
+    }  # fmt: skip
+
+
+def test_a_target_in_the_dome_is_blocked_with_the_bodies_and_a_free_one_is_not(console):
+    console.ask("aim")
+    console.wait(10)
+    assert console.mode.ready
+    assert not console.mode.blocked
+    console.lead([0, 0, 18 * MM])  # into the lid
+    console.wait(6)
+    assert "props/dome" in console.mode.blocked
+    assert "required: 2 mm" in console.mode.blocked
+    console.ask("find")
+    console.until("aim")
+    assert console.mode.bad
+    assert console.mode.said.startswith("No plan: at its goal, ")
+    assert "props/dome" in console.mode.said
+    assert "nearest free configuration" in console.mode.said
+
+
+def test_an_accepted_plan_is_followed_and_its_session_replays_without_planning(console, dome, monkeypatch):
+    scene, _, props = dome
+    q0 = console.q
+    lifted(console)
+    goal = console.target()
+    console.ask("find")
+    assert console.mode.phase == "plan"
+    console.until("preview")
+    assert np.array_equal(console.q, q0), "nothing moves before the plan is accepted"
+    found = console.mode.preview.found
+    T_first, T_last = found.Ts[0], found.Ts[-1]
+    assert T_first == pytest.approx(console.console.members[ARM].kin.forward(q0), abs=1e-9)
+    assert T_last[:3, 3] == pytest.approx(goal[:3, 3], abs=1e-6)
+    speeds = np.linalg.norm(np.diff(found.Ts[:, :3, 3], axis=0), axis=1) / plan_work.DT
+    assert speeds.max() < 0.0601
+    console.ask("accept")
+    console.until("off")
+    assert "has arrived" in console.mode.said
+    assert not console.mode.bad
+    assert console.console.members[ARM].kin.forward(console.q) == pytest.approx(T_last, abs=1e-6)
+    console.wait(5)
+    assert console.console.reading["hands"]["left"]["follows"], "the hand leads the arm again"
+    recorder = console.console.recorder
+    console.console.close()
+    monkeypatch.setattr(plan_work, "work", None)
+    session = read_session(recorder.path)
+    members = console.console.members
+    ran = sessions.replay(session, scene, members, lambda what, part: None, props)
+    assert ran.difference is None
+    assert ran.kept[f"{ARM}.q"][-1] == pytest.approx(console.q)
+
+
+@pytest.mark.parametrize("phase", ["aim", "plan", "preview", "run"])
+def test_cancel_leaves_the_arm_where_it_is(planned, phase):
+    at = planned.q
+    lifted(planned)
+    for step, until in (("find", "plan"), (None, "preview"), ("accept", "run")):
+        if planned.mode.phase == phase:
+            break
+        if step:
+            planned.ask(step)
+        planned.until(until)
+    if phase == "run":
+        planned.wait(6)
+        at = planned.q
+    planned.ask("cancel", client="another")
+    planned.wait(1)
+    assert planned.mode.phase == "off"
+    assert planned.q == pytest.approx(at, abs=1e-9 if phase != "run" else 0.02)
+    at = planned.q
+    planned.wait(20)
+    assert planned.q == pytest.approx(at, abs=1e-9), "the hand is coupled again where the arm is"
+    assert planned.console.planning.plans.state == OFF
+
+
+@pytest.mark.parametrize(
+    ("act", "said"),
+    [
+        (lambda o: o.wait(30, clutch=True), "by the clutch, or because the hands are silent"),
+        (lambda o: [o.console.advance(1 / 60) for _ in range(100)], "by the clutch, or because the hands are silent"),
+    ],
+)
+def test_the_clutch_and_silent_hands_stop_the_arm(planned, act, said):
+    lifted(planned)
+    planned.ask("find")
+    planned.until("preview")
+    goal = planned.mode.preview.found.Ts[-1]
+    planned.ask("accept")
+    planned.wait(6)
+    act(planned)
+    assert planned.mode.phase == "off"
+    assert said in planned.mode.said
+    assert planned.mode.bad
+    T = planned.console.members[ARM].kin.forward(planned.q)
+    assert np.linalg.norm((T - goal)[:3, 3]) > 0.5 * MM
+
+
+def test_what_cannot_be_asked_for_is_refused_with_the_way_out(console):
+    with pytest.raises(TwinError, match="there is no target yet: press Plan"):
+        console.ask("find")
+    with pytest.raises(TwinError, match="there is no plan to accept"):
+        console.ask("accept")
+    with pytest.raises(HeldError, match="me controls the hands"):
+        console.ask("aim", client="another")
+    console.ask("aim")
+    console.wait(3)
+    with pytest.raises(TwinError, match=f"the target is where {ARM} is: lead it away first"):
+        console.ask("find")
+    with pytest.raises(TwinError, match=f"a motion of {ARM} is being planned"):
+        console.ask("aim", hand="right")
+    console.ask("cancel")
+    console.console.planning._table = console.console.table.model_copy(update={"through": [ARM]})
+    with pytest.raises(TwinError, match="kept in its port by software"):
+        console.ask("aim")
+
+
+def test_an_arm_that_was_moved_since_the_plan_is_not_led(planned):
+    lifted(planned)
+    planned.ask("find")
+    planned.until("preview")
+    planned.mode._start = planned.mode._start + 0.01
+    with pytest.raises(TwinError, match=r"raven_left has moved since the plan: a joint by 0\.01 .* plan again"):
+        planned.ask("accept")
+
+
+def test_the_camera_rests_from_the_plan_to_the_end_of_the_motion(planned):
+    lifted(planned)
+    planned.ask("find")
+    at = planned.console.world.signals["ecm.q"]
+    planned.until("preview")
+    planned.wait(5, camera=True)
+    planned.lead([0, 0, 10 * MM], 5)
+    assert np.array_equal(planned.console.world.signals["ecm.q"], at)
+
+
+def test_pages_get_ghost_motion_and_clearance_and_a_new_page_gets_all_of_them(dome, monkeypatch):
+    monkeypatch.setattr(plan_mode, "Stream", Here)
+    scene, robots, props = dome
+    op = Operation(scene, robots, props=props)
+    documents, bodies = [], len(op.members[ARM].mechanism.bodies)
+    op.send = documents.append
+    client = Operator(op)
+    op.ask("me", wire.parse(json.dumps({"type": "plan", "do": "aim", "hand": "left"})))
+    client.lead([3 * MM, 0, -4 * MM], 5)
+    op.frame(1, 0.0)
+    with pytest.raises(RefusedError, match="there is no plan to accept"):
+        op.ask("me", wire.parse(json.dumps({"type": "plan", "do": "accept", "hand": "left"})))
+    assert len(floats(next(d for d in documents if d["type"] == "target")["poses"])) == 7 * bodies
+    op.ask("me", wire.parse(json.dumps({"type": "plan", "do": "find", "hand": "left"})))
+    for tick in range(2, 400):
+        client.wait(1)
+        op.frame(tick, 0.0)
+        if documents[-1].get("proven"):
+            break
+    plan, clearance = op.welcome()[1:]
+    assert documents[-1] == clearance
+    assert plan in documents
+    assert len(floats(plan["poses"])) % (7 * bodies) == 0
+    assert plan["duration"] == pytest.approx(clearance["t"][-1], abs=2e-3)
+    assert 2 * MM < clearance["proven"] <= min(clearance["distance"])
+    assert op.state()["console"]["plan"]["phase"] == "preview"
+    op.ask("another", wire.parse(json.dumps({"type": "plan", "do": "cancel", "hand": "left"})))
+    op.frame(400, 0.0)
+    assert documents[-1]["poses"] == ""
+    assert op.welcome() == []
+    op.close()
+
+
+def floats(text):
+    return np.frombuffer(base64.b64decode(text), "<f4")
+
+
+# --------------------------------------------------------------------------------------------------- the device
+
+
+class Kin:
+    """Equations whose tip is at the first three joints."""
+
+    def forward(self, q):
+        return spatial.pose(p=q[:3])
+
+
+def signals(q, silent=0.0, mode=0.0, level=None, model=3.0, phase=0.0):
+    machine = {} if level is None else {"a.run": [1.0, level, 0, 0], "a.model": [model, 0, 0], "a.phase": [phase, 0, 0]}
+    plain = {"a.encoder": q, "pedals.silent": [silent], "console.mode": [mode]} | machine
+    return {name: np.asarray(x, float) for name, x in plain.items()}
+
+
+def line(count=101):
+    return np.array([spatial.pose(p=[0.01 * k / (count - 1), 0, 0]) for k in range(count)])
+
+
+def led(machine=False):
+    plans = Plans("pedals", {"a": Led(Kin(), machine), "b": Led(Kin())})
+    plans.aim("a")
+    assert {n: x[0] for n, x in plans.step(signals([0, 0, 0]), 0.0, 1e-3).items()} == {
+        "a.planned": AIM,
+        "b.planned": HELD,
+    }
+    plans.run(line())
+    return plans
+
+
+def test_the_device_writes_one_pose_a_tick_and_ends_where_the_arm_is():
+    plans, q, poses = led(), np.zeros(3), []
+    for k in range(200):
+        out = plans.step(signals(q), 1e-3 * k, 1e-3)
+        if "a.planned" in out and out["a.planned"][0] == RUN:
+            poses.append(out["a.planned"][1:].reshape(4, 4))
+            q = poses[-1][:3, 3]
+    assert np.array_equal(poses, line())
+    assert plans.arrived
+    assert plans.state == OFF
+    assert plans.off < 0.2 * MM
+
+
+def test_a_tip_beside_its_path_stops_the_motion():
+    plans = led()
+    plans.step(signals([0, 0, 0]), 0.0, 1e-3)
+    plans.step(signals([0, 3.5 * MM, 0]), 1e-3, 1e-3)
+    assert plans.state == OFF
+    assert plans.why.startswith("the motion was stopped: the tip of a was 3.5 mm from its path (limit 3 mm)")
+
+
+@pytest.mark.parametrize(
+    ("levels", "said"),
+    [
+        ([2.0] * 1600, "the motion did not begin: a is in PEDAL_UP, not in PEDAL_DN"),
+        ([2.0, 3.0, 3.0, 0.0], "the motion was stopped: a is in E_STOP, not in PEDAL_DN"),
+        ([1.0], "the motion did not begin: a is in INIT"),
+    ],
+)
+def test_a_machine_waits_for_pedal_dn(levels, said):
+    plans = led(machine=True)
+    for k, level in enumerate(levels):
+        plans.step(signals([0, 0, 0], level=level), 1e-3 * k, 1e-3)
+    assert plans.state == OFF
+    assert said in plans.why
+
+
+def test_in_a_rehearsal_the_model_moves_alone():
+    plans = led(machine=True)
+    plans.step(signals([0, 0, 0], level=2.0, model=3.0, phase=1.0), 0.0, 1e-3)
+    assert plans.fraction > 0
+
+
+def test_poses_that_are_not_finite_or_an_unknown_arm_are_refused():
+    plans = Plans("pedals", {"a": Led(Kin())})
+    with pytest.raises(WorldError, match="no arm cannot follow 101 poses"):
+        plans.run(line())
+    with pytest.raises(WorldError, match="there is no arm 'c'"):
+        plans.aim("c")
+    plans.aim("a")
+    with pytest.raises(WorldError, match="all must be finite"):
+        plans.run(np.full((2, 4, 4), np.nan))
+
+
+# --------------------------------------------------------------------------------------------------- the work
+
+
+def room(scene, number=1):
+    return Room(number, str(scene.file), ARM, {})
+
+
+def test_the_work_yields_progress_motion_clearance_and_a_proven_bound(dome):
+    scene = dome[0]
+    start = np.append([50 * DEG, 114 * DEG, 378 * MM, 0, -52 * DEG, 0], 0.0)
+    pieces = list(plan_work.work(Plan(room(scene), start, above(), 0.06, 45 * DEG)))
+    kinds = [type(p) for p in pieces]
+    assert [k for k in dict.fromkeys(kinds) if k is not float] == [Found, Clear, Proven]
+    clear = np.concatenate([p.distance for p in pieces if isinstance(p, Clear)])
+    proven = pieces[-1]
+    assert 1 * MM < proven.proven <= proven.found + 1e-12
+    assert proven.proven <= clear.min()
+    found = next(p for p in pieces if isinstance(p, Found))
+    assert len(found.tree) > 10
+    assert found.shown.shape[1:] == (len(found.links), 4, 4)
+
+
+def test_the_work_says_why_a_configuration_is_not_free(dome):
+    (checked,) = plan_work.work(Check(room(dome[0]), np.append([50 * DEG, 135 * DEG, 378 * MM, 0, -52 * DEG, 0], 0.0)))
+    assert isinstance(checked, Checked)
+    assert checked.why == "shaft and props/dome collide (required: 2 mm apart)"
+
+
+def test_a_plan_that_is_no_longer_wanted_ends_at_once(dome):
+    start = np.append([50 * DEG, 114 * DEG, 378 * MM, 0, -52 * DEG, 0], 0.0)
+    job = plan_work.work(Plan(room(dome[0]), start, above(), 0.06, 45 * DEG, seed=5))
+    job.close()  # before its first piece
+    job = plan_work.work(Plan(room(dome[0]), start, above(), 0.06, 45 * DEG, seed=5))
+    next(job)
+    job.close()

@@ -1,0 +1,53 @@
+"""The table of a task with a ring that is handed over and guided along a wire, in a dome."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import Field
+
+from twin.schema import Identifier, Row, Table
+
+
+class AllowedTable(Table):
+    """Errors up to which the task counts as done.
+
+    `touch_s`: time for which the held ring touches the wire; `drops`: drops of the ring; `collisions`: collisions of an
+    instrument with a solid body or with the other instrument.
+    """
+
+    touch_s: float = Field(ge=0, le=1000)
+    drops: int = Field(ge=0, le=1000)
+    collisions: int = Field(ge=0, le=1000)
+
+
+class GuideTable(Table):
+    """A ring that is picked up, handed over, and guided along a wire; then both instruments leave the dome.
+
+    `ring` names the object, `dome` the solid body around it. The arm of hand `first` picks the ring up, which is done
+    when its centre is `lifted_mm` from where it was; the arm of the other hand guides it. The wire consists of all
+    parts of solid bodies whose names begin with `wire`, in their order from the free end. The ring has passed it when
+    it is within `end_mm` of its end. A tool has left the dome when it is `outside_mm` outside the convex hull of the
+    dome.
+    """
+
+    ring: Identifier
+    wire: Identifier
+    dome: Identifier
+    first: Literal["right", "left"]
+    lifted_mm: float = Field(gt=0, le=100)
+    end_mm: float = Field(gt=0, le=100)
+    outside_mm: float = Field(gt=0, le=1000)
+    allowed: AllowedTable
+
+
+def rows(table: GuideTable) -> list[Row]:
+    """Return the numbers of the table: name, value, unit."""
+    return [
+        ("lift", table.lifted_mm, "mm"),
+        ("end of the wire", table.end_mm, "mm"),
+        ("distance outside the dome", table.outside_mm, "mm"),
+        ("allowed touch", table.allowed.touch_s, "s"),
+        ("allowed drops", table.allowed.drops, "1"),
+        ("allowed collisions", table.allowed.collisions, "1"),
+    ]

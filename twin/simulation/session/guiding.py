@@ -1,0 +1,276 @@
+"""Judge a task with a ring to guide sample by sample: its steps, touches of the wire, drops, collisions, events.
+
+A page shows the results of a `Referee` so far; a report shows those of another `Referee` from the recorded signals.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from twin.core.errors import TwinError
+from twin.core.spatial import Array
+from twin.core.units import MM, hex_digits
+from twin.kinematics import Kinematics
+from twin.model.guide import GuideTable
+from twin.model.movable import Movable
+from twin.model.scene import Scene
+from twin.model.task import Task
+from twin.simulation import console_scene
+from twin.simulation.console_scene import HANDS, Member
+from twin.simulation.contact_scene import Course
+from twin.simulation.session.referee import InstrumentReferee, Runs, signals_of
+from twin.simulation.session.rings import crossing
+from twin.simulation.world import Recording
+
+STEPS = ("picked up", "handed over", "guided", "released", "retracted")
+"""Steps of the task, in order."""
+
+_ENTRY = 0.25
+"""Part of the wire, from its free end, in which the ring must come onto it; ASSUMED."""
+
+
+@dataclass(frozen=True)
+class GuideMeasures:
+    """Measures of the task.
+
+    Attributes:
+        steps: time in s at which each of `STEPS` was done; None: it is not. The last two must last until the end.
+        passed: part of the wire that the second arm guided the ring along without leaving it, 0 to 1.
+        touches: number of touches of the wire by the held ring.
+        touching: time in s of these touches.
+        drops: number of times that no hand held the ring, from the first grasp until it has been guided.
+        collisions: number of collisions of an instrument with a fixed part, or with the other instrument.
+        time: time in s from the first moment in which an arm follows its hand until the last step is done; if a step is
+            not done, until the end of the session.
+        allowed: errors up to which the task counts as done: (name, value, largest value, unit).
+    """
+
+    steps: Mapping[str, float | None]
+    passed: float
+    touches: int
+    touching: float
+    drops: int
+    collisions: int
+    time: float
+    allowed: Sequence[tuple[str, float, float, str]]
+
+    @property
+    def missed(self) -> list[str]:
+        """Names of the steps that are not done."""
+        return [name for name, t in self.steps.items() if t is None]
+
+    @property
+    def exceeded(self) -> list[tuple[str, float, float, str]]:
+        """Errors above what is allowed: (name, value, largest value, unit)."""
+        return [row for row in self.allowed if row[1] > row[2]]
+
+    def rows(self) -> list[tuple[str, str]]:
+        """Return the measures as names and values, in the order in which pages and reports show them."""
+        done = len(self.steps) - len(self.missed)
+        return [
+            ("Time", f"{self.time:.1f} s"),
+            ("Steps done", f"{done} of {len(self.steps)}"),
+            ("Wire passed", f"{100 * self.passed:.0f} %"),
+            ("Ring touched the wire", f"{self.touches} times, {self.touching:.1f} s"),
+            ("Ring dropped", str(self.drops)),
+            ("Instrument collisions", str(self.collisions)),
+        ]
+
+    def content(self) -> dict[str, Any]:
+        """Return the measures as plain data; keys end with their unit."""
+        return {
+            "time_s": self.time,
+            "steps_s": dict(self.steps),
+            "wire_passed": self.passed,
+            "wire_touches": self.touches,
+            "wire_touching_s": self.touching,
+            "ring_dropped": self.drops,
+            "instrument_collisions": self.collisions,
+        }
+
+
+class Referee(InstrumentReferee):
+    """Judges a task with a ring to guide while it is performed.
+
+    Signals: those of `InstrumentReferee`, `<ring>.pose`, `<ring>.holder`, `<ring>.rubs` and `<robot>.q`.
+    """
+
+    ending = "The ring was guided along the wire, and both instruments have left the dome."
+    _touched = "a fixed part"
+
+    def __init__(
+        self,
+        guide: GuideTable,
+        ring: Movable,
+        course: Course,
+        robots: Sequence[str],
+        first: str,
+        tools: Mapping[str, Callable[[Array], Array]],
+        period: float,
+    ) -> None:
+        """Begin with no sample.
+
+        Args:
+            guide: the table of the task.
+            ring: the ring.
+            course: wire and dome.
+            robots: the instruments, in the order of the numbers in `<ring>.holder`.
+            first: the instrument that picks the ring up.
+            tools: functions from joint values (n,) to the position (3,) of the tool in the World, by instrument.
+            period: time in s between two samples.
+        """
+        super().__init__(robots, period)
+        self._guide, self._ring, self._course, self._tools = guide, ring, course, dict(tools)
+        self._from = ring.T_world_object[:3, 3]
+        self._first = list(robots).index(first)
+        lengths = [float(np.linalg.norm(b - a)) for a, b in pairwise(course.wire)]
+        self._pieces = list(zip(pairwise(course.wire), lengths, strict=True))
+        self._long = sum(lengths)
+        self._steps: dict[str, int | None] = dict.fromkeys(STEPS)
+        self._rubs = Runs(self._few)
+        self._rubbing = self._drops = 0
+        self._passed, self._on, self._held, self._holder = 0.0, False, -1, -1
+        self._fell = self._fallen = False  # no hand holds it; the first arm has not held it since
+
+    def _see_task(self, k: int, now: Mapping[str, Array]) -> None:
+        name = self._ring.name
+        T, self._holder = now[f"{name}.pose"], int(now[f"{name}.holder"][0])
+        if self._holder >= 0 and now[f"{name}.rubs"][0] > 0.5:
+            self._rubbing += 1
+            if self._rubs.see(k, True):
+                self._tell(k, "bad", f"{name} touched the wire")
+        steps, lifted = self._steps, self._guide.lifted_mm * MM
+        if steps["picked up"] is None:
+            if self._holder == self._first and float(np.linalg.norm(T[3::4][:3] - self._from)) > lifted:
+                self._do("picked up", k)
+        elif steps["guided"] is None:
+            self._follow(k, T)
+        self._release(k, T)
+        self._retract(k, now)
+        if self._holder >= 0:
+            self._held, self._fell = k, False
+
+    def _follow(self, k: int, T: Array) -> None:
+        """Judge handing over and guiding."""
+        if self._holder < 0:
+            if k - self._held > self._few and not self._fell:
+                self._fell = self._fallen = True
+                self._drops += 1
+                self._tell(k, "bad", f"{self._ring.name} was dropped")
+            return
+        if self._holder == self._first:
+            self._fallen = False
+            return
+        if self._steps["handed over"] is None and not self._fallen:
+            self._do("handed over", k)
+        at = self._place(T)
+        if at is None:
+            if self._on and self._passed > _ENTRY:
+                self._tell(k, "bad", f"{self._ring.name} has left the wire")
+            self._on, self._passed = False, 0.0
+        elif self._on or at <= _ENTRY * self._long:
+            self._on, self._passed = True, max(self._passed, at / self._long)
+            if self._long - at < self._guide.end_mm * MM and self._steps["handed over"] is not None:
+                self._passed = 1.0
+                self._do("guided", k)
+
+    def _release(self, k: int, T: Array) -> None:
+        """Judge whether the guided ring hangs on the wire without a hand."""
+        if self._steps["guided"] is None:
+            return
+        free = self._holder < 0 and k - self._held > self._few and self._place(T) is not None
+        self._do("released", k) if free else self._undo("released")
+
+    def _retract(self, k: int, now: Mapping[str, Array]) -> None:
+        """Judge whether both tools have left the dome with nothing in their jaws."""
+        out = self._steps["released"] is not None and all(
+            self._course.outside(self._tools[n](now[f"{n}.q"])) >= self._guide.outside_mm * MM for n in self._names
+        )
+        self._do("retracted", k) if out else self._undo("retracted")
+
+    def _place(self, T: Array) -> float | None:
+        """Return the length in m of the wire from its free end to the ring; None: it does not pass through the ring."""
+        along = 0.0
+        for (a, b), length in self._pieces:
+            if (s := crossing(T, self._ring.size[0], a, b)) is not None:
+                return along + s * length
+            along += length
+        return None
+
+    def _do(self, step: str, k: int) -> None:
+        if self._steps[step] is None:
+            self._steps[step] = k
+            self._tell(k, "good", f"{self._ring.name} is {step}" if step != STEPS[-1] else "both tools left the dome")
+
+    def _undo(self, step: str) -> None:
+        self._steps[step] = None
+
+    @classmethod
+    def of(cls, scene: Scene, task: Task, members: Mapping[str, Member], course: Course, period: float) -> Referee:
+        """Return the referee of a task of a scene; `members`: the robots by the names of their places."""
+        if task.guide is None:
+            raise TwinError(f"task '{task.name}' has no ring to guide")
+        table, places = console_scene.console_of(scene), {p.name: p for p in scene.places}
+        robots = [n for hand in HANDS for n in getattr(table, hand)]
+        ring = next(o for o in scene.objects if o.name == task.guide.ring)
+        tools = {n: _tool(places[n].T_world_base, members[n].kin) for n in robots}
+        return cls(task.guide, ring, course, robots, getattr(table, task.guide.first)[0], tools, period)
+
+    @property
+    def signals(self) -> list[str]:
+        """Names of the signals that the referee reads."""
+        own = [f"{self._ring.name}.{what}" for what in ("pose", "holder", "rubs")]
+        return [*own, *signals_of(self._names), *(f"{robot}.q" for robot in self._names)]
+
+    @property
+    def complete(self) -> bool:
+        """Whether all steps are done."""
+        return all(k is not None for k in self._steps.values())
+
+    def measures(self) -> GuideMeasures:
+        """Return the measures of all samples so far."""
+        times = {name: None if k is None else k * self.period for name, k in self._steps.items()}
+        touching, allowed = self._rubbing * self.period, self._guide.allowed
+        return GuideMeasures(
+            times,
+            self._passed,
+            self._rubs.count,
+            touching,
+            self._drops,
+            self.collisions,
+            self._duration(times[STEPS[-1]] if self.complete else None),
+            (
+                ("touches of the wire", touching, allowed.touch_s, "s"),
+                ("drops of the ring", self._drops, allowed.drops, ""),
+                ("collisions of instruments", self.collisions, allowed.collisions, ""),
+            ),
+        )
+
+    def content(self, last: int = 5) -> dict[str, Any]:
+        """Return the scoreboard as plain data: the measures, the state and colour of the ring, the `last` events."""
+        said = [name for name, k in self._steps.items() if k is not None]
+        state = f"held by {self._names[self._holder]}" if self._holder >= 0 else (said or ["on the tower"])[-1]
+        color = "#" + hex_digits(self._ring.color_rgba)
+        return {
+            "rows": [list(row) for row in self.measures().rows()],
+            "rings": [[self._ring.name, "dropped" if self._fell else state, color]],
+            "events": self._told(last),
+        }
+
+
+def measure(kept: Recording, referee: Referee) -> GuideMeasures:
+    """Return the measures of a recording; `referee` has not seen a sample yet, and has the period of `kept`."""
+    columns = [(name, kept[name]) for name in referee.signals]
+    for k in range(len(kept.rows)):
+        referee.see({name: column[k] for name, column in columns})
+    return referee.measures()
+
+
+def _tool(T_world_base: Array, kin: Kinematics) -> Callable[[Array], Array]:
+    """Return the function from joint values (n,) to the position (3,) of the tool in the World."""
+    return lambda q: (T_world_base @ kin.forward(q))[:3, 3]

@@ -1,0 +1,120 @@
+"""What all referees of tasks with movable objects share: events, runs of contacts, collisions of instruments."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+from twin.core.spatial import Array
+from twin.simulation.world import Block, Signals
+
+Tone = Literal["good", "plain", "bad"]
+
+SHORT = 0.25
+"""Minimum duration in s of an interruption that ends a grasp or a collision; ASSUMED."""
+
+
+@dataclass(frozen=True)
+class Event:
+    """An event that a page reports immediately.
+
+    Attributes:
+        t: time in s.
+        tone: "good": a step is done; "bad": an error; "plain": no measure.
+        text: the sentence.
+    """
+
+    t: float
+    tone: Tone
+    text: str
+
+
+@dataclass
+class Runs:
+    """Counts the runs of samples with contact; runs that are at most `few` samples apart are one."""
+
+    few: int
+    count: int = 0
+    last: int | None = None
+
+    def see(self, k: int, on: bool) -> bool:
+        """Return whether a run begins at sample k."""
+        if not on:
+            return False
+        begins = self.last is None or k - self.last > self.few
+        self.count += begins
+        self.last = k
+        return begins
+
+
+class InstrumentReferee(Block):
+    """Counts collisions of the instruments while a task is performed; it writes no signal. A subclass judges the task.
+
+    Signals: `<robot>.touches`, `<robot>.meets`, `<robot>.follows`.
+
+    Attributes:
+        period: time in s between two samples.
+        events: all events so far, in order of time.
+        ending: sentence for the end of an attempt in which the task was completed.
+    """
+
+    outputs: Mapping[str, Array] = {}
+    ending = ""
+    _touched = "the board"
+
+    def __init__(self, robots: Sequence[str], period: float) -> None:
+        """Begin with no sample; `robots`: the instruments, in the order of the numbers in `<object>.holder`."""
+        self.period, self.events, self._names = period, list[Event](), tuple(robots)
+        self._few = round(SHORT / period)
+        self._hits = [Runs(self._few) for _ in robots]
+        self._meetings = Runs(self._few)
+        self._samples, self._begun = 0, -1
+
+    def step(self, signals: Signals, t: float, dt: float) -> dict[str, Array]:
+        """Judge the signals at the end of this tick."""
+        self.see(signals.now)
+        return {}
+
+    def see(self, now: Mapping[str, Array]) -> None:
+        """Judge one sample, `period` after the sample before."""
+        k = self._samples
+        self._samples += 1
+        if self._begun < 0 and any(now[f"{name}.follows"][0] > 0.5 for name in self._names):
+            self._begun = k
+        self._see_task(k, now)
+        met = False
+        for name, hits in zip(self._names, self._hits, strict=True):
+            met |= bool(now[f"{name}.meets"][0] > 0.5)
+            if hits.see(k, bool(now[f"{name}.touches"][0] > 0.5)):
+                self._tell(k, "bad", f"{name} touched {self._touched}")
+        if self._meetings.see(k, met):
+            self._tell(k, "bad", f"{' and '.join(self._names)} touched each other")
+
+    @abstractmethod
+    def _see_task(self, k: int, now: Mapping[str, Array]) -> None:
+        """Judge what the task requires at sample k."""
+
+    @property
+    def collisions(self) -> int:
+        """Number of collisions of an instrument with a fixed part, or with the other instrument."""
+        return sum(h.count for h in self._hits) + self._meetings.count
+
+    def _duration(self, end: float | None) -> float:
+        """Return the time in s from the first moment in which an arm follows its hand to `end` (None: until now)."""
+        if self._begun < 0:
+            return 0.0
+        return (self._samples * self.period if end is None else end) - self._begun * self.period
+
+    def _tell(self, k: int, tone: Tone, text: str) -> None:
+        self.events.append(Event(k * self.period, tone, text))
+
+    def _told(self, last: int) -> list[list]:
+        """Return the `last` events as plain data."""
+        return [[round(e.t, 1), e.tone, e.text] for e in self.events[-last:]]
+
+
+def signals_of(robots: Sequence[str]) -> list[str]:
+    """Return the names of the signals that an `InstrumentReferee` reads."""
+    return [f"{robot}.{what}" for robot in robots for what in ("touches", "meets", "follows")]
