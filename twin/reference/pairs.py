@@ -65,7 +65,7 @@ class Pairs:
             clearance: required distance in m; for two bodies of the mechanism at most half of their distance in the
                 rest poses.
         """
-        self._tree = model.tree
+        self._tree, self._clearance = model.tree, clearance
         own: dict[str, Shape] = {}
         neighbours = apart(model.mechanism)
         for pair in neighbours:
@@ -246,18 +246,14 @@ class Pairs:
 
         The mean of the bounds `low` and `high` (n,) decides, except where they allow a collision: the balls of large
         bodies are large, and the mean of the bounds of two bodies that collide can exceed the required distance. There,
-        the exact distance decides, but only in states that `matter` (k,), and in each until a pair is near.
+        the exact distance decides, but only in states that `matter` (k,), in each until a pair is near, and not for
+        pairs that are always close.
         """
         required = self.required[pairs]
         out = (low + high) / 2 < required
-        wide = (low <= 0) & (high >= required)
+        wide = (low <= 0) & (high >= required) & (required >= self._clearance)
         left = matter.copy()
         left[states[out & ~wide]] = False
-        for pair in np.unique(pairs[wide]):
-            if self.celled(int(pair)):
-                i = np.flatnonzero(wide & (pairs == pair) & left[states])
-                out[i] = self.closer(int(pair), X[states[i]], poses[states[i]])
-                left[states[i[out[i]]]], wide[i] = False, False
         for i in np.flatnonzero(wide):
             k = int(states[i])
             out[i] = left[k] and self.closer(int(pairs[i]), X[[k]], poses[[k]])[0]
