@@ -30,10 +30,12 @@ from PIL import Image, ImageDraw, ImageFont
 from trimesh.visual.color import linear_to_srgb
 
 import twin
+from twin.api.session import operate_console
 from twin.cad.build import read_mechanism
 from twin.core import assets, spatial
 from twin.core.spatial import Array
 from twin.model.mechanism import Mechanism
+from twin.model.movable import together
 from twin.model.scene import load_scene
 from twin.planning.phase_path import rotation
 from twin.reference import ReferenceModel
@@ -120,6 +122,10 @@ SHOTS = (
         "vsrs", "", "", "", "", (-62, 22, 30), (0.08, -0.02, 0.98), (1600, 1000),
         robot="vsrs", floor=0.0, distance=4.2, scene="vsrs", time=9.0,
     ),
+    Shot(
+        "dome_task", "", "", "", "", (-72, 38, 24), (0.0, 0.045, 0.925), (1600, 1100),
+        robot="dome_task", floor=0.6, distance=0.55, scene="raven_dome", time=26.0,
+    ),
 )  # fmt: skip
 
 
@@ -192,7 +198,14 @@ def add_bodies(
 def actors(shot: Shot) -> Iterator[tuple[str, Mechanism, dict[str, Array]]]:
     """Yield name, mechanism and T_world_body of all that a scene holds, at the time of the shot."""
     scene = load_scene(assets.data_folder() / "cad" / shot.scene / "scene.toml")
-    for place in scene.places:
+    if not scene.plays:
+        found = operate_console(scene, seed=1)  # the simulated surgeon performs the first task
+        k = int(np.argmin(np.abs(found.t - shot.time)))
+        for name, arm in found.arms.items():
+            yield name, arm.mechanism, {n: arm.place.T_world_base @ T[k] for n, T in arm.links.items()}
+        poses = {o.name: found.ran.kept[f"{o.name}.pose"][k].reshape(4, 4) for o in scene.objects}
+        yield "objects", together(scene.objects), poses | {"objects": np.eye(4)}
+    for place in scene.places if scene.plays else ():
         files = twin.load(place.name).files
         stage = files.usd / f"{place.name}_{place.protocol}.usda"
         times, poses = read_motion(stage)

@@ -57,6 +57,7 @@ ELSEWHERE = {
     "twin follow raven_left --packets 0": "tests/test_machine_operated.py",
     "twin operate raven": "tests/test_machine_operated.py",
     "twin operate raven --trials 2": "tests/test_machine_operated.py",
+    "twin operate raven_dome": "tests/test_dome_task.py",
     "twin plan raven_left trajectories/raven_left/around/dome.toml": "tests/test_planning_bounds.py",
     "twin run davinci_psm": "twin run davinci_ecm; twin validate davinci_psm --all-protocols",
     "twin run davinci_psm_si": "twin run davinci_ecm; twin validate davinci_psm_si --all-protocols",

@@ -160,6 +160,21 @@ def test_three_windows_are_on_the_page_and_do_not_overlap(page, arms):
     page.page.keyboard.press("v")
 
 
+def test_a_phone_has_the_window_of_tools_too(page, arms):
+    before = page.page.viewport_size
+    page.page.set_viewport_size({"width": 390, "height": 844})
+    try:
+        headset.until(lambda: page.id("tools").bounding_box()["x"] == page.id("inset").bounding_box()["x"], "above it")
+        tools, inset = (page.id(n).bounding_box() for n in ("tools", "inset"))
+        assert tools["width"] > 300
+        assert tools["y"] + tools["height"] <= inset["y"]
+        page.id("tool-left-scissors").click()
+        page.until("twin.app.model.console.hands.left.tool === 'scissors'", "the tool is chosen")
+        page.id("tool-left-clip_applier").click()
+    finally:
+        page.page.set_viewport_size(before)
+
+
 @pytest.mark.alone
 def test_the_organs_are_streamed_beside_the_hands(page, arms):
     """Frames with organs arrive while an instrument presses the liver; benchmarks/organs_page.py draws them as well."""

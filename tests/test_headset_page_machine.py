@@ -131,6 +131,25 @@ def test_the_camera_pedal_changes_which_is_solid(page):
     assert ghosts() == {"raven_left", "raven_right"}
 
 
+def test_a_planned_motion_is_made_by_machine_and_model(page):
+    page.id("teleoperate").click()
+    page.until(f"{STATE}.robots.raven_left.phase === 'teleoperate'", "teleoperation")
+    follows(page)
+    page("twin.app.console.chosen = 'left'")
+    page.id("plan").click()
+    page.until("twin.app.console.plan.phase === 'aim' && twin.app.console.plan.state.ready", "the target is led")
+    page.until(f"{STATE}.robots.raven_left.level === 'PEDAL_UP'", "the machine holds")
+    at = page(f"[...{MACHINE}]")
+    lead(page, 1, -1)
+    page.id("plan-find").click()
+    page.until("twin.app.console.plan.phase === 'preview'", "the preview")
+    assert page(f"[...{MACHINE}]") == pytest.approx(at, abs=2e-3)
+    page.id("plan-accept").click()
+    page.until("twin.app.model.said.includes('raven_left has arrived')", "the machine has arrived")
+    assert page(f"[...{MACHINE}]") != pytest.approx(at, abs=5e-3)
+    assert 0 < float(page("twin.app.model.said.match(/at most ([0-9.]+) mm/)[1]")) < 3
+
+
 def test_the_stop_button_stops_the_machine(page):
     page.id("machine-stop").click()
     page.until(f"{STATE}.robots.raven_left.level === 'E_STOP'", "the machine stops")

@@ -115,7 +115,8 @@ BOXES = """
 (() => {
   const box = (what) => document.querySelector(what).getBoundingClientRect().toJSON();
   const lines = [...document.querySelectorAll('.score tr, .score li')].filter((o) => !o.hidden && o.offsetHeight);
-  return {...Object.fromEntries(['.score', '.inset', '.help', '.foot', '.side', '.heading'].map((w) => [w, box(w)])),
+  const windows = ['.score', '.tools', '.inset', '.help', '.foot', '.side', '.heading'];
+  return {...Object.fromEntries(windows.map((w) => [w, box(w)])),
     lowest: Math.max(...lines.map((o) => o.getBoundingClientRect().bottom))};
 })()
 """
@@ -141,6 +142,38 @@ def test_no_panel_covers_another(page, size):
 
     try:
         headset.until(apart, f"the panels stand apart at {size}", 20)
+    finally:
+        page.page.set_viewport_size(before)
+
+
+GALLBLADDER = """
+(() => {
+  const mesh = twin.app.fields.group.children.find((o) => o.name === 'gallbladder');
+  mesh.geometry.computeBoundingSphere();
+  const middle = mesh.geometry.boundingSphere.center.clone().applyMatrix4(mesh.matrixWorld);
+  const { x, y } = twin.app.console.views.project(middle, 'scope');
+  return [x, y];
+})()
+"""
+
+
+@pytest.mark.browser
+@pytest.mark.parametrize("size", [(1280, 800), (390, 844)])
+def test_the_board_hides_neither_the_gallbladder_nor_the_tools(page, player, size):
+    again(page)
+    before = page.page.viewport_size
+    page.page.set_viewport_size({"width": size[0], "height": size[1]})
+
+    def free():
+        b = page(BOXES)
+        x, y = page(GALLBLADDER)
+        board, tools, inset = b[".score"], b[".tools"], b[".inset"]
+        across = tools["top"] >= board["bottom"] and inset["top"] >= tools["bottom"]
+        beside = x > board["right"] and y < tools["top"] and tools["left"] >= inset["right"]
+        return tools["width"] > 300 and (across or beside)
+
+    try:
+        headset.until(free, f"the panels stand apart at {size}", 20)
     finally:
         page.page.set_viewport_size(before)
 

@@ -1,7 +1,8 @@
 """Time from the release of the target to the preview on the page, out of the dome, and what it consists of.
 
-Chromium draws with its software, beside the server and the planner, so that the page's part is larger than with a
-graphics card. `search` is the processor time of the plan with its timing and pictures, alone in this process.
+Without a graphics card, Chromium draws with all processors, beside the server and the planner; so the page is measured
+twice: as it is, and without its drawing. `search` is the processor time of the plan with its timing and pictures,
+alone in this process.
 
     python tests/benchmarks/plan_page.py [plans]
 """
@@ -23,7 +24,11 @@ from made.dome_console import ABOVE, dome_console
 from twin.core.units import DEG, MM
 from twin.ui.session import plan_work
 
+START = np.append([50 * DEG, 114 * DEG, 378 * MM, 0, -52 * DEG, 0], 0.0)
+"""Joint values of the arm at the start of the scene."""
+
 PLAN = "twin.app.console.plan"
+DRAWS = (("without drawing", False), ("with drawing by the processors", True))
 WATCH = """
 (() => {
   const p = twin.app.console.plan, hear = p.hear.bind(p), release = p.press.bind(p);
@@ -34,8 +39,8 @@ WATCH = """
 """
 
 
-def on_the_page(folder: Path, way: list[float], plans: int) -> list[float]:
-    """Return the times in s from release to preview of plans to a place above the lid."""
+def on_the_page(folder: Path, way: list[float], plans: int, draws: bool) -> list[float]:
+    """Return the times in s from release to preview of plans to a place above the lid; `draws`: the page draws."""
     out, server = [], headset.Serving(str(folder))
     for browser in headset.chromium():
         with console(browser, server.url, size=(900, 520)) as page:
@@ -44,6 +49,7 @@ def on_the_page(folder: Path, way: list[float], plans: int) -> list[float]:
             )
             page("twin.app.console.chosen = 'left'")
             page(WATCH)
+            page.draws(draws)
             for _ in range(plans):
                 page("window.times = {}")
                 page.page.keyboard.down("p")
@@ -64,11 +70,10 @@ def on_the_page(folder: Path, way: list[float], plans: int) -> list[float]:
 
 def alone(file: Path, goal: np.ndarray, plans: int) -> list[float]:
     """Return the processor times in s of plans from the start to a goal (n,), until the preview."""
-    start = np.append([50 * DEG, 114 * DEG, 378 * MM, 0, -52 * DEG, 0], 0.0)
     room, out = plan_work.Room(1, str(file), "raven_left", {}), []
     for seed in range(plans + 1):
         began = time.process_time()
-        next(plan_work.plan(plan_work.Plan(room, start, goal, 0.06, 45 * DEG, seed)))
+        next(plan_work.plan(plan_work.Plan(room, START, goal, 0.06, 45 * DEG, seed)))
         out.append(time.process_time() - began)
     return out[1:]  # the first one loads the shapes
 
@@ -81,10 +86,13 @@ def main(plans: int) -> None:
         scene = dome_console(Path(folder))
         robots, _ = content(scene)
         kin = robots["raven_left"].kinematics()
-        goal = np.append([x * (MM if i == 2 else DEG) for i, x in enumerate(ABOVE)], 0.0)
-        searched = alone(scene.file, goal, plans)
-        shown = on_the_page(Path(folder), way_in_picture(robots, scene, kin, goal), plans)
-        for name, times in (("search, processor time", searched), ("release to preview on the page", shown)):
+        T = kin.forward(START)  # the hand moves the target, and does not turn it
+        T[:3, 3] = kin.forward(np.append([x * (MM if i == 2 else DEG) for i, x in enumerate(ABOVE)], 0.0))[:3, 3]
+        goal = kin.inverse(T, START)
+        rows = [("search, processor time", alone(scene.file, goal, plans))]
+        way = way_in_picture(robots, scene, kin, goal)
+        rows += [(f"release to preview, {what}", on_the_page(Path(folder), way, plans, draws)) for what, draws in DRAWS]
+        for name, times in rows:
             print(f"{name}: median {np.median(times):.2f} s, largest {max(times):.2f} s of {len(times)}", flush=True)
 
 

@@ -76,7 +76,7 @@ class ProtocolError(TwinError):
 
 
 class CancelledError(TwinError):
-    """A computation was cancelled on request; it changed nothing."""
+    """A computation was cancelled on request; no data were changed."""
 
 
 class TimingError(TwinError):

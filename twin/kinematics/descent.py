@@ -116,7 +116,7 @@ _ITERATIONS: WeakKeyDictionary[Program, dict[Kinds, Iteration]] = WeakKeyDiction
 
 
 def iteration(program: Program, kinds: Kinds) -> Iteration:
-    """Return the iteration for a robot and kinds of terms, compiled at first use."""
+    """Return the `Iteration` for a robot and kinds of terms; it is compiled when first requested."""
     of_program = _ITERATIONS.setdefault(program, {})
     if kinds not in of_program:
         of_program[kinds] = Iteration(program, kinds)

@@ -66,7 +66,7 @@ class Margins:
         self.preferred = (*(0 for _ in f.reach), *(0 for _ in f.measures), *(a.preferred for a in f.aspects))
 
     def values(self, s: States, larger: float = 1.0) -> Array:
-        """Return the rows (k, names) at states; `larger` scales all lengths of the robot by this factor."""
+        """Return the values (k, names) of all rows at states; `larger` scales all lengths of the robot."""
         kin = self._kin
         numbers = {**kin.parameters, **self._lengths(larger)}
         z = [

@@ -146,7 +146,7 @@ def frame(middle: Array, facing: Array, roll: float) -> Array:
 
 
 def alignment(a: AlignTable) -> Alignment:
-    """Return the alignment of a table, in SI units."""
+    """Return the `Alignment` that a table describes, in SI units."""
     return Alignment(
         frame(np.array(a.position_mm) * MM, np.array(a.facing, float), a.roll_deg * DEG),
         (a.size_mm[0] * MM, a.size_mm[1] * MM),

@@ -59,7 +59,7 @@ class ContactTable(Sourced):
 
 
 def movable(name: str, o: ObjectTable) -> Movable:
-    """Return the object of a table, in SI units."""
+    """Return the `Movable` that a table describes, in SI units."""
     axis = np.array(o.axis, float)
     R = spatial.frame_from_axes(axis, np.eye(3)[int(np.argmin(np.abs(axis)))])
     factor = 0.5 if o.shape == "box" else 1.0

@@ -34,7 +34,7 @@ class Deformable:
 
     @property
     def signal(self) -> str:
-        """Name of the signal that its plant writes: `<name>.vertices` or `<name>.nodes`, three numbers each in m."""
+        """Name of its signal in the World: `<name>.vertices` or `<name>.nodes`, three numbers for each in m."""
         return f"{self.name}.vertices" if self.weights is None else f"{self.name}.nodes"
 
     @property

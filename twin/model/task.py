@@ -113,7 +113,7 @@ class Task:
 
 
 def task_of(name: str, task: TaskTable) -> Task:
-    """Return the task of a table, in SI units."""
+    """Return the `Task` that a table describes, in SI units."""
     targets = []
     for target in task.target:
         points = {"right": target.right_mm, "left": target.left_mm}

@@ -78,7 +78,7 @@ class Tissue:
 
     @cached_property
     def cell(self) -> Array:
-        """Edges (3,) of a cell in m."""
+        """Edge lengths (3,) of a cell of the grid in m."""
         return self.local.max(axis=0) / self.cells
 
     @cached_property

@@ -129,7 +129,7 @@ class Vessel:
 
 
 def vessel(name: str, t: VesselTable, rgba: tuple[float, float, float, float]) -> Vessel:
-    """Return the vessel of a table.
+    """Return the `Vessel` that a table describes, in SI units.
 
     Raises:
         TwinError: it would have too many segments, or two points of its line are equal.

@@ -60,7 +60,7 @@ class Stated(Protocol):
     preferred: tuple[int, ...]
 
     def values(self, s: Run, larger: float = 1.0) -> Array:
-        """Return the rows (k, names) at states, or at the same states of a robot scaled by `larger`."""
+        """Return the values (k, names) of all rows at states; `larger` scales all lengths of the robot."""
         ...
 
     def valid(self, s: Run, passive: bool) -> Mask:

@@ -3,7 +3,7 @@
 Belts, gears and cables are linear couplings, so that a matrix gives the passive coordinates. Other loops are closed by
 Newton's method for all states together, from the nearest states that are known. The determinant of the loop equations
 changes its sign at a singularity: a state whose determinant has another sign than in the rest poses is in another
-assembly mode. Paths are followed in small steps, which finds the other changes of the mode too.
+assembly mode. Mode changes without a change of this sign are found by following the path in small steps.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from twin.reference.model import GAP_TOLERANCE, ReferenceModel
 from twin.reference.newton import minimise
 
 _ITERATIONS = 8
-"""Maximum number of Newton steps from a guess, after which loops count as open; 3 steps are usual."""
+"""Maximum number of Newton steps from a guess; loops that need more steps count as open. 3 steps are usual."""
 
 _FINER = (1, 8)
 """Factors by which such steps are smaller, in the order of trial: near a singularity, coordinates change fast."""
@@ -34,7 +34,7 @@ _STRIDE = {True: 0.1, False: 0.02}
 """Motion of a driven joint (rad if an angle, else m) in one step from a known state, where the mode must be certain."""
 
 _COARSE = 8
-"""Number of stations of a path that are closed one after the other, before those between them are closed together."""
+"""Number of stations of a path whose loops are closed one after the other; the stations between are closed together."""
 
 _ENOUGH = 1e-14
 """Sum of squares of loop gaps in m2 that is small enough for a search."""
@@ -54,7 +54,7 @@ class Closing:
     """
 
     def __init__(self, model: ReferenceModel, weights: Array) -> None:
-        """Define the mechanism; `weights` (n,) in m per unit of each driven joint tell which states are near."""
+        """Define the mechanism; the distance of states is weighted by `weights` (n,), m per rad or m of each joint."""
         self._model, self._tree, self._weights = model, model.tree, weights
         self._driven = np.array([self._tree.configuration[j.name] for j in model.mechanism.active], int)
         self.linear = self._coupled()

@@ -148,14 +148,14 @@ class JointSpace:
         self._check: Callable[[], None] = _nothing
 
     def keeping(self, keep: Keep) -> JointSpace:
-        """Return the same space with another additional test of states; shapes and stored distances are shared."""
+        """Return the same space with `keep` as its additional test; shapes and stored distances are shared."""
         _ = self._pairs
         out = copy(self)
         out._keep = keep
         return out
 
     def interruptible(self, check: Callable[[], None]) -> JointSpace:
-        """Return the same space, whose tests call `check` every few milliseconds; its exception ends them.
+        """Return the same space, whose tests call `check` every few milliseconds; an exception of `check` ends a test.
 
         Shapes and stored distances are shared.
         """
@@ -216,7 +216,7 @@ class JointSpace:
     def free(self, q: Array, *, exact: bool = True) -> np.ndarray:
         """Return (k,) bool: whether joint values q (k, n) are within limits, with closed loops and the clearance.
 
-        Without `exact`, a distance whose bounds do not decide is taken as the mean of its bounds; see `Pairs.near`.
+        If `exact` is False, distances that the bounds do not decide are judged by `Pairs.seem_near`.
         """
         self._check()
         q = np.asarray(q, float).reshape(-1, len(self.weights))
@@ -399,7 +399,7 @@ class JointSpace:
     ) -> np.ndarray:
         """Return (count,) bool: whether all pairs have the required distance where tested, and half of it elsewhere.
 
-        Without `exact`, a distance whose bounds do not decide is taken as the mean of its bounds.
+        If `exact` is False, distances that the bounds do not decide are judged by `Pairs.seem_near`.
 
         Args:
             count: number of paths.
@@ -454,8 +454,8 @@ class JointSpace:
     def free_each(self, a: Array, b: Array) -> np.ndarray:
         """Return (m,) bool: whether the straight paths from a (m, n) to b (m, n), with free ends, are probably free.
 
-        All paths are tested at once, by bounds of distances only. For a mechanism with loops, each path is tested
-        separately and exactly by `free_between`.
+        All paths are tested at once, for a search: bounds decide most distances, and loops are closed only nearly.
+        `free_between` tests a path exactly.
         """
         a, b = np.asarray(a, float), np.asarray(b, float)
         if not len(a):
@@ -489,7 +489,7 @@ class JointSpace:
         return out
 
     def _free_each_closed(self, a: Array, b: Array) -> np.ndarray:
-        """Return (m,) bool as `free_each`, for a mechanism with loops: a (m, n), b (m, n)."""
+        """Return the result of `free_each`, (m,) bool, for straight paths of a mechanism with loops."""
         count = int(np.ceil((np.abs(b - a) / self._steps).max())) + 1
         stations, ok = self._closing.each(a, b, count)
         ok &= self._within(a) & self._within(b)
@@ -547,7 +547,10 @@ class JointSpace:
         """
         seen, pairs = self._stations(path), self._pairs
         if seen is None:
-            raise MechanismError("the path exceeds limits, is not allowed, or the loops of the mechanism do not close")
+            raise MechanismError(
+                "the path exceeds joint limits, has states that the additional test excludes, "
+                "or the loops of the mechanism do not close along it"
+            )
         pair = np.flatnonzero(pairs.required >= self.clearance)
         place, level = np.zeros(len(pair), int), 0
         least, proven, at, names = np.inf, np.inf, 0.0, ("", "")

@@ -173,7 +173,7 @@ class Tree:
     def place(self, X: Array) -> Array:
         """Return the poses (k, joints, 4, 4) of all joint frames in base at configurations X (k, nq), for many at once.
 
-        NumPy computes the poses; `update` lets Pinocchio compute them, one configuration at a time.
+        NumPy computes them for all configurations at once; `update` calls Pinocchio for one configuration at a time.
         """
         poses = np.zeros((len(X), self.model.njoints, 4, 4))
         poses[:, 0] = np.eye(4)
@@ -193,7 +193,7 @@ class Tree:
         return poses
 
     def columns(self, poses: Array) -> Array:
-        """Return the Jacobians (k, 6, nv) as of `update`, for poses (k, joints, 4, 4) from `place`."""
+        """Return the Jacobians (k, 6, nv) that `update` would return, for poses (k, joints, 4, 4) from `place`."""
         J = np.zeros((len(poses), 6, self.model.nv))
         for n, kind, _, first in self._chain:
             R, p = poses[:, n, :3, :3], poses[:, n, :3, 3]
@@ -209,7 +209,7 @@ class Tree:
         return J
 
     def step(self, X: Array, steps: Array) -> Array:
-        """Return configurations (k, nq) after tangent steps (k, nv), as `integrate`, for many at once."""
+        """Return configurations (k, nq) after tangent steps (k, nv); faster than `integrate` for many of them."""
         out = np.empty_like(X)
         for _, kind, place, column in self._chain:
             if kind in ("JointModelRZ", "JointModelPZ"):
@@ -226,7 +226,7 @@ class Tree:
         return self.unit(out)
 
     def unit(self, X: Array) -> Array:
-        """Return configurations (k, nq) with quaternions of length 1, as `normalise`, for many at once."""
+        """Return configurations (k, nq) with normalised quaternions; faster than `normalise` for many of them."""
         X = X.copy()
         for place in self.quaternions:
             X[:, place : place + 4] /= np.linalg.norm(X[:, place : place + 4], axis=1, keepdims=True)

@@ -311,7 +311,7 @@ class _Check:
         return kin.joints_from_points({n: there[n] for n in names})
 
     def forward(self, kin: Kinematics) -> None:
-        """Compare the tool pose of the forward equations, at the mechanism's joint values, with the mechanism's."""
+        """Compare the tool poses of forward equations and mechanism, at the joint values of the mechanism."""
         by = ", ".join(_reading(kin, e) for e in kin.formula.equations if e.stage == "forward")
         Ts = kin.forward_many(self.posed.q)
         lost = ~np.isfinite(Ts).all(axis=(1, 2))
@@ -325,7 +325,9 @@ class _Check:
             return
         limits = self.tolerances.position, self.tolerances.rotation
         for r in pose_rows("A-B", "tool, forward", self.posed.Ts_base_tool, Ts, limits, self.coarse, note=by):
-            what = f"at the mechanism's joint values the tool pose of the forward equations ({by}) differs"
+            what = (
+                f"at the mechanism's joint values, the tool pose of the forward equations ({by}) is not the mechanism's"
+            )
             self.out.judge(r, _FORWARD, what, "tool", cause=by)
 
     def passive(self, kin: Kinematics, blamed: _Blame) -> None:

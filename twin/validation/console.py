@@ -79,7 +79,7 @@ class Laws(Protocol):
 
 
 def judge(console: Laws, progress: Callable[[str, float], None] = lambda label, part: None) -> Contract:
-    """Measure every clause and return the result."""
+    """Measure every clause (requirement) on a console and return the result."""
     clauses: list[Clause] = []
     path = np.zeros((0, 3))
     for i, part in enumerate((_still, _turn, _way, _clutch, _camera, _origin, _mirror, _roll, _force, _measure)):

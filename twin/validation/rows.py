@@ -73,7 +73,7 @@ class Clock:
         return f"{self.phase(t)}, t = {t:.2f} s"
 
     def at(self, rows: Index) -> Clock:
-        """Return the clock of the selected samples."""
+        """Return the times and the phases of the samples with the indices `rows`."""
         return Clock(self.t[rows], self.phases)
 
 

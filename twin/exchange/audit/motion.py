@@ -20,7 +20,7 @@ UNIT_TOL = 1e-4
 """Deviation of a quaternion's length from 1 that counts as rounding of single precision."""
 
 MAX_STEP = np.radians(120)
-"""Maximum rotation in rad between two keys: players use the shorter rotation and may reverse a larger one."""
+"""Maximum rotation in rad between two keys: players turn the shorter way, which may be the wrong way."""
 
 START_TOL = 1e-9
 """Maximum start time in s of a clip: if a clip starts later, players show the rest pose first."""

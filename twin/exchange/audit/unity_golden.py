@@ -119,13 +119,13 @@ class _Vectors:
         }
 
     def phases(self) -> dict[str, float]:
-        """Check the names of the phases at given times."""
+        """Return 0 if the names of the phases at given times are correct, else infinity, by vector name."""
         starts, names = self.track["phase_start"], self.track["phases"]
         now = [[n for n, s in zip(names, starts, strict=True) if s <= t][-1] for t in self.data["phase_time"]]
         return {"phase_name": 0.0 if now == self.data["phase_name"] else np.inf}
 
     def stream(self) -> dict[str, float]:
-        """Check the format of stream frames: parse a frame and compare it with the stated content."""
+        """Parse a stream frame, and return the errors of its content, by vector name; infinity for a wrong header."""
         d, raw = self.data, base64.b64decode(self.data["stream"])
         mark, sequence, server, clip, links, joints, flags = _HEAD.unpack_from(raw)
         numbers = np.frombuffer(raw, "<f4", offset=_HEAD.size).astype(float)
@@ -145,7 +145,7 @@ class _Vectors:
         }
 
     def grab(self) -> dict[str, float]:
-        """Check the target pose of a grabbed tool, in the robot's frame."""
+        """Return the error of the target pose of a grabbed tool in the robot's frame, by vector name."""
         hands = poses.from_seven(self.rows("grab_hands", 7))
         moved = hands[1] @ poses.inverse(hands[0])
         link = self.track["links"].index(self.data["tool_link"])

@@ -12,7 +12,7 @@ from twin.exchange.audit import poses
 from twin.exchange.audit.poses import Array
 
 AXES = {"X": 0, "Y": 1, "Z": 2}
-"""Number of an axis, by its token."""
+"""Index of an axis in a vector, by the token of the axis in USD."""
 
 SIX = ("transX", "transY", "transZ", "rotX", "rotY", "rotZ")
 """Directions of a generic joint, as instance names of its limits."""

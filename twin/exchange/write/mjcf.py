@@ -43,7 +43,8 @@ CARRIER = Inertia(1e-3, np.zeros(3), 1e-7 * np.eye(3))
 """Inertia of an auxiliary body (carrier) for a slide that closes a loop."""
 
 STIFF = {"solref": "0.001 1", "solimp": "0.9999 0.9999 0.001 0.5 2"}
-"""Solver parameters of the equality constraints: stiffer than MuJoCo's defaults, with which loops open under load."""
+"""Solver parameters of the equality constraints, stiffer than the defaults of MuJoCo; at the defaults, loops open
+under load."""
 
 OPTION = {"timestep": "0.001", "integrator": "discrete", "iterations": "100", "tolerance": "1e-12"}
 """Simulation options; the integrator "discrete" solves drives and equality constraints together.

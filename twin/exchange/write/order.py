@@ -134,7 +134,9 @@ def order(
     has_equations, optional = files.has_equations, protocols is None and robot.unwritten
     if protocols is None and trajectory is None and not has_equations and not robot.unwritten:
         if chosen:
-            text = f"{robot.name} has no equations for planning: no motion for {', '.join(map(str, chosen))}"
+            text = (
+                f"{robot.name} has no equations for planning: no motion is exported for {', '.join(map(str, chosen))}"
+            )
             findings.append(warning("export.no_equations", "", text, suggestion="write formula.py"))
         chosen = []
     loaded = [robot.protocol(name) for name in chosen]

@@ -26,8 +26,8 @@ from twin.simulation.ways import CLEARANCE, Ways
 
 Mistake = Literal["", "dropped", "not_handed_over", "stopped_short", "wire_touched", "wall_hit", "left_inside"]
 """Mistakes on request: the first hand opens before the second arm holds the ring; the first arm guides the ring itself;
-the ring is released in the middle of the wire; it is guided beside the wire; an instrument is led into the wall of the
-dome; the instruments stay in the dome."""
+the ring is released in the middle of the wire; it is laid on the wire for half of it; an instrument is led into the
+wall of the dome; the instruments stay in the dome."""
 
 _TRIES = 3
 """Number of grasps after which the surgeon gives the ring up, and of searches for a way."""
@@ -49,6 +49,7 @@ class Manner:
         ahead: distance of the ring from the free end of the wire before it is put over it.
         step: part of the wire along which the ring is guided in one movement.
         last: distance of the ring from the end of the wire when it is released.
+        fallen: distance of the ring below the wire from which the surgeon does not try to grasp it.
         near, fine: remaining distance at the end of a rough and of a fine movement.
     """
 
@@ -60,6 +61,7 @@ class Manner:
     ahead: float = 8 * MM
     step: float = 4 * MM
     last: float = 1 * MM
+    fallen: float = 12 * MM
     near: float = 1.5 * MM
     fine: float = 0.6 * MM
 
@@ -238,6 +240,8 @@ class GuidingSurgeon(SurgeonHands):
         """Grasp the ring, at most `_TRIES` times; its axis is taken on the side of `towards` (3,)."""
         manner = self.manner
         for _ in range(_TRIES):
+            if self._wire(0.0)[0][2] - self._pose()[2, 3] > manner.fallen:
+                return
             n = self._axis(towards)
             yield from self._turn_grip({hand: self.habits.open})
             for back, near in ((manner.before, manner.near), (0.0, manner.fine)):
@@ -277,14 +281,12 @@ class GuidingSurgeon(SurgeonHands):
         """Put the ring over the free end of the wire, guide it to the other end, and release it there."""
         hand, manner = self._first if self.mistake == "not_handed_over" else self._second, self.manner
         end = self._along[-1] * (0.5 if self.mistake == "stopped_short" else 1.0) - manner.last
-        aside = np.zeros(3)
         for s in (-manner.ahead, *np.arange(0.0, end, manner.step), end):
-            if self.mistake == "wire_touched" and s >= 0:
-                aside = np.array([0.0, 0.0, -(self.ring.size[0] - 1.5 * self.ring.size[1])])
             place, n = self._wire(s)
-            yield from self._reach(
-                {hand: self._carrying(hand, place + aside, n)}, manner.near if s < 0 else manner.fine
-            )
+            if self.mistake == "wire_touched" and 0 <= s < end / 2:  # the ring lies on the wire
+                place = place - [0.0, 0.0, self.ring.size[0] - 1.75 * self.ring.size[1]]
+            goal = self._carrying(hand, place, n)
+            yield from self._reach({hand: goal}, manner.near if s < 0 else manner.fine)
             if self._holder() != self._numbers[hand]:
                 self._give_up("guided")
                 return

@@ -37,7 +37,7 @@ class Bucket:
         self.rate, self.size, self.level, self.last = rate, size, size, now
 
     def take(self, now: float, amount: float = 1.0) -> bool:
-        """Remove `amount` tokens if they are available; return whether they were."""
+        """Remove `amount` tokens if they are available at the time `now` in s; return whether they were removed."""
         self.level = min(self.size, self.level + self.rate * max(0.0, now - self.last))
         self.last = now
         if self.level < amount:

@@ -142,6 +142,7 @@ class Operation(LiveConsole):
             "scale": list(SCALE),
             "patience": self.device.patience,
             "fulcrum": bool(table.instrument_mm),
+            "task": self.referee is not None,
             "jaws": {hand: self._has_jaw(hand) for hand in HANDS},
             "tools": [{"name": n, "title": t.title, "kind": t.kind, "does": DOES[t.kind]} for n, t in tools.items()],
         }

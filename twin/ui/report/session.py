@@ -86,7 +86,7 @@ def _picture(ax: Axes, found: ConsoleSession, aligned: AlignMeasures, goal: Alig
 
 
 def _angle(ax: Axes, found: ConsoleSession, aligned: AlignMeasures, goal: Alignment) -> None:
-    """Draw AlignErr by projection over time, with its tolerance."""
+    """Draw the angle in the picture between the rectangle's upper side and the line over time, with its tolerance."""
     way = aligned.course[:, 1] - aligned.course[:, 0]
     ax.plot(*thin(found.t, np.arctan2(way[:, 1], way[:, 0]) / DEG, _POINTS), color=PALETTE[2], lw=1.0)
     ax.axhspan(-goal.tolerance / DEG, goal.tolerance / DEG, color=NEAR, alpha=0.4, lw=0)

@@ -15,8 +15,9 @@ from twin.simulation.plants.tissue import Organs, Tool
 from twin.ui.session.feed import Surface
 from twin.ui.session.timeline import RATE
 
-_BEHIND = 4
-"""Maximum number of steps of the organs for each picture; on a slower page, the organs lag behind the links."""
+_BEHIND = 2
+"""Maximum number of steps of the organs for each picture: one late picture is made up for; more would be late as well.
+On a slower page, the organs lag behind the links."""
 
 _AWAY = spatial.pose(p=np.array([0.0, 0.0, 100.0]))
 """Pose of the links before the first picture: a link that is inside an organ there has jumped into it."""

@@ -222,17 +222,15 @@ class PlanMode:
 
     def _ended(self, error: str) -> None:
         """Note that a job has ended; `error` is "" if it is done."""
-        checked, self._checks = self._checks, False
+        self._checks = False
         if not error:
             self.ready = True
-            return
-        if self.phase == "plan":
-            self.phase = "aim"
+        elif self.phase == "plan":
+            self.phase, self._tested, self.said, self.bad = "aim", self._q, f"No plan: {error}", True
             self.plans.aim(self.robot)
-            self._tested = self._q
             self.changes += 1
-        if not checked or self.phase == "aim":
-            self.said, self.bad = f"No plan: {error}", True
+        else:
+            self.said, self.bad = error, True
 
     def _follow(self) -> None:
         """Compute the ghost at the target, and test it when the last test has ended."""
@@ -244,7 +242,7 @@ class PlanMode:
             self._q, why = self._reached(member, target.reshape(4, 4))
             self.ghost = (member.links or _links(member.mechanism))(self._q)
             if not first:
-                self.said, self.bad = why, bool(why)
+                self.said, self.bad = why, False
             self.changes += 1
         if self.ready and not self._checks and (self._tested is None or not np.array_equal(self._tested, self._q)):
             self._tested, self._checks = self._q, True
@@ -265,7 +263,7 @@ class PlanMode:
             if not low <= x <= high:
                 unit, text = (DEG, "deg") if joint.is_angle else (MM, "mm")
                 within = f"{low / unit:.4g} to {high / unit:.4g} {text}"
-                return last, f"the target needs {joint.name} = {x / unit:.4g} {text} (limits {within}){stays}"
+                return last, f"The target needs {joint.name} = {x / unit:.4g} {text} (limits {within}){stays}"
         return q, ""
 
     def _watch(self) -> None:

@@ -233,7 +233,7 @@ def signed_permutations() -> list[Array]:
 
 
 def _frames(judge: Judge) -> Iterator[Convention]:
-    """Yield the constant rotations of base or tool, or the inversion, that make a formula's pose the mechanism's."""
+    """Yield constant rotations of base or tool, or the inversion, that make a formula's pose equal the mechanism's."""
     for place in judge.failing():
         if judge.truth.kinds[place.symbol] != "pose":
             continue

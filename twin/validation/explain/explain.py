@@ -87,7 +87,7 @@ class _Laps:
         self._began = time.perf_counter()
 
     def end(self, step: str) -> None:
-        """Add the time since the end of the last step to a step."""
+        """Add the time since the previous call to the duration of a step."""
         now = time.perf_counter()
         self.seconds[step] = self.seconds.get(step, 0.0) + round(now - self._began, 3)
         self._began = now

@@ -96,7 +96,7 @@ class Judge:
         return Step(equation, variant, source, codes, scope, (*required, *optional), tuple(required), plain=row)
 
     def step(self, equation: str) -> Step:
-        """Return the step of the equation with this name."""
+        """Return the `Step` of the equation with this name."""
         return next(s for s in self.steps if s.equation.name == equation)
 
     def helpers(self, step: Step) -> list[Helper]:

@@ -233,7 +233,7 @@ class Contact(Block):
     def _contacts(self) -> tuple[list[int], set[int], set[int], set[int]]:
         """Return each object's holder (-1: none), instruments at fixed parts, those at each other, objects that rub."""
         holders, touches, meets, rubs = [-1] * len(self._objects), set[int](), set[int](), set[int]()
-        if not self._grippers or not self._data.ncon:
+        if not self._data.ncon:
             self._holding = [[] for _ in self._objects]
             return holders, touches, meets, rubs
         contact, whose = self._data.contact, self._whose

@@ -286,7 +286,7 @@ export class App {
 
   /** Measure what the controls cover; return whether it has changed. */
   private cover(): boolean {
-    return this.world.cover(this.machines?.covers() ?? 0, ...this.dom.covers());
+    return this.world.cover(this.machines?.covers() ?? this.score.covers(), ...this.dom.covers());
   }
 
   /** Set the camera so that all robots are visible. */

@@ -87,6 +87,8 @@ export interface ConsoleInfo {
   patience: number;
   /** Whether the hands can lead the outer ends of the instruments. */
   fulcrum: boolean;
+  /** Whether there is a task to end or restart. */
+  task: boolean;
   /** Whether the gripper of a hand moves a jaw. */
   jaws: Record<Side, boolean>;
   tools: ToolInfo[];

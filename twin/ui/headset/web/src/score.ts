@@ -3,6 +3,7 @@
 import type { App } from './app';
 import type { Control } from './controls';
 import type { TaskState } from './protocol';
+import type { Views } from './views';
 
 const make = <K extends keyof HTMLElementTagNameMap>(tag: K, cls = '', text = ''): HTMLElementTagNameMap[K] => {
   const node = document.createElement(tag);
@@ -10,6 +11,8 @@ const make = <K extends keyof HTMLElementTagNameMap>(tag: K, cls = '', text = ''
   if (text) node.textContent = text;
   return node;
 };
+
+type Place = Readonly<Record<string, number | string>>;
 
 export class Score {
   private readonly board = make('section', 'score');
@@ -32,6 +35,7 @@ export class Score {
   refresh(): void {
     const task = this.app.model.console?.task ?? null;
     const now = JSON.stringify(task);
+    this.board.classList.toggle('guided', Boolean(task?.stages));
     const placed = this.place();
     if (now === this.shown) {
       if (placed) this.fit();
@@ -41,24 +45,45 @@ export class Score {
     this.board.hidden = !task || task.over !== null; // the card at the end has the same rows
     this.card.hidden = !task?.over;
     if (!task) return;
-    this.board.classList.toggle('guided', Boolean(task.stages));
     this.board.replaceChildren(make('h2', '', task.title), ...next(task), ...body(task));
     this.fit();
     if (task.over)
       this.card.replaceChildren(make('h2', '', task.over), stages(task), rows(task), this.report(task), this.again());
   }
 
-  /** Keep the scoreboard above the small picture, as wide as that, and below the heading; return whether its place has changed. */
+  /**
+   * Keep the board where it hides least of the endoscope's picture, and return whether its place has changed: with the
+   * stages of a procedure above the windows at the bottom, otherwise beside the small picture or, if the page is
+   * narrow, above it.
+   */
   private place(): boolean {
-    const low = document.querySelector('header')?.getBoundingClientRect().bottom ?? 0;
-    const top = Math.round(low) + 10;
-    const below = this.app.console?.views.corner ?? { top: window.innerHeight, width: 0 };
-    const high = Math.max(0, below.top - top - 10);
-    const now = `${top} ${high} ${below.width}`;
+    const views = this.app.console?.views;
+    const guided = this.board.classList.contains('guided');
+    const box = views && !guided ? across(views) : this.column(views);
+    const now = JSON.stringify(box);
     if (now === this.around) return false;
     this.around = now;
-    Object.assign(this.board.style, { top: `${top}px`, maxHeight: `${high}px`, minWidth: `${below.width}px` });
+    this.board.classList.toggle('across', views !== undefined && !guided);
+    this.board.classList.toggle('top', views !== undefined && guided && views.low < views.corner.top);
+    for (const key of ['top', 'bottom', 'left', 'width', 'min-width', 'max-height']) {
+      const value = box[key];
+      if (value === undefined) this.board.style.removeProperty(key);
+      else this.board.style.setProperty(key, typeof value === 'number' ? `${value}px` : value);
+    }
     return true;
+  }
+
+  /** Width in pixels that the board covers at the left; 0 if it lies across. */
+  covers(): number {
+    const beside = this.board.matches('.guided:not(.top):not([hidden])');
+    return beside ? Math.round(this.board.getBoundingClientRect().right) : 0;
+  }
+
+  private column(views?: Views): Place {
+    const low = document.querySelector('header')?.getBoundingClientRect().bottom ?? 0;
+    const top = Math.round(low) + 10;
+    const high = Math.max(0, (views?.low ?? window.innerHeight) - top - 10);
+    return { top, 'max-height': high, 'min-width': views?.corner.width ?? 0 };
   }
 
   /** Hide old events, then the last measures, then stages that are done if there is no room; none is cut in half. */
@@ -66,6 +91,8 @@ export class Score {
     const all = (what: string) => [...this.board.querySelectorAll<HTMLElement>(what)];
     const events = all('.events li').reverse();
     const done = all('.stages [data-state="done"]');
+    const views = this.app.console?.views;
+    if (views) views.high = this.board.matches('.top:not([hidden])') ? this.board.getBoundingClientRect().bottom : 0;
     const spare = [...events.slice(0, -1), ...all('tr').reverse(), ...events.slice(-1), ...done, ...all('h2')];
     for (const row of spare) row.hidden = false;
     for (const row of spare) {
@@ -92,6 +119,18 @@ export class Score {
     button.onclick = () => this.app.ask('task', { do: 'restart' });
     return button;
   }
+}
+
+/** Return the place of a board of two columns beside the small picture, or above it if the page is narrow. */
+function across(views: Views): Place {
+  const { corner } = views;
+  const [right] = views.free;
+  const left = corner.left + corner.width + 12;
+  const low = corner.top + corner.height - 26; // above the text of help
+  const width = Math.min(right - left - 12, 540);
+  if (width >= 380) return { left, width, top: 'auto', bottom: window.innerHeight - low, 'max-height': low - corner.top + 60 };
+  const bottom = window.innerHeight - corner.top + 10;
+  return { left: corner.left, width: right - 2 * corner.left, top: 'auto', bottom, 'max-height': corner.top / 2 };
 }
 
 function rows(task: TaskState): HTMLElement {

@@ -45,20 +45,17 @@ export class Tools {
     parent.append(this.window);
   }
 
-  /** Show the chosen tools, beside the small picture; called with the other controls. */
+  /** Show the chosen tools, beside or above the small picture; called with the other controls. */
   refresh(): void {
     const { views, info } = this.console;
     const state = this.app.model.console;
-    const beside = views.corner;
-    const [right] = this.app.world.free();
-    const left = beside.left + beside.width + 12;
-    const wide = right - left - 12;
-    const now = JSON.stringify([beside, right, this.app.xr.presenting, state?.fulcrum, SIDES.map((s) => state?.hands[s])]);
+    const box = views.beside;
+    const now = JSON.stringify([box, this.app.xr.presenting, state?.fulcrum, SIDES.map((s) => state?.hands[s])]);
     if (now === this.shown) return;
     this.shown = now;
-    this.window.hidden = wide < 260;
-    this.window.classList.toggle('low', beside.height < 150); // no room for drawings
-    Object.assign(this.window.style, { left: `${left}px`, top: `${beside.top}px`, width: `${wide}px`, height: `${beside.height}px` });
+    this.window.classList.toggle('low', box.height < 150); // no room for drawings
+    this.window.classList.toggle('flat', box.height < 110); // only for the buttons
+    for (const [key, value] of Object.entries(box)) this.window.style.setProperty(key, `${value}px`);
     for (const { side, tool, node } of this.buttons)
       {
         node.setAttribute('aria-pressed', String(state?.hands[side].tool === tool.name));
@@ -77,6 +74,7 @@ export class Tools {
 
   private row(side: Side): HTMLElement {
     const row = make('div', 'tool-row');
+    row.dataset['side'] = side;
     for (const tool of this.console.info.tools) {
       const node = make('button', 'tool');
       node.dataset['id'] = `tool-${side}-${tool.name}`;

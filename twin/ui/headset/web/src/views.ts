@@ -45,11 +45,14 @@ const LONG_REST = 10000;
 const NAMES: Readonly<Record<View, string>> = { room: 'Patient and robots', scope: 'Inside the abdomen' };
 const CLOSER = 1.9; // enlargement of the small view of the room beside a window of tools
 const SCOPE_LIGHT = 4; // layer of the endoscope's light
+const ABOVE = 128; // height in pixels of the window of tools on a narrow page
 const PART = 0.3; // width of the small view as a fraction of the free width
 const UP = new Quaternion().setFromAxisAngle(new Vector3(1, 0, 0), Math.PI); // from -y up, along z, to y up, along -z
 
 export class Views {
   large: View = 'scope';
+  /** Bottom in pixels of a window over the whole width at the top; 0: there is none. */
+  high = 0;
   readonly scope: PerspectiveCamera;
   readonly backdrop: Backdrop;
   private stereo: Stereo = 'one';
@@ -147,6 +150,20 @@ export class Views {
   /** Return the box of the small view in pixels of the page. */
   get corner(): Box {
     return this.box(this.large === 'scope' ? 'room' : 'scope');
+  }
+
+  /** Return the box of the window of tools: beside the small view, or above it if the page is narrow. */
+  get beside(): Box {
+    const b = this.corner;
+    const [right] = this.app.world.free();
+    const left = b.left + b.width + 12;
+    if (right - left - 12 >= 260) return { left, top: b.top, width: right - left - 12, height: b.height };
+    return { left: b.left, top: b.top - ABOVE - 10, width: right - 2 * b.left, height: ABOVE };
+  }
+
+  /** Top in pixels of the windows at the bottom. */
+  get low(): number {
+    return this.headed ? Math.min(this.corner.top, this.beside.top) : this.corner.top;
   }
 
   /** Width and height in pixels of the area without controls at the right and the bottom. */
@@ -341,11 +358,11 @@ export class Views {
     const [right, bottom] = world.free();
     const large = view === this.large;
     camera.aspect = b.width / b.height;
-    const low = this.headed ? this.corner.top : bottom; // above the small windows
+    const low = this.headed ? this.low : bottom; // above the small windows
     const width = right - world.beside;
-    const [x, y] = large ? [(b.width - right - world.beside) / 2, (b.height - low) / 2] : [0, 0];
+    const [x, y] = large ? [(b.width - right - world.beside) / 2, (b.height - low - this.high) / 2] : [0, 0];
     // Between the panels, a narrow picture shows as much beside its middle as above it.
-    if (view === 'scope') camera.zoom = large ? Math.min(1, width / low) : 1;
+    if (view === 'scope') camera.zoom = large ? Math.min(1, width / (this.headed ? this.corner.top : bottom)) : 1;
     else camera.zoom = large || !this.headed ? 1 : CLOSER;
     camera.setViewOffset(b.width, b.height, x, y, b.width, b.height);
     if (view === 'scope') this.scope.updateWorldMatrix(true, false);
