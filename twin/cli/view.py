@@ -40,7 +40,6 @@ def view(args: argparse.Namespace) -> int:
     title, load = _what(args)
     if args.html is not None:
         assets.require_writable(Path(args.html).parent)
-    if args.html is not None:
         return _write(load, title, port, args)
 
     def open_page(server: viser.ViserServer, stopping: threading.Event, local: bool) -> Page:

@@ -66,7 +66,8 @@ def audit(
         progress: see `Progress`.
 
     Returns:
-        A report of the measurements and findings; its `verdict` is "unchecked" if a file could not be read.
+        A report of the measurements and findings; its `verdict` is "unchecked" if a file could not be read or nothing
+        could be checked.
 
     Raises:
         TwinError: the path does not exist, or has no file that can be audited.

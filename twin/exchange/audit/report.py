@@ -136,6 +136,7 @@ def _shown(value: float | None, unit: str) -> str:
 
 
 ADVICE: Mapping[str, str] = {
+    "audit.no_checks": "audit them together with an export of the same robot in another format, or with --robot NAME",
     "claims.between_position": "measure the error between keys again",
     "claims.between_rotation": "measure the error between keys again",
     "claims.joint_gap": "measure the error between keys again",
@@ -264,7 +265,7 @@ def finished(path: str, files: list[dict[str, Any]], ledgers: list[Ledger]) -> A
     checks = [c for ledger in ledgers for c in ledger.checks]
     if not checks and all(f.severity == "info" for g in ledgers for f in g.findings):  # "agree" would be false
         none = Ledger(path)
-        none.add("audit.no_checks", "error", "the files have nothing that can be checked.", suggestion=_NO_CHECKS)
+        none.add("audit.no_checks", "error", "the files have nothing that can be checked.")
         ledgers = [*ledgers, none]
     return AuditReport(path, files, checks, by_severity(f for ledger in ledgers for f in ledger.findings))
 
@@ -285,7 +286,5 @@ def told_apart(a: float, b: float) -> tuple[str, str]:
             break
     return one, two
 
-
-_NO_CHECKS = "audit it together with an export of the same robot in another format, or with --robot NAME"
 
 _LENGTHS = ((1e-3, 1e6, "um"), (1.0, 1e3, "mm"), (math.inf, 1.0, "m"))
