@@ -18,8 +18,8 @@ class PlanDocuments:
     def __init__(self, mode: PlanMode, bodies: Mapping[str, Sequence[str]]) -> None:
         """Prepare for arms with these bodies, in the order of their links in a frame."""
         self._mode, self._bodies = mode, bodies
-        self._seen, self._parts = -1, 0
-        self._ghost: Mapping[str, np.ndarray] | None = None
+        self._seen, self._parts = mode.changes, 0
+        self._ghost: Mapping[str, np.ndarray] = mode.ghost
         self._preview: Preview | None = None
 
     def news(self) -> list[dict[str, Any]]:
