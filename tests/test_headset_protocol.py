@@ -151,7 +151,8 @@ BAD = [
     '{"type": "haptics", "on": "maybe"}', '{"type": "haptics"}',
     '{"type": "fulcrum", "mode": "outer"}', '{"type": "tool", "hand": "third", "name": "scissors"}',
     '{"type": "tool", "hand": "right"}',
-    '{"type": "plan"}', '{"type": "plan", "do": "again", "hand": "right"}', '{"type": "plan", "do": "aim", "hand": "third"}',
+    '{"type": "plan"}', '{"type": "plan", "do": "again", "hand": "right"}',
+    '{"type": "plan", "do": "aim", "hand": "third"}',
     "[" * 2000, '{"type":' * 300, '{"type": "ping", "t": 1' + " " * 5000 + "}",
 ]  # fmt: skip
 
