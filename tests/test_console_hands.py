@@ -415,7 +415,7 @@ def test_instruments_stand_while_the_clutch_or_the_camera_is_led(session):
 
 
 def test_a_quick_tap_leads_the_other_arm(session):
-    """The clutch was down for 0.07 s: from then on the right hand leads the third arm, and the first stands."""
+    """The clutch was down for 0.07 s: from then on the right hand moves the third arm, and the first stands."""
     taps = session["console.taps"][:, 0]
     after = taps == 1
     assert after.any()

@@ -151,7 +151,7 @@ def test_the_hands_have_one_owner_at_a_time(running):
     running.op.release("c1")
     running.wait(0.1)
     assert running.state["owner"] == "udp"
-    assert np.allclose(running.q(), q, atol=1e-9), "whose hands lead changes nothing"
+    assert np.allclose(running.q(), q, atol=1e-9), "which hands are in control changes nothing"
     assert running.state["packets"]["lost"] == {"right": 0, "left": 0}, "each counts from its own number"
 
 

@@ -180,7 +180,7 @@ def test_the_organs_are_streamed_beside_the_hands(page, arms):
     """Frames with organs arrive while an instrument presses the liver; benchmarks/organs_page.py draws them as well."""
     page.draws(False)  # a software renderer takes more than a processor, and as many frames as it pleases
     page.page.keyboard.down("q")
-    page.until("twin.app.model.console.hands.left.follows", "the hand leads")
+    page.until("twin.app.model.console.hands.left.follows", "the hand moves")
     time.sleep(0.5)
     count = "(() => { const f = twin.app.line.frames; return [f, performance.now()]; })()"
     a, t = page(count)

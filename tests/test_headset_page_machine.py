@@ -114,7 +114,7 @@ def test_a_motion_is_rehearsed_judged_and_run_on_the_machine(page):
     page.until(f"{STATE}.mode === 'teleoperate'", "teleoperation")
     page.id("replay").click()
     said = "document.querySelector('[data-id=machine-said]').textContent"
-    text = "mm from where the record begins (limit 2): lead it to the start"
+    text = "mm from where the record begins (limit 2): move it to the start"
     page.until(f"{said}.includes('{text}')", "the second run is refused")
 
 

@@ -1,4 +1,4 @@
-"""Planning mode on the page in Chromium: lead the target through the dome, plan, cancel, plan again, accept, arrive."""
+"""Planning mode on the page in Chromium: move the target through the dome, plan, cancel, plan again, accept, arrive."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ def color(page):
 
 
 def test_a_motion_out_of_the_dome_is_planned_cancelled_planned_again_and_made(page, dome):
-    page.until(FOLLOWS, "the hand leads the arm")
+    page.until(FOLLOWS, "the hand moves the arm")
     at, way = begin(page), out(dome, page)
     lead(page, 0.5 * way, f"{PLAN}.state.blocked !== ''")
     page.until(f"{color(page)} && {PLAN}.material.color.getHex() === 0xd81b2a", "the ghost is red in the lid")

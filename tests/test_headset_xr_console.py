@@ -1,4 +1,4 @@
-"""The console in a headset: emulated controllers and bare hands lead both arms, pedals, jaws and the camera."""
+"""The console in a headset: emulated controllers and bare hands move both arms, pedals, jaws and the camera."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ class Tracked:
         """Shut the gripper, by which a hand begins to lead; open it again."""
         for side in sides:
             self.grip(side, 0.0)
-        self.page.until(f"twin.app.console.hands.leading.size >= {len(sides)}", "the hands lead")
+        self.page.until(f"twin.app.console.hands.leading.size >= {len(sides)}", "the hands move")
         for side in sides:
             self.page.until(f"twin.app.model.console.hands.{side}.follows", f"the {side} arm follows")
 
@@ -164,7 +164,7 @@ def test_a_hand_that_is_lost_lets_nothing_move(hands):
         hands.move([0, 0.01, 0], "right")
         return moved(before, joints(page)) == {"psm1"}
 
-    headset.until(leads, "the right hand leads again")
+    headset.until(leads, "the right hand moves again")
 
 
 def test_a_hand_that_points_at_the_panel_leads_nothing(hands):

@@ -286,7 +286,7 @@ def test_overdrive(parts, policy, stops):
     assert servo.counted == 14
     assert bool(servo.stop) == stops
     assert second.any() != stops
-    assert "14 commands above the limit of mode moderate (at most 10)" in servo.stop or not stops
+    assert "14 commands exceed the limit of mode moderate (10 are allowed)" in servo.stop or not stops
 
 
 def test_above_the_stop_limit_every_policy_stops(parts):

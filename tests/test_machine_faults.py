@@ -152,7 +152,7 @@ def test_the_counter_of_violations_is_shared_or_one_for_each_motor(parts):
         for _ in range(2):
             servo.counts_of(error, np.zeros(7), np.zeros(7))
         stops[shared] = servo.stop
-    assert "14 commands above the limit" in stops[True]
+    assert "14 commands exceed the limit" in stops[True]
     assert stops[False] == ""
 
 

@@ -48,7 +48,7 @@ def test_a_rehearsed_motion_is_replayed_on_the_machine_and_refused_elsewhere(ope
     assert steps[Phase.REPLAY].text == ""
     assert steps[Phase.REPLAY].deviation < 1e-3
     assert steps[Phase.REPLAY].record < 2e-3  # the wait between two packets differs on a busy computer
-    assert "mm from where the record begins (limit 2): lead it to the start" in steps[Phase.STOPPED].text
+    assert "mm from where the record begins (limit 2): move it to the start" in steps[Phase.STOPPED].text
 
 
 @pytest.mark.alone  # with the session of the test above

@@ -1,4 +1,4 @@
-"""Planning mode of a console: the arm rests while its target is led, follows an accepted plan, and replays it."""
+"""Planning mode of a console: the arm rests while its target is moved, follows an accepted plan, and replays it."""
 
 from __future__ import annotations
 
@@ -147,7 +147,7 @@ def above():
 
 
 def aimed(console):
-    """Lead the target above the lid."""
+    """Move the target above the lid."""
     console.ask("aim")
     console.wait(4)
     goal = console.console.members[ARM].kin.forward(above())
@@ -157,7 +157,7 @@ def aimed(console):
 
 
 def lifted(console):
-    """Lead the target by a few mm."""
+    """Move the target by a few mm."""
     console.ask("aim")
     console.wait(2)
     console.lead([3 * MM, 0, -4 * MM], 5)
@@ -214,7 +214,7 @@ def test_an_accepted_plan_is_followed_and_its_session_replays_without_planning(c
     assert not console.mode.bad
     assert console.console.members[ARM].kin.forward(console.q) == pytest.approx(T_last, abs=1e-6)
     console.wait(5)
-    assert console.console.reading["hands"]["left"]["follows"], "the hand leads the arm again"
+    assert console.console.reading["hands"]["left"]["follows"], "the hand moves the arm again"
     recorder = console.console.recorder
     console.console.close()
     monkeypatch.setattr(plan_work, "work", None)
@@ -223,6 +223,45 @@ def test_an_accepted_plan_is_followed_and_its_session_replays_without_planning(c
     ran = sessions.replay(session, scene, members, lambda what, part: None, props)
     assert ran.difference is None
     assert ran.kept[f"{ARM}.q"][-1] == pytest.approx(console.q)
+
+
+def test_a_target_at_rest_is_planned_before_the_pedal_is_released(planned):
+    lifted(planned)
+    planned.wait(30)
+    jobs = planned.mode._stream.jobs
+    assert isinstance(jobs[-1], Plan)
+    assert (planned.mode.phase, planned.mode.preview) == ("aim", None), "nothing is shown before the release"
+    count = len(jobs)
+    planned.ask("find")
+    assert planned.mode.phase == "preview"
+    assert len(jobs) == count, "nothing is searched twice"
+
+
+def test_a_target_that_moves_after_its_rest_is_planned_anew(planned):
+    lifted(planned)
+    planned.wait(30)
+    early = planned.mode._stream.jobs[-1]
+    planned.lead([0, 2 * MM, 0], 5)
+    planned.ask("find")
+    late = planned.mode._stream.jobs[-1]
+    assert planned.mode.phase == "plan"
+    assert not np.array_equal(early.goal, late.goal)
+    T = planned.console.members[ARM].kin.forward(late.goal)
+    assert T[:3, 3] == pytest.approx(planned.target()[:3, 3], abs=1e-6)
+
+
+def test_the_reason_why_a_resting_target_has_no_plan_is_told_after_the_release(planned):
+    def fails(job):
+        if isinstance(job, Plan):
+            raise TwinError("no path")
+        yield from quick(job)
+
+    planned.mode._stream = Here(fails)
+    lifted(planned)
+    planned.wait(30)
+    assert not planned.mode.said
+    planned.ask("find")
+    assert (planned.mode.phase, planned.mode.said, planned.mode.bad) == ("aim", "No plan: no path", True)
 
 
 @pytest.mark.parametrize("phase", ["aim", "plan", "preview", "run"])
@@ -279,7 +318,7 @@ def test_what_cannot_be_asked_for_is_refused_with_the_way_out(console):
         console.ask("aim", client="another")
     console.ask("aim")
     console.wait(3)
-    with pytest.raises(TwinError, match=f"the target is where {ARM} is: lead it away first"):
+    with pytest.raises(TwinError, match=f"the target is where {ARM} is: move it away first"):
         console.ask("find")
     with pytest.raises(TwinError, match=f"a motion of {ARM} is being planned"):
         console.ask("aim", hand="right")

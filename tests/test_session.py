@@ -89,7 +89,7 @@ class Free:
 
 
 class Room:
-    """In place of a console: hands lead points at a scale, the camera pedal drags the picture; no limits."""
+    """In place of a console: hands move points at a scale, the camera pedal drags the picture; no limits."""
 
     def __init__(self, *targets, seed=0, habits=None):
         self.q = {"right": np.array([0.01, 0, 0]), "left": np.array([-0.01, 0, 0])}

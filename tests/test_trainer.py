@@ -237,7 +237,7 @@ def text_of(found):
         (lambda d: d.rehearse(fastest=0.09), "the record of arm was not judged good"),
         (
             lambda d: (d.rehearse(), d.set("arm.measured", d.q[0] + 0.04, 0)),
-            r"arm is \d\.\d mm from where the record begins \(limit 2\): lead it to the start by teleoperation, or re",
+            r"arm is \d\.\d mm from where the record begins \(limit 2\): move it to the start by teleoperation, or re",
         ),
         (
             lambda d: (d.rehearse(), d.set("arm.measured", d.q[3] + 0.1, 3)),

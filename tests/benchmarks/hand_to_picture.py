@@ -101,7 +101,7 @@ def measure(browser, tree: Path, moves: int, draws: bool) -> np.ndarray:
             mouse = page.page.mouse
             mouse.move(x, y)
             mouse.down()
-            for k in range(200):  # until the hand leads
+            for k in range(200):  # until the hand moves
                 mouse.move(x + k % 3, y)
                 time.sleep(0.05)
                 if page("twin.app.model.console.hands.right.follows"):

@@ -45,7 +45,7 @@ def on_the_page(folder: Path, way: list[float], plans: int, draws: bool) -> list
     for browser in headset.chromium():
         with console(browser, server.url, size=(900, 520)) as page:
             page.until(
-                "twin.app.console.move('left', 0, 0, 0) || twin.app.model.console.hands.left.follows", "the hand leads"
+                "twin.app.console.move('left', 0, 0, 0) || twin.app.model.console.hands.left.follows", "the hand moves"
             )
             page("twin.app.console.chosen = 'left'")
             page(WATCH)

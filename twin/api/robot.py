@@ -212,7 +212,7 @@ class Robot:
 
     @cached_property
     def loops(self) -> LoopSolver:
-        """Compiled loop-closure solver of the mechanism, without equations: `forward(q)`, `forward_many(qs)`."""
+        """Compiled solver of the mechanism's loop closure, which does not use formula.py."""
         from twin.kinematics.closed_loops import LoopSolver
 
         return LoopSolver(self.mechanism)

@@ -198,7 +198,7 @@ def _plays(scene: Scene, args: argparse.Namespace) -> bool:
     if plays:
         scene.require_protocols()
     if args.fulcrum is not None and (plays or scene.console is None or not scene.console.instrument_mm):
-        raise TwinError(f"--fulcrum: no hand leads instruments that pass ports in scene '{scene.name}'")
+        raise TwinError(f"--fulcrum: no hand moves instruments that pass ports in scene '{scene.name}'")
     return plays
 
 

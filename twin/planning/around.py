@@ -111,19 +111,19 @@ def searched(
 ) -> tuple[bool, Smooth | None]:
     """Return whether a search found corners, and the shortened and rounded path along them if it is free, else None.
 
-    The connections of the corners are tested whole only if this path is not free: it usually is, and it is tested whole
-    itself. If some are not free, the search goes on without them.
+    The first trial is the smoothest path: it usually is free, and it is tested whole itself. Only if it is not, the
+    connections of the corners are tested whole. If some are not free, the search goes on without them; if all are free,
+    less smooth paths are tried.
     """
     space = search.space
     corners = search.path(samples, progress)
     while corners is not None:
-        for way in (shortened(space, corners, rng), corners):
-            for width in _WIDTHS:
-                curve = rounded(way, space.weights, width)
-                if space.free_along(curve):
-                    return True, curve
+        ways = shortened(space, corners, rng), corners
+        trials = (rounded(way, space.weights, width) for way in ways for width in _WIDTHS)
+        if space.free_along(first := next(trials)):
+            return True, first
         if not search.block(corners):
-            return True, None
+            return True, next((curve for curve in trials if space.free_along(curve)), None)
         corners = search.path(samples, progress)
     return False, None
 

@@ -157,7 +157,9 @@ class Boundary:
         if s.kinds[i] == "aspect":
             signed = drawn * s.preferred[i]
             if np.sum(np.maximum(signed, 0)) >= _MOSTLY * np.sum(np.maximum(-signed, 0)):
-                return self._row(i, "agrees", "the sign in the working range is the preferred sign")
+                return self._row(
+                    i, "agrees", f"the values in the working range confirm the preferred sign {s.preferred[i]:+d}"
+                )
             k = int(np.argmin(signed))
             text = f"the value is {drawn[k]:.4g} in the working range; the preferred sign is {s.preferred[i]:+d}"
             return self._row(i, "disagrees", text, self._pool[k], float(abs(drawn[k])))

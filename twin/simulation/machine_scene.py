@@ -43,7 +43,7 @@ def bounds(table: TrainerTable) -> Bounds:
 
 
 def cue(table: TrainerTable) -> Cue:
-    """Return the force of the cue of a trainer."""
+    """Return the haptic cue of a trainer: the law of the force by which a hand feels that machine and model deviate."""
     c = table.cue
     return Cue(c.reading, c.tol_mm, c.kp_n_mm, c.kd_ns_mm, c.largest_n, c.blend_mm)
 

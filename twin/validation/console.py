@@ -56,8 +56,9 @@ class Laws(Protocol):
     def turn_unit(self) -> str: ...  # noqa: D102
 
     def tool(self, P_0: Array, W_0: Array, W_1: Array, T: Array, scale: float) -> Array:
-        """Return the tool pose (4, 4) in {RB} after the tool pose P_0 in {RB}, for the handle motion W_0 to W_1 in {H}.
+        """Return the tool pose (4, 4) in {RB}, the frame of the robot's base, at the end of a motion of the handle.
 
+        The tool starts at P_0 (4, 4) in {RB}; the handle moves from W_0 to W_1 (4, 4) in {H}, the frame of the hand.
         T (4, 4) is the pose of {H} in {RB}; `scale` is the tool displacement divided by the hand displacement.
         """
         ...

@@ -17,7 +17,7 @@ TIME_TOL = 1e-5
 """Maximum difference in s between the times of the same key in two files: glTF stores times in single precision."""
 
 BETWEEN_TOL = 1e-5
-"""Maximum error of a pose halfway between two keys: position error in m, and a tenth of the rotation error in rad."""
+"""Maximum error of a pose halfway between two keys: 1e-5 m; a rotation of 1 rad counts as 0.1 m."""
 
 BOX_TOL = 2e-5
 """Maximum difference in m between the bounding boxes of one link's meshes in two files."""
@@ -200,8 +200,8 @@ def _compare_middle(content: Content, clip: Clip, ref: Reference, name: str) -> 
     )
     if worst > BETWEEN_TOL:
         text = (
-            f"clip '{name}': halfway between two keys, link '{where}' differs by {quantity(worst, 'm')} from the "
-            f"linear interpolation of {ref.source}."
+            f"clip '{name}': halfway between two keys, link '{where}' differs by {quantity(worst, 'm')} (a rotation of "
+            f"1 rad counts as 0.1 m) from the linear interpolation of {ref.source}."
         )
         content.ledger.wrong(
             "compare.between", text, where, size=um(worst, BETWEEN_TOL), when=_at(float(clip.times[k]))

@@ -175,7 +175,7 @@ class HandToPose(Block):
     value 1 means that the hand controls the outer end of an instrument with a pivot.
 
     With `plans`, it also reads `<robot>.planned` of `devices.plans`, and writes `<robot>.target` (17,): whether the
-    hand leads the target of a plan (0 or 1), and the pose of this target. The tool is then at rest, or follows a plan.
+    hand moves the target of a plan (0 or 1), and the pose of this target. The tool is then at rest, or follows a plan.
     """
 
     def __init__(
@@ -284,7 +284,7 @@ class HandToPose(Block):
         return state
 
     def _lead(self, i: int, law: Following, goal: Array) -> None:
-        """Write the goal (4, 4) of an arm that the hand leads."""
+        """Write the goal (4, 4) of an arm that the hand moves."""
         T, pivot = self._poses_of_hand()[i], self.arms[i].pivot
         if pivot is None:
             goal[...] = law.step(self._pose, self._grip(), self._tools[i], T, self._scale())

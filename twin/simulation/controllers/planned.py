@@ -3,5 +3,5 @@
 from __future__ import annotations
 
 OFF, AIM, HELD, RUN = 0.0, 1.0, 2.0, 3.0
-"""OFF: the hand leads the arm. AIM: the hand leads the target of a plan; the arm is at rest. HELD: the arm is at rest.
+"""OFF: the hand moves the arm. AIM: the hand moves the target of a plan; the arm is at rest. HELD: the arm is at rest.
 RUN: the arm follows the poses of a plan."""

@@ -33,7 +33,7 @@ class GripToTool(Block):
         self._out = memory[self._opening], memory[self._pedal]
 
     def step(self, signals: Signals, t: float, dt: float) -> None:
-        """Let the gripper lead the jaws."""
+        """Let the gripper control the jaws."""
         wanted = self._gripped() > HALF
         if self._followed() <= 0.5:
             self._led = False

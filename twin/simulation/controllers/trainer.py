@@ -47,7 +47,7 @@ _READY, _SETTLE = 1.0, 0.5
 """Largest time in s until both are in PEDAL_DN; time in s in which the machine comes to rest after the last packet."""
 
 _SILENCE = 1.0
-"""Silence of the hands in s that stops a replay (ASSUMED); longer than their own limit, as they do not lead it."""
+"""Silence of the hands in s that stops a replay (ASSUMED); longer than their own limit, as they do not move it."""
 
 
 class Mode(IntEnum):
@@ -124,10 +124,10 @@ def told(why: Why, value: float, bounds: Bounds, robot: str) -> str:
         f"{again} more slowly",
         Why.OUT_OF_REACH: f"{value:.0f} packets asked for a pose out of reach (limit 0): {again} within the ranges",
         Why.MODEL_STOPPED: f"the model stopped in the rehearsal: {again} more slowly",
-        Why.START: f"{robot} is {value / MM:.1f} mm from where the record begins (limit {bounds.start / MM:g}): lead "
+        Why.START: f"{robot} is {value / MM:.1f} mm from where the record begins (limit {bounds.start / MM:g}): move "
         f"it to the start by teleoperation, or {again} from here",
         Why.START_ANGLE: f"a joint of {robot} is {value / DEG:.1f} deg from where the record begins "
-        f"(limit {bounds.start_angle / DEG:g}): lead it to the start by teleoperation, or {again} from here",
+        f"(limit {bounds.start_angle / DEG:g}): move it to the start by teleoperation, or {again} from here",
         Why.MACHINE_FAST: f"the replay was stopped: the tip of {robot} moved at {value / MM:.0f} mm/s "
         f"(limit {bounds.replayed / MM:.0f})",
         Why.DEVIATES: f"the replay was stopped: the tip of {robot} was {value / MM:.1f} mm from its model "
@@ -311,7 +311,7 @@ class Trainer(Block):
         return self._silent in signals and signals.now[self._silent].item() > 0.5
 
     def _is_planned(self, signals: Signals) -> bool:
-        """Return whether the goal is that of a plan, which no hand leads."""
+        """Return whether the goal is that of a plan, which no hand moves."""
         return self._planned in signals and signals.now[self._planned].item(0) == RUN
 
     # -- what is asked for ----------------------------------------------------------------------------

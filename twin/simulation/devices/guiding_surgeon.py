@@ -260,7 +260,7 @@ class GuidingSurgeon(SurgeonHands):
         yield from self._reach({hand: back}, self.manner.near)
 
     def _hand_over(self) -> Iterator[None]:
-        """Bring the ring to the meeting place, give it to the second arm, and lead the first arm out of the dome."""
+        """Bring the ring to the meeting place, give it to the second arm, and move the first arm out of the dome."""
         first, second, manner = self._first, self._second, self.manner
         centre, n = self._meeting()
         yield from self._reach({first: self._carrying(first, centre, n)}, manner.near)
@@ -293,7 +293,7 @@ class GuidingSurgeon(SurgeonHands):
         yield from self._let_go(hand)
 
     def _retract(self) -> Iterator[None]:
-        """Lead the second arm out of the dome."""
+        """Move the second arm out of the dome."""
         hand = self._first if self.mistake == "not_handed_over" else self._second
         if self.mistake == "wall_hit":
             wall = spatial.pose(p=[60 * MM, 0.0, 0.0]) @ self._tool(hand)

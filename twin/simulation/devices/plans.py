@@ -1,4 +1,4 @@
-"""Planned motions of the arms of a console, as an input of the World: whose target the hand leads, and poses to follow.
+"""Planned motions of the arms of a console, as an input of the World: whose target the hand moves, and poses to follow.
 
 A plan is made outside of the World. What the World receives, tick by tick, are its states and poses; so a recorded
 session is replayed without planning again.
@@ -74,7 +74,7 @@ class Plans(Block):
         return self._k / len(self._Ts) if len(self._Ts) else 0.0
 
     def aim(self, robot: str) -> None:
-        """From the next tick on, the hand leads the target of an arm, and all arms are at rest.
+        """From the next tick on, the hand moves the target of an arm, and all arms are at rest.
 
         Raises:
             WorldError: the console has no such arm.
@@ -103,7 +103,7 @@ class Plans(Block):
         self._new[f"{self.robot}.planned"] = _values(RUN, Ts[0])
 
     def stop(self, why: str = "") -> None:
-        """End planning or motion: the arm stays where it is, and the hands lead all arms again."""
+        """End planning or motion: the arm stays where it is, and the hands move all arms again."""
         self.why = why
         self._set("", OFF)
 

@@ -1,4 +1,4 @@
-"""The scripted hand of an operator: it leads the tool along a motion, scaled down, by packets of whole micrometres."""
+"""The scripted hand of an operator: it moves the tool along a motion, scaled down, by packets of whole micrometres."""
 
 from __future__ import annotations
 

@@ -31,7 +31,7 @@ class Modelled(Block):
     Reads `<robot>.given`, `<robot>.phase`, `<robot>.measured` and `<robot>.run`. Writes:
 
     - `<robot>.q` (n,): joints of the machine as measured, and `<robot>_model.q` (n,): those of the model;
-    - `<robot>.encoder` (n,): joints of the arm that the hand leads, which is the model in a rehearsal;
+    - `<robot>.encoder` (n,): joints of the arm that the hand moves, which is the model in a rehearsal;
     - `<robot>.model` (3,): run level of the model, speed of its tip in m/s, packets whose target was out of reach;
     - `<robot>.deviation` (2,): distance of both tips in m, and speed of the machine's tip in m/s;
     - `<robot>.apart` (n,): joint values of the model minus those of the machine, rad or m;

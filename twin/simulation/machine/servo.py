@@ -87,8 +87,8 @@ class Servo:
             if self.policy == "hard" and self.counted > self._most:
                 i = int(np.argmax(over))
                 self.stop = (
-                    f"{self.counted} commands above the limit of mode {self.mode} (at most {self._most:.0f}); "
-                    f"the last is {names[i]} with {asked[i]:.0f} counts (limit {self.limit[i]:.0f})"
+                    f"{self.counted} commands exceed the limit of mode {self.mode} ({self._most:.0f} are allowed); the "
+                    f"last one is {asked[i]:.0f} DAC counts for {names[i]} (limit {self.limit[i]:.0f})"
                 )
         if self.stop:
             return np.zeros_like(asked)

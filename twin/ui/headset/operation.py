@@ -99,7 +99,8 @@ class Operation(LiveConsole):
             props: mechanism of the props.
             report: makes the report of an attempt.
             condition: condition of the session.
-            fulcrum: which end of the instruments the hands lead at the start.
+            fulcrum: what the hands move at the start: the tips of the instruments ("compensated"), or their outer
+                ends.
             feed: deformables that are not in the World; None: none.
             organs: the organs of the scene; only needed for a procedure, whose World has them.
             machines: connections to the machines of the scene.

@@ -331,7 +331,7 @@ class Haptics(_Message):
 
 
 class Fulcrum(_Message):
-    """Choose the end of the instruments that the hands lead: "compensated" the tip, "direct" the outer end."""
+    """Choose the end of the instruments that the hands move: "compensated" the tip, "direct" the outer end."""
 
     type: Literal["fulcrum"]
     mode: Literal["compensated", "direct"]
@@ -352,7 +352,7 @@ class Button(_Message):
 
 
 class Plan(_Message):
-    """Make a step of planning mode for the arm of a hand: lead a target, find a motion to it, accept, or cancel it."""
+    """Make a step of planning mode for the arm of a hand: move a target, find a motion to it, accept, or cancel it."""
 
     type: Literal["plan"]
     do: Literal["aim", "find", "accept", "cancel"]

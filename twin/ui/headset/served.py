@@ -105,7 +105,7 @@ def of_scene(
 
     Args:
         scene: the scene.
-        robots: robots by name of their place.
+        robots: the robots, by the name of their place in the scene.
         props: mechanism of the props; None: no props.
         plans: whether the robots plan and play their protocols.
         feed: deformables; None: no deformables.
@@ -136,17 +136,17 @@ def of_console(
 
     Args:
         scene: the scene.
-        robots: robots by name of their place.
+        robots: the robots, by the name of their place in the scene.
         props: mechanism of the props; None: no props.
         session: file of the session; None: it is not recorded.
-        packets: address for hands by UDP; None: no packets.
+        packets: host and port at which poses of the hands are received by UDP; None: no UDP.
         mqtt: address of the MQTT broker for the motion scale; None: no broker.
         topic: topic of the motion scale; None: twin/<scene>/scale.
         task: the task at the console; None: no task.
         report: makes the report of an attempt at the task, see `LiveConsole`.
         condition: condition of the session; None: that of the scene.
-        fulcrum: which end of the instruments the hands lead at the start.
-        feed: deformables that are not in the World; None: none.
+        fulcrum: what the hands move at the start: the tips of the instruments ("compensated"), or their outer ends.
+        feed: deformable objects that are shown but not simulated; None: none.
         organs: the organs of the scene; only needed for a procedure.
         machines: connections to the machines of the scene; their models are shown beside them.
 

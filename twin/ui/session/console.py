@@ -468,7 +468,7 @@ class LiveConsole:
     def plan(self, client: str, do: PlanStep, hand: str) -> None:
         """Make a step of planning mode for the arm of a hand ("right" or "left"); every client may cancel.
 
-        "aim": the hand leads the target. "find": plan a motion to it. "accept": the arm makes this motion. "cancel":
+        "aim": the hand moves the target. "find": plan a motion to it. "accept": the arm makes this motion. "cancel":
         end planning mode, or stop the arm where it is.
 
         Raises:

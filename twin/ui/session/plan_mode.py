@@ -1,9 +1,11 @@
-"""Planning mode of a console: the hand leads a target through everything, a motion to it is planned, shown, and made.
+"""Planning mode of a console: the hand moves a target through everything, a motion to it is planned, shown, and made.
 
     off -> aim -> plan -> preview -> run -> off
 
-In `aim`, the hand leads the target, and all arms are at rest. `plan` searches in another process. `preview` shows the
-motion until it is accepted. In `run`, the arm follows it; the poses are an input of the World and in its recording.
+In `aim`, the hand moves the target, and all arms are at rest. `plan` searches in another process; the search begins
+already when the target rests, so that a user who stops before releasing the pedal does not wait for all of it.
+`preview` shows the motion until it is accepted. In `run`, the arm follows it; the poses are an input of the World and
+in its recording.
 """
 
 from __future__ import annotations
@@ -44,6 +46,25 @@ _SAID = 6.0
 
 _SAME = 1e-4
 """Largest difference in rad or m of all joints at which the target is where the arm is."""
+
+
+_REST = 0.15
+"""Time in s without motion of a free target after which the search begins before the pedal is released."""
+
+
+@dataclass
+class _Ahead:
+    """A search that began before the pedal was released.
+
+    Attributes:
+        job: what is planned.
+        pieces: what was found so far.
+        end: None while it runs; then "" or the error.
+    """
+
+    job: Plan
+    pieces: list[Any] = field(default_factory=list)
+    end: str | None = None
 
 
 @dataclass
@@ -93,6 +114,8 @@ class PlanMode:
         self._q = self._start = self._seen = np.zeros(0)
         self._checks = False
         self._tested: Array | None = None
+        self._ahead: _Ahead | None = None
+        self._moved = 0.0
         self.changes += 1
 
     @property
@@ -103,7 +126,7 @@ class PlanMode:
     # -- requests -------------------------------------------------------------------------------------
 
     def aim(self, hand: str, robot: str) -> None:
-        """Let a hand lead the target of its arm; in a preview, lead the same target again.
+        """Let a hand move the target of its arm; in a preview, move the same target again.
 
         Raises:
             TwinError: another arm is planned for, an arm moves, or this arm cannot be planned for.
@@ -114,13 +137,13 @@ class PlanMode:
             raise TwinError(f"a motion of {self.robot} is being planned: accept or cancel it first")
         if robot in self._table.through:
             raise TwinError(
-                f"{robot} is kept in its port by software, and the planner does not know its port: lead it by hand"
+                f"{robot} is kept in its port by software, and the planner does not know its port: move it by hand"
             )
         if robot in self._machines and (p := self._world().signals[f"{robot}.phase"][0]) > TrainerPhase.REHEARSE:
             name = TrainerPhase(int(p)).name.lower()
             raise TwinError(f"the trainer of {robot} is in '{name}': choose Engage or Rehearse, then plan")
         self._stream.cancel()
-        self._checks = False
+        self._checks, self._ahead = False, None
         again = self.phase != "off"
         if not again:
             self._clear()
@@ -141,18 +164,23 @@ class PlanMode:
             TwinError: there is no target, or it is where the arm is.
         """
         if self.phase != "aim":
-            raise TwinError("there is no target yet: press Plan, and lead the target")
+            raise TwinError("there is no target yet: press Plan, and move the target")
         start = self._at(self.robot)
         if np.abs(self._q - start).max() < _SAME:
-            raise TwinError(f"the target is where {self.robot} is: lead it away first")
+            raise TwinError(f"the target is where {self.robot} is: move it away first")
         self._enter()
-        room = self._require_room()
-        speed, turn = self._limits()
+        ahead, self._ahead = self._ahead, None
         self._start, self.phase, self.done, self.said, self.bad = start, "plan", 0.0, "", False
         self.plans.hold()
-        self._stream.start(Plan(room, start, self._q, speed, turn))
         self._checks = False
         self.changes += 1
+        if ahead is None or ahead.job.room is not self._room or not np.array_equal(ahead.job.goal, self._q):
+            self._stream.start(self._plan(start))
+            return
+        for piece in ahead.pieces:
+            self._take(piece)
+        if ahead.end is not None:
+            self._ended(ahead.end)
 
     def accept(self) -> None:
         """Let the arm make the planned motion.
@@ -161,7 +189,7 @@ class PlanMode:
             TwinError: there is no plan, or an arm has moved since.
         """
         if self.phase != "preview" or self.preview is None:
-            raise TwinError("there is no plan to accept: press Plan, and lead the target")
+            raise TwinError("there is no plan to accept: press Plan, and move the target")
         off = {n: float(np.abs(self._at(n) - q).max()) for n, q in self._stands.items()}
         off[self.robot] = float(np.abs(self._at(self.robot) - self._start).max())
         for name, size in off.items():
@@ -174,7 +202,7 @@ class PlanMode:
         self.changes += 1
 
     def cancel(self, why: str = "") -> None:
-        """End planning mode in any phase: the arm stays where it is, and the hands lead the arms again."""
+        """End planning mode in any phase: the arm stays where it is, and the hands move the arms again."""
         was = self.phase
         self._stream.cancel()
         self.plans.stop(why)
@@ -193,10 +221,14 @@ class PlanMode:
         if self.phase == "off":
             return
         pieces, end = self._stream.poll()
-        for piece in pieces:
-            self._take(piece)
-        if end is not None:
-            self._ended(end)
+        if self._ahead is not None:
+            self._ahead.pieces += pieces
+            self._ahead.end = self._ahead.end if end is None else end
+        else:
+            for piece in pieces:
+                self._take(piece)
+            if end is not None:
+                self._ended(end)
         if self.phase == "aim":
             if arm != self.robot:
                 return self.cancel(f"The clutch has chosen {arm}: planning of {self.robot} was cancelled.")
@@ -244,9 +276,21 @@ class PlanMode:
             if not first:
                 self.said, self.bad = why, False
             self.changes += 1
-        if self.ready and not self._checks and (self._tested is None or not np.array_equal(self._tested, self._q)):
-            self._tested, self._checks = self._q, True
+        if not self.ready or self._checks:
+            return
+        now = self._world().t
+        if self._tested is None or not np.array_equal(self._tested, self._q):
+            self._tested, self._checks, self._moved, self._ahead = self._q, True, now, None
             self._stream.start(Check(self._require_room(), self._q))
+        elif self._ahead is None and not self.blocked and now - self._moved > _REST:
+            start = self._at(self.robot)
+            if np.abs(self._q - start).max() >= _SAME:
+                self._ahead = _Ahead(self._plan(start))
+                self._stream.start(self._ahead.job)
+
+    def _plan(self, start: Array) -> Plan:
+        """Return the plan from start (n,) to the target."""
+        return Plan(self._require_room(), start, self._q, *self._limits())
 
     def _reached(self, member: Member, T: Array) -> tuple[Array, str]:
         """Return the joint values (n,) at a pose (4, 4) in base, or the last ones and why there are none."""
@@ -299,9 +343,6 @@ class PlanMode:
         links = self._world().link_poses()
         poses = {n: dict(links[n]) for n in others}
         self._room, self.ready = Room(next(self._numbers), self._source, self.robot, poses), False
-
-    def _room_now(self) -> Room:
-        return self._require_room()
 
     def _require_room(self) -> Room:
         assert self._room is not None

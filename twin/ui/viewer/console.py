@@ -59,7 +59,7 @@ BEFORE_LENS, THICK = 0.01, 0.006
 """Distance in m of the line of a camera task from the lens; its thickness divided by the height of the picture."""
 
 _FELT = 0.05
-"""Smallest force in N on a hand that is shown."""
+"""Forces on a hand below this value in N are not shown."""
 
 STILL = 1e-9
 """Joint motion in rad or m that counts as rest; an arm at a limit may move by rounding errors."""

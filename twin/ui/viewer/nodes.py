@@ -142,10 +142,12 @@ class RobotNodes:
     def equations(
         self, points: Mapping[str, Array], actual: Mapping[str, Array], agrees: bool, exaggerated: float
     ) -> None:
-        """Draw the named points (3,) of the equations; points of the same body are connected by lines.
+        """Draw the points that the robot's equations compute; lines connect points of the same body.
 
-        `points` and `actual` are the points of equations and mechanism, in m in the base frame; without points, nothing
-        is drawn. `agrees` determines the colour; `exaggerated` magnifies the distance between both sets of points.
+        `points` (from the equations) and `actual` (from the mechanism) are positions (3,) in m in the base frame, by
+        name. The lines are green if the equations agree with the mechanism (`agrees`), otherwise red. The distance of
+        each point from its actual position is drawn `exaggerated` times as large. If no body has two points, nothing is
+        drawn.
         """
         owner = {p.name: p.body for p in self._mechanism.points}
         known = [n for n in points if n in owner and n in actual and np.isfinite(points[n]).all()]

@@ -15,8 +15,8 @@ from twin.ui.session.pens import Pens
 from twin.ui.viewer.deviation import DeviationCurve, largest
 
 _MODES = (
-    (Mode.TELEOPERATE, "Engage", "The hand leads the machine and its model"),
-    (Mode.REHEARSE, "Rehearse", "Disengage the machine; the hand leads the model, and the motion is recorded"),
+    (Mode.TELEOPERATE, "Engage", "The hand moves the machine and its model"),
+    (Mode.REHEARSE, "Rehearse", "Disengage the machine; the hand moves the model, and the motion is recorded"),
     (Mode.JUDGE, "Judge", "End the rehearsal, and judge its speed and reach"),
     (Mode.REPLAY, "Run", "Re-engage the machine: it repeats the record, with checks of speed and deviation"),
 )

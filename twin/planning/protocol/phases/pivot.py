@@ -28,7 +28,10 @@ class PivotTable(PhaseTable):
     in_patient: ClassVar[bool] = True
 
     def follow(self, walk: Walk) -> None:
-        """Check that an RCM is registered, or register the trocar; end at the waypoint."""
+        """Register the trocar as the RCM, if the phase names one, and end the phase at the waypoint.
+
+        If no RCM is registered then, or the waypoint lacks its depth or position, the protocol is refused.
+        """
         walk.through(self.trocar)
         walk.registered(self.type)
         need = "depth_mm" if self.rcm == "enforced" else "position_mm"

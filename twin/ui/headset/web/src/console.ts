@@ -137,12 +137,12 @@ export class Console {
     return this.app.model.console?.haptics ?? false;
   }
 
-  /** Let the hands lead the other end of the instruments. */
+  /** Let the hands move the other end of the instruments. */
   toggleFulcrum(): void {
     if (this.info.fulcrum) this.app.ask('fulcrum', { mode: this.app.model.console?.fulcrum === 'direct' ? 'compensated' : 'direct' });
   }
 
-  /** Return a text on the end of the instruments that the hands lead. */
+  /** Return a text on the end of the instruments that the hands move. */
   fulcrumText(): string {
     return this.app.model.console?.fulcrum === 'direct'
       ? 'Fulcrum direct: the tip goes the other way'

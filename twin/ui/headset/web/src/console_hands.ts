@@ -24,7 +24,7 @@ export const TRACKED: readonly (readonly [what: string, how: string])[] = [
   ['Jaws', 'trigger, or thumb and index finger'],
   ['Clutch', 'grip button, or one fist'],
   ['Camera', 'A, X or the stick pushed in, or two fists'],
-  ['Plan a motion', 'hold B or Y and lead the target, release; then the panel'],
+  ['Plan a motion', 'hold B or Y and move the target, release; then the panel'],
   ['Panel', 'a hand that points at it moves no instrument'],
 ];
 

@@ -40,9 +40,9 @@ export const KEYS: readonly (readonly [what: string, keys: string])[] = [
   ['Clutch (instruments at rest)', 'hold Space'],
   ['Motion scale', '– and +'],
   ['Forces on or off', 'T'],
-  ['Plan a motion', 'hold P and lead the target, release; Enter, Escape'],
+  ['Plan a motion', 'hold P and move the target, release; Enter, Escape'],
   ['Swap the pictures', 'V'],
-  ['Lead the other end of instruments in ports', 'G'],
+  ['Move the other end of instruments in ports', 'G'],
 ];
 
 export class Keys {

@@ -10,8 +10,8 @@ const SMALLEST = 0.001;
 const DEG = Math.PI / 180;
 
 const PHASES: Record<MachineState['phase'], string> = {
-  teleoperate: 'The hand leads machine and model.',
-  rehearse: 'The hand leads the model; the machine holds.',
+  teleoperate: 'The hand moves machine and model.',
+  rehearse: 'The hand moves the model; the machine holds.',
   judged: 'The record is judged good: run it on the machine.',
   replay: 'The machine and the model repeat the record.',
   done: 'The machine has repeated the record.',
@@ -21,8 +21,8 @@ const PHASES: Record<MachineState['phase'], string> = {
 
 /** Buttons of the trainer: mode, label, hint. */
 const MODES = [
-  ['teleoperate', 'Engage', 'The hand leads the machine and its model'],
-  ['rehearse', 'Rehearse', 'Disengage the machine; the hand leads the model, and the motion is recorded'],
+  ['teleoperate', 'Engage', 'The hand moves the machine and its model'],
+  ['rehearse', 'Rehearse', 'Disengage the machine; the hand moves the model, and the motion is recorded'],
   ['judge', 'Judge', 'End the rehearsal, and judge its speed and reach'],
   ['replay', 'Run', 'Re-engage the machine: it repeats the record, with checks of speed and deviation'],
 ] as const;

@@ -31,7 +31,7 @@ export const PAD: readonly (readonly [what: string, how: string])[] = [
   ['Jaws, energy', 'triggers: pull to open, or to switch on'],
   ['Next tool', 'left: direction pad left; right: X'],
   ['Clutch, camera', 'left, right bumper'],
-  ['Plan a motion', 'hold B and lead the target, release; Menu accepts, View cancels'],
+  ['Plan a motion', 'hold B and move the target, release; Menu accepts, View cancels'],
 ];
 
 export class Pad {

@@ -1,6 +1,6 @@
 /**
  * Planning mode: the ghost of the arm at the target (red where it is not free), the planned motion, and its clearance.
- * A pedal begins: the hand leads the target; the release of the pedal plans. Then the motion is accepted or cancelled.
+ * A pedal begins: the hand moves the target; the release of the pedal plans. Then the motion is accepted or cancelled.
  */
 
 import { BufferGeometry, Float32BufferAttribute, Group, LineBasicMaterial, LineSegments, Mesh, MeshStandardMaterial, Object3D } from 'three';
@@ -63,14 +63,14 @@ export class Planning {
     return this.state?.phase ?? 'off';
   }
 
-  /** Whether the arms rest or follow a plan, so that no hand leads anything. */
+  /** Whether the arms rest or follow a plan, so that no hand moves anything. */
   get holds(): boolean {
     return this.phase === 'plan' || this.phase === 'preview' || this.phase === 'run';
   }
 
   // -- what the user asks for ---------------------------------------------------------------------------
 
-  /** Press or release the pedal: held, it is down while the hand leads the target; a tap leaves it down. */
+  /** Press or release the pedal: held, it is down while the hand moves the target; a tap leaves it down. */
   press(device: string, on: boolean): void {
     const since = this.pressed.get(device);
     if (on === (since !== undefined)) return;
@@ -89,7 +89,7 @@ export class Planning {
     this.pressed.delete(device);
   }
 
-  /** Let the hand lead a target; in a preview, the same one again. */
+  /** Let the hand move a target; in a preview, the same one again. */
   aim(): void {
     this.ask('aim');
   }
@@ -129,7 +129,7 @@ export class Planning {
       if (said) return { tone: state.bad ? 'bad' : 'warn', text: said };
       if (blocked) return { tone: 'warn', text: `Target of ${robot} (red): ${blocked}.` };
       const loads = state.ready ? '' : ' The geometry is being loaded.';
-      return { tone: 'good', text: `Lead the target of ${robot} through everything; the arm rests. Then find a path.${loads}` };
+      return { tone: 'good', text: `Move the target of ${robot} through everything; the arm rests. Then find a path.${loads}` };
     }
     if (state.phase === 'plan') return { tone: 'plain', text: `Planning a motion of ${robot}: ${percent(state.done)}` };
     if (state.phase === 'run') return { tone: 'good', text: `${robot} follows the plan: ${percent(state.done)}` };

@@ -85,7 +85,7 @@ export interface ConsoleInfo {
   scale: Numbers;
   /** Time in s without a message after which nothing moves. */
   patience: number;
-  /** Whether the hands can lead the outer ends of the instruments. */
+  /** Whether the hands can move the outer ends of the instruments. */
   fulcrum: boolean;
   /** Whether there is a task to end or restart. */
   task: boolean;
@@ -110,7 +110,7 @@ export interface MachinesInfo {
   joints: Record<string, [string, boolean][]>;
   /** Distance of the tips in m above which there is a cue; null: there is none. */
   limit: number | null;
-  /** Whether a trainer leads them. */
+  /** Whether a trainer moves them. */
   trains: boolean;
 }
 
@@ -199,7 +199,7 @@ export interface ConsoleState {
   /** Whether the forces on the hands are switched on. */
   haptics: boolean;
   hands: Record<Side, HandState>;
-  /** Which end of the instruments the hands lead: the tip, or the outer end; null: the mechanism decides. */
+  /** Which end of the instruments the hands move: the tip, or the outer end; null: the mechanism decides. */
   fulcrum: 'compensated' | 'direct' | null;
   /** Text on the camera's limit; null if it is at no limit. */
   camera: string | null;

@@ -54,7 +54,7 @@ export function pedals(console: Console): Control {
         on: () => console.plan.phase !== 'off',
         off: () => console.plan.phase !== 'off',
         press: () => console.plan.aim(),
-        hint: 'Lead a target through everything, and plan a motion of the arm to it (hold P)',
+        hint: 'Move a target through everything, and plan a motion of the arm to it (hold P)',
       },
       jaw('left'),
       jaw('right'),
@@ -95,17 +95,6 @@ export function atConsole(app: App, console: Console): Tab {
       },
     })),
     {
-      kind: 'slider',
-      id: 'motion-scale',
-      label: 'Motion scale',
-      range: () => [console.info.scale[0] ?? 0.05, console.info.scale[1] ?? 1],
-      get: () => console.scale,
-      set: (v) => console.setScale(v),
-      show: (v) => v.toFixed(2),
-    },
-    ...tools(app, console),
-    { kind: 'text', id: 'forces', text: () => console.forces.text() },
-    {
       kind: 'row',
       items: [
         {
@@ -120,6 +109,17 @@ export function atConsole(app: App, console: Console): Tab {
         { kind: 'button', id: 'let-go', label: () => 'Release the hands', off: () => !console.pens.active, press: () => console.pens.drop() },
       ],
     },
+    {
+      kind: 'slider',
+      id: 'motion-scale',
+      label: 'Motion scale',
+      range: () => [console.info.scale[0] ?? 0.05, console.info.scale[1] ?? 1],
+      get: () => console.scale,
+      set: (v) => console.setScale(v),
+      show: (v) => v.toFixed(2),
+    },
+    ...tools(app, console),
+    { kind: 'text', id: 'forces', text: () => console.forces.text() },
     ...stereo,
     { kind: 'head', text: 'Mouse, in the endoscope’s picture' },
     list('mouse', [
@@ -174,7 +174,7 @@ function tools(app: App, console: Console): Control[] {
     label: () => console.fulcrumText(),
     on: () => app.model.console?.fulcrum === 'direct',
     press: () => console.toggleFulcrum(),
-    hint: 'Whether the hand leads the tip, or the outer end of the instrument, which pivots in its port',
+    hint: 'Whether the hand moves the tip, or the outer end of the instrument, which pivots in its port',
   };
   return [...out, { kind: 'row', items: [button] }];
 }

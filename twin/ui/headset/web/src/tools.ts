@@ -1,4 +1,4 @@
-/** The window of tools: which tool each instrument holds, and which end of the instruments the hands lead. */
+/** The window of tools: which tool each instrument holds, and which end of the instruments the hands move. */
 
 import type { App } from './app';
 import type { Console } from './console';
