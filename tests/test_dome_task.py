@@ -6,6 +6,7 @@ import hashlib
 import json
 import tomllib
 from dataclasses import replace
+from types import SimpleNamespace
 
 import mujoco
 import numpy as np
@@ -16,14 +17,16 @@ import twin
 from benchmarks.guiding import judge
 from twin.api.act import props_of, robots_at
 from twin.api.session import FILE, operate_console, replay_session
+from twin.api.standing import standing
 from twin.cli import main
 from twin.core import spatial
-from twin.core.errors import DescriptionError, TwinError, WorldError
+from twin.core.errors import DescriptionError, ProtocolError, TwinError, WorldError
 from twin.core.units import DEG, MM
 from twin.model.body import Mesh
 from twin.model.guide import GuideTable
 from twin.model.movable import Movable
 from twin.model.scene import load_scene
+from twin.reference import ReferenceModel
 from twin.simulation import contact_scene
 from twin.simulation.contact_scene import Course
 from twin.simulation.devices.guiding_surgeon import GuidingSurgeon
@@ -31,7 +34,7 @@ from twin.simulation.devices.surgeon_hands import Eye
 from twin.simulation.plants.contact import Contact, Solid
 from twin.simulation.plants.contact.gripper import grip_frame
 from twin.simulation.session.guiding import STEPS, Referee
-from twin.simulation.ways import _stations
+from twin.simulation.ways import Ways, _stations
 from twin.ui.session.console import LiveConsole
 
 
@@ -108,6 +111,64 @@ def test_stations_of_a_way_are_near_each_other():
     places = Ts[[0, *rows], 0, 3]
     assert np.diff(places).max() < 8.6 * MM
     assert _stations(np.broadcast_to(np.eye(4), (200, 4, 4)).copy()) == [199]
+
+
+@pytest.fixture(scope="module")
+def arms(scene):
+    robots = robots_at(scene.places)
+    return {name: (robot.mechanism, robot.kinematics()) for name, robot in robots.items()}
+
+
+def test_ways_go_around_what_planning_goes_around(scene, props, arms):
+    ring = scene.objects[0]
+    q = {name: np.array(mechanism.posture("home")) for name, (mechanism, _) in arms.items()}
+    q["ecm"] = q["ecm"] + 0.05
+    place = next(p for p in scene.places if p.name == "ecm")
+    links = ReferenceModel(arms["ecm"][0]).solve(q["ecm"]).link_poses
+    poses = {"ecm": {body: place.T_world_base @ T for body, T in links.items()}}
+    wanted = standing("raven_dome", "raven_left", twin.load, poses)
+    ways = Ways(scene, arms, props)
+    found = ways.obstacles("raven_left", q, {ring.name: ring.T_world_object})
+    assert [s.name for s in found] == [*(s.name for s in wanted), ring.name]
+    np.testing.assert_allclose([s.T_base_body for s in found[:-1]], [s.T_base_body for s in wanted], atol=1e-12)
+    assert len(ways.obstacles("raven_left", q, {})) == len(wanted)
+
+
+def test_ways_keep_the_clearance_of_the_scene_and_let_touch_what_may(scene, props, arms):
+    name = next(b.name for b in props.bodies)
+    pair = (f"raven_left/{arms['raven_left'][0].bodies[-1].name}", f"{props.name}/{name}")
+    ways = Ways(replace(scene, clearance=3 * MM, touching=frozenset({frozenset(pair)})), arms, props)
+    assert ways.clearance == 3 * MM
+    touches = {s.name: s.touches for s in ways.obstacles("raven_left", {}, {})}
+    assert touches.pop(pair[1]) == {pair[0].split("/")[1]}
+    assert set(touches.values()) == {frozenset()}
+
+
+class NoWay:
+    """A planner that finds no way and keeps what it was asked."""
+
+    clearance = 3 * MM
+
+    def __init__(self):
+        self.goals, self.clearances = [], []
+
+    def plan(self, robot, goal, q, objects, clearance, seed=0):
+        self.goals.append(goal)
+        self.clearances.append(clearance)
+        raise ProtocolError("there is no way")
+
+
+def test_the_way_out_ends_where_the_arm_began_with_the_jaws_as_they_are():
+    kin = SimpleNamespace(auxiliary=np.array([False, True, False, True]), forward=lambda q: np.eye(4))
+    arms = {h: Eye(h, kin, np.eye(4), np.eye(4)) for h in ("right", "left")}
+    ways = NoWay()
+    surgeon = GuidingSurgeon("pedals", arms, "ecm", 1.0, RING, Course(WIRE, BALL), "left", ways, 0.5)
+    now = {"ring.pose": np.eye(4).ravel(), "right.q": np.arange(4.0), "left.q": np.zeros(4), "ecm.q": np.zeros(4)}
+    surgeon._signals = now
+    list(surgeon._follow("right", np.eye(4), np.full(4, 9.0)))
+    np.testing.assert_array_equal(ways.goals, [[9, 1, 9, 3]] * 3)
+    assert ways.clearances == [3 * MM, 1.5 * MM, 0.75 * MM]
+    assert surgeon.missed == ["way of right: there is no way"]
 
 
 # -- how it is judged ----------------------------------------------------------------------------------------
