@@ -232,12 +232,15 @@ def test_a_task_done_well_has_all_steps_in_order():
         (WELL[:1], STEPS, 0),  # nobody took the ring
         ([(-30, L, {})] * 3, STEPS, 0),  # grasped, but not lifted
         ([(p, L if h == R else h, m) for p, h, m in WELL], STEPS[1:], 1),  # the first arm guides it
-        ([(p, R if h == L else h, m) for p, h, m in WELL], STEPS, 0),  # the second arm picks it up
+        ([(p, R if h == L else h, m) for p, h, m in WELL], STEPS, 1),  # the second arm picks it up
         (
             [*WELL[:3], (-20, NOBODY, {}), (-20, NOBODY, {}), *WELL[3:]],
             STEPS[1:],
             2,
         ),  # dropped, then taken by the second
+        ([*WELL[:2], (-30, NOBODY, {}), *WELL[1:]], (), 0),  # a first grasp fails
+        ([*WELL[:2], (-30, NOBODY, {}), (-20, NOBODY, {}), *WELL[2:]], (), 1),  # it falls off before it is picked up
+        ([WELL[0], (-20, NOBODY, {}), *WELL[2:]], (), 0),  # moved before any hand held it
         ([*WELL[:10], (20, NOBODY, {}), (20, NOBODY, {}), (20, NOBODY, OUT)], STEPS[2:], 1),  # released in the middle
         (
             [*WELL[:4], ((-3, 20, 0), R, {}), (20, R, {}), *WELL[10:]],
@@ -252,11 +255,20 @@ def test_a_task_done_well_has_all_steps_in_order():
         ([*WELL, (39, NOBODY, {})], STEPS[4:], 0),  # a tool comes back
     ],
 )
-def test_each_step_can_be_missed(steps, missed, drops):
+def test_steps_are_missed_and_drops_counted(steps, missed, drops):
     found, referee = judged(steps)
     assert found.missed == list(missed)
     assert found.drops == drops
-    assert not referee.complete
+    assert referee.complete == (not missed)
+
+
+def test_after_a_drop_it_is_said_who_must_pick_the_ring_up():
+    _, referee = judged([*WELL[:3], (-20, NOBODY, {}), *WELL[3:]])
+    assert referee.content()["events"][1][1:] == ["bad", "ring was dropped: l must pick it up again"]
+    found, referee = judged([*WELL[:3], (-20, NOBODY, {}), *WELL[2:]])  # it does
+    assert (found.missed, found.drops) == ([], 1)
+    _, referee = judged([*WELL[:8], (12, NOBODY, {}), *WELL[8:]])  # after handing over any arm may
+    assert "ring was dropped" in [e.text for e in referee.events]
 
 
 @pytest.mark.parametrize(
@@ -344,7 +356,7 @@ def test_an_attempt_by_hand_has_the_scoreboard_and_can_be_ended(scene, props):
     board = live.reading["task"]
     assert dict(board["rows"])["Steps done"] == "0 of 5"
     assert [name for name, *_ in board["rings"]] == ["ring"]
-    assert board["rings"][0][1] == "on the tower"
+    assert board["rings"][0][1] == "not picked up"
     live.end("page 1")
     live.advance(0.01)
     assert live.reading["task"]["over"] == "The task was ended."
