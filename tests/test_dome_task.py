@@ -6,6 +6,7 @@ import hashlib
 import json
 import tomllib
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 
 import mujoco
@@ -365,6 +366,8 @@ def test_an_attempt_by_hand_has_the_scoreboard_and_can_be_ended(scene, props):
 
 # -- the whole task ------------------------------------------------------------------------------------------
 
+DOCS = Path(__file__).parents[1] / "docs/raven.md"
+
 
 @pytest.fixture(scope="module")
 def performed(scene):
@@ -401,16 +404,22 @@ def test_the_same_seed_gives_the_same_bytes_and_they_replay(scene, performed, tm
 @pytest.mark.parametrize(
     ("mistake", "missed", "exceeded"),
     [
-        ("dropped", "handed over", ["drops of the ring"]),
-        ("wire_touched", None, ["touches of the wire"]),
-        ("left_inside", "retracted", []),
+        ("dropped", STEPS[1:], {"drops of the ring"}),
+        ("not_handed_over", STEPS[1:], {"drops of the ring"}),
+        ("stopped_short", STEPS[2:], {"drops of the ring"}),
+        ("wire_touched", (), {"touches of the wire", "collisions of instruments"}),
+        ("wall_hit", (), {"collisions of instruments"}),
+        ("left_inside", STEPS[4:], set()),
     ],
 )
-def test_a_mistake_fails_its_own_check(scene, mistake, missed, exceeded):
+def test_a_mistake_fails_what_the_docs_say(scene, mistake, missed, exceeded):
     found = operate_console(scene, seed=3, mistake=mistake)
     assert found.verdict == "disagree"
-    assert next(iter(found.guided.missed), None) == missed
-    assert {row[0] for row in found.guided.exceeded} >= set(exceeded)
+    assert found.guided.missed == list(missed)
+    assert {row[0] for row in found.guided.exceeded} == exceeded
+    row = next(line for line in DOCS.read_text(encoding="utf-8").splitlines() if line.startswith(f"| `{mistake}` |"))
+    said = [cell.strip() for cell in row.split("|")[3:5]]
+    assert said == [", ".join(missed) or "-", ", ".join(sorted(exceeded)) or "-"]
 
 
 @pytest.mark.slow
