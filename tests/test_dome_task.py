@@ -329,6 +329,7 @@ def test_a_wrong_wire_or_dome_is_named(scene, props):
     task = scene.tasks["ring"]
     for field, value, text in (
         ("wire", "wire_peice", "there is no wire 'wire_peice'"),
+        ("wire", "wire_piece01", "the wire has one part, 'wire_piece01'.* as two or more parts"),
         ("dome", "doom", r"there is no solid body 'doom'\. Did you mean 'dome'"),
     ):
         wrong = replace(task, guide=task.guide.model_copy(update={field: value}))
