@@ -117,6 +117,7 @@ def _leg(path: PhasePath, protocol: Protocol, kinematics: PathKinematics, dt: fl
     certified = [] if not isinstance(path.phase, Free) else _certified(path.phase, kinematics, joints)
     limits = protocol.limits[path.phase.type]
     max_speed, max_acceleration = _joint_limits(path, protocol, kinematics)
+    max_jerk = np.inf if kinematics.max_jerk is None else kinematics.max_jerk
     fast = np.isfinite(kinematics.motors.max_speed)  # each motor with a speed limit is a further limited coordinate
     rows, motor_speed = kinematics.motors.rows[fast], kinematics.motors.max_speed[fast]
 
@@ -146,7 +147,9 @@ def _leg(path: PhasePath, protocol: Protocol, kinematics: PathKinematics, dt: fl
         m = path.motion(s)
         parts = ((m.p1, m.p2, limits.tip_jerk), (m.w1, m.w2, limits.rotation_jerk))
         accelerations = [(d1 * sdd[:, None] + d2 * sd[:, None] ** 2, most) for d1, d2, most in parts]
-        return max(float(np.max(np.linalg.norm(np.diff(a, axis=0), axis=1))) / (dt * most) for a, most in accelerations)
+        tip = max(float(np.max(np.linalg.norm(np.diff(a, axis=0), axis=1))) / (dt * most) for a, most in accelerations)
+        of_joints = joints(s, 1) * sdd[:, None] + joints(s, 2) * sd[:, None] ** 2
+        return max(tip, float(np.max(np.abs(np.diff(of_joints, axis=0)) / (dt * max_jerk))))
 
     try:
         timing = time_path(
@@ -158,7 +161,7 @@ def _leg(path: PhasePath, protocol: Protocol, kinematics: PathKinematics, dt: fl
             extra=extra,
             dt=dt,
             load=load,
-            jerk=jerk if min(limits.tip_jerk, limits.rotation_jerk) < np.inf else None,
+            jerk=jerk if min(limits.tip_jerk, limits.rotation_jerk, np.min(max_jerk)) < np.inf else None,
         )
     except TimingError as error:
         raise TimingError(f"{where}: {error}") from error

@@ -13,6 +13,7 @@ Told = Mapping[str, Callable[[Joint], object]]
 SOFT_LIMITS: Told = {"soft limits": lambda j: j.soft_limits}
 MAX_SPEEDS: Told = {"maximum speeds": lambda j: j.max_speed}
 MAX_ACCELERATIONS: Told = {"maximum accelerations": lambda j: j.max_acceleration}
+MAX_JERKS: Told = {"maximum jerks": lambda j: j.max_jerk}
 CONES: Told = {"cones": lambda j: j.cone}
 
 
