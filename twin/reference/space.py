@@ -252,7 +252,7 @@ class JointSpace:
         for joint, x, (low, high) in zip(self._model.mechanism.active, q, self.limits, strict=True):
             unit, factor = ("deg", DEG) if joint.is_angle else ("mm", MM)
             beyond = max(low - x, x - high)
-            if beyond > 0:
+            if beyond > _ROUNDING:
                 return (
                     f"joint {joint.name} = {x / factor:.6g} {unit} is {beyond / factor:.4g} {unit} beyond its limits "
                     f"{low / factor:.6g} to {high / factor:.6g} {unit}"
@@ -490,7 +490,7 @@ class JointSpace:
 
     def _free_each_closed(self, a: Array, b: Array) -> np.ndarray:
         """Return the result of `free_each`, (m,) bool, for straight paths of a mechanism with loops."""
-        count = int(np.ceil((np.abs(b - a) / self._steps).max())) + 1
+        count = max(int(np.ceil((np.abs(b - a) / self._steps).max())) + 1, 2)  # 2 also if all have no length
         stations, ok = self._closing.each(a, b, count)
         ok &= self._within(a) & self._within(b)
         tree, rows = self._model.tree, np.flatnonzero(ok)
@@ -543,7 +543,7 @@ class JointSpace:
             within: accepted difference in m between the smallest distance found and the bound.
 
         Raises:
-            MechanismError: the loops of the mechanism do not close along the path.
+            MechanismError: the path exceeds joint limits, `keep` excludes a state, or loops do not close along it.
         """
         seen, pairs = self._stations(path), self._pairs
         if seen is None:
