@@ -17,7 +17,7 @@ from twin import api
 from twin.cli import main
 from twin.core import spatial
 from twin.core.errors import CancelledError, ProtocolError, TwinError
-from twin.model.joined import joined
+from twin.model.joined import joined, owners
 from twin.planning.around import around
 from twin.planning.smooth import line
 from twin.planning.timing import time_path
@@ -36,7 +36,7 @@ def both(limits=None):
     if limits is not None:
         right = replace(right, joints=tuple(replace(j, limits=limits) for j in right.joints))
     arms = {"left": (arm(), PLACES["left"]), "right": (right, PLACES["right"])}
-    return space_of(joined({"left": arms["left"]})), space_of(joined(arms), arms=("left", "right"))
+    return space_of(joined({"left": arms["left"]})), space_of(joined(arms), arms=owners(arms))
 
 
 def boxes(q, T):
@@ -127,6 +127,16 @@ def test_joined_arms_have_the_poses_of_the_single_ones():
     for name, (mechanism, T_world_base) in single.items():
         for body, T_base_body in ReferenceModel(mechanism).home().link_poses.items():
             np.testing.assert_allclose(links[f"{name}_{body}"], T_world_base @ T_base_body, atol=1e-9)
+
+
+def test_each_body_belongs_to_its_arm_even_if_names_begin_alike():
+    """Two arms psm and psm_2 at one place collide in their rest poses: all pairs of both count, in full."""
+    arms = {"psm": (arm(), PLACES["left"]), "psm_2": (arm(), PLACES["left"])}
+    assert set(owners(arms)) | {"world"} == {b.name for b in joined(arms).bodies}
+    pairs = space_of(joined(arms), arms=owners(arms))._pairs
+    names = [{pairs.shapes[i].name for i in row} for row in pairs.rows]
+    for link in range(3):
+        assert {f"psm_link{link}", f"psm_2_link{link}"} in names
 
 
 def raven(side, tmp_path, **waypoints):

@@ -11,10 +11,11 @@ distance.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
+from types import MappingProxyType
 
 import numpy as np
 
@@ -132,7 +133,7 @@ class JointSpace:
         *,
         keep: Keep | None = None,
         around: Callable[[], Sequence[Still]] | None = None,
-        arms: Sequence[str] = (),
+        arms: Mapping[str, str] = MappingProxyType({}),
     ) -> None:
         """Define the space of a mechanism; nothing is computed yet.
 
@@ -141,7 +142,7 @@ class JointSpace:
             clearance: required distance in m between bodies; see the class.
             keep: additional test of states; None: all states are allowed.
             around: function that returns the obstacles, called at first use; None: there are none.
-            arms: names of the arms of a mechanism that is `twin.model.joined`.
+            arms: name of the arm of each body of a mechanism that is `twin.model.joined`; see `joined.owners`.
         """
         self._arms = arms
         self._make, self.clearance, self._keep, self._around = make, clearance, keep, around
