@@ -85,6 +85,11 @@ def test_two_arms_exchange_places_without_touching(seed):
     rates = np.diff(path(timing.s), axis=0) / 1e-3
     assert np.abs(rates).max() <= 1.001
     assert apart(path(timing.s[::20])).min() >= seen.proven
+    # u grows faster than s here and there, so that the certificate has parts; its place counts along the whole path
+    space = Behind(whole, first)
+    seen = space.certify(path._path)
+    assert len(space._parts(path._path)) > 1
+    assert whole.nearest(path(np.array([seen.s]))[0]) == (pytest.approx(seen.found, abs=1e-6), seen.bodies)
 
 
 def test_a_third_coordinate_that_may_not_decrease_orders_the_connections():

@@ -129,14 +129,14 @@ class _Plan:
 
     def _space(self, count: int) -> JointSpace:
         """Return the space of the first arms; those after them are left out, all other robots are obstacles."""
-        from twin.api.standing import beside
+        from twin.api.standing import obstacles
         from twin.model.joined import joined, owners
         from twin.reference import ReferenceModel
         from twin.reference.space import JointSpace
 
         names = [a.name for a in self.arms]
         parts = {a.name: (a.mechanism, a.place.T_world_base) for a in self.arms[:count]}
-        around = lambda: beside(self.read, names, load)  # noqa: E731
+        around = lambda: obstacles(self.read, names, load)  # noqa: E731
         return JointSpace(lambda: ReferenceModel(joined(parts)), self.clearance, around=around, arms=owners(parts))
 
     def made(self) -> PlannedTogether:

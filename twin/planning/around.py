@@ -48,8 +48,7 @@ def around(
         progress: called with the fraction done of the current search.
         cancelled: asked every few milliseconds, in the same thread; once it is true, the search ends. None: never.
         cost: what the search minimises; None: the length of the path.
-        grown: called with the tree of each search: none if the straight path is free, more than one if the first
-            search finds no path.
+        grown: called after each search with its tree; not called if the straight path is free.
 
     Raises:
         CancelledError: `cancelled` was true.

@@ -8,7 +8,8 @@ import numpy as np
 
 from twin.core.errors import ProtocolError, TwinError
 from twin.core.spatial import Array
-from twin.planning.feasible import ROUNDING, Anchor, margins_at, said
+from twin.core.units import ROUNDING
+from twin.planning.feasible import Anchor, margins_at, said
 from twin.planning.path import Path
 from twin.planning.protocol import Free
 from twin.planning.trajectory import PathKinematics

@@ -21,6 +21,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from twin.core.spatial import Array
+from twin.core.units import ROUNDING
 from twin.reference.model import GAP_TOLERANCE, ReferenceModel
 from twin.reference.newton import minimise
 
@@ -47,9 +48,6 @@ _FLOOR = 1e-12
 
 _KNOWN = 20_000
 """Number of kept states that were not reached in small steps, above which the older half of them is dropped."""
-
-_EQUAL = 1e-9
-"""Resolution (m, rad) at which joint values are compared: the end of a path differs from its goal by rounding."""
 
 
 class Closing:
@@ -314,4 +312,4 @@ class Closing:
 
 def _keys(q: Array) -> list[bytes]:
     """Return a key of each row of joint values q (k, n), the same for values that differ by rounding."""
-    return [row.tobytes() for row in np.rint(q / _EQUAL).astype(np.int64)]
+    return [row.tobytes() for row in np.rint(q / ROUNDING).astype(np.int64)]

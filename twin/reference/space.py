@@ -21,7 +21,7 @@ import numpy as np
 
 from twin.core.errors import MechanismError
 from twin.core.spatial import Array
-from twin.core.units import DEG, MM
+from twin.core.units import DEG, MM, ROUNDING
 from twin.reference.closing import Closing
 from twin.reference.model import ReferenceModel
 from twin.reference.pairs import SEARCHED, Pairs, Still
@@ -41,9 +41,6 @@ speeds at its two ends by up to 0.3 %."""
 
 _BETWEEN_LOOPS = 1.5
 """Safety factor for passive joints, whose speeds are known only at stations; the value is chosen, not derived."""
-
-_ROUNDING = 1e-9
-"""Amount (m, rad) by which a path may exceed limits: a series that ends at a limit is rounded there too."""
 
 _SAME = 1 * MM
 """Two assemblies are in the same mode if each body has the same position in both, within this distance in m."""
@@ -253,7 +250,7 @@ class JointSpace:
         for joint, x, (low, high) in zip(self._model.mechanism.active, q, self.limits, strict=True):
             unit, factor = ("deg", DEG) if joint.is_angle else ("mm", MM)
             beyond = max(low - x, x - high)
-            if beyond > _ROUNDING:
+            if beyond > ROUNDING:
                 return (
                     f"joint {joint.name} = {x / factor:.6g} {unit} is {beyond / factor:.4g} {unit} beyond its limits "
                     f"{low / factor:.6g} to {high / factor:.6g} {unit}"
@@ -307,7 +304,7 @@ class JointSpace:
     # -- states ---------------------------------------------------------------------------------------
 
     def _within(self, q: Array) -> np.ndarray:
-        return np.all((q >= self.limits[:, 0] - _ROUNDING) & (q <= self.limits[:, 1] + _ROUNDING), axis=1)
+        return np.all((q >= self.limits[:, 0] - ROUNDING) & (q <= self.limits[:, 1] + ROUNDING), axis=1)
 
     def _allowed(self, X: Array, q: Array) -> np.ndarray:
         """Return (k,) bool: whether `keep` allows configurations (k, nq) with driven joint values q (k, n)."""
