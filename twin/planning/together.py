@@ -24,7 +24,7 @@ from twin.planning.smooth import line
 from twin.planning.space import Certificate, Space
 
 _SHORTEST = 0.05
-"""Minimum of the length in m that comparisons use for the path of the arms before; a shorter path is as far."""
+"""Smallest length in m of the path of the arms before, in the length of a connection: a shorter path counts as this."""
 
 _PARTS = 8
 """Number of straight parts that replace a connection in a search, if the path of the arms before is not straight."""
