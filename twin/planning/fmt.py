@@ -221,7 +221,7 @@ class Search:
 
         def moved(pairs: list[tuple[int, int]]) -> list[tuple[int, int]]:
             """Return the pairs in the direction of motion."""
-            return [pair[::-1] for pair in pairs] if back else pairs
+            return [(i, j) for j, i in pairs] if back else pairs
 
         while z != target:
             to = near[z][waiting[near[z]]]

@@ -11,7 +11,6 @@ from twin.core import spatial
 from twin.core.errors import ProtocolError, TimingError
 from twin.core.findings import Finding, info
 from twin.core.spatial import Array
-from twin.core.units import MM
 from twin.planning.check import check, rcm_error
 from twin.planning.demands import demands, timed
 from twin.planning.feasible import pose_margins, require_feasible
@@ -21,6 +20,7 @@ from twin.planning.path import Path
 from twin.planning.phase_path import PhasePath, build
 from twin.planning.protocol import Free, Protocol
 from twin.planning.protocol.course import Motion
+from twin.planning.proven import clearance
 from twin.planning.timing import Timing
 from twin.planning.trajectory import PathKinematics, PhaseSpan, Trajectory
 
@@ -101,14 +101,7 @@ def _certified(phase: Free, kinematics: PathKinematics, joints: Path) -> list[Fi
     if kinematics.space is None:
         return []
     seen = kinematics.space(phase.scene, phase.clearance, lambda Ts, q: np.ones(len(q), bool)).certify(joints)
-    if not np.isfinite(seen.found):
-        return []
-    text = (
-        f"all bodies keep at least {seen.proven / MM:.2f} mm from each other at every moment (proven), except bodies "
-        f"of the robot that are drawn nearer than twice the clearance; the smallest distance found is "
-        f"{seen.found / MM:.2f} mm, between {' and '.join(seen.bodies)}"
-    )
-    return [Finding("clearance.proven", "info", text, phase.name, size=seen.proven / MM, unit="mm")]
+    return clearance(seen, phase.name, scene=phase.scene)
 
 
 def _leg(path: PhasePath, protocol: Protocol, kinematics: PathKinematics, dt: float) -> tuple[Leg, list[Finding]]:
