@@ -172,6 +172,7 @@ class _Plan:
     ) -> None:
         self.read, self.arms, self.clearance = read, arms, clearance
         self.seed, self.progress, self.check = seed, progress, check
+        progress("bodies of robots and scene", 0.0)
         self.spaces = [self._space(k).interruptible(check) for k in range(1, len(arms) + 1)]
 
     def _space(self, count: int) -> JointSpace:
