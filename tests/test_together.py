@@ -335,7 +335,7 @@ def test_a_plan_of_several_arms_can_be_cancelled_at_any_moment(tmp_path, stand):
         return False
 
     api.plan_together("stand", arms, CLEARANCE, progress=progress, cancelled=cancelled)
-    assert {"", "timing"} <= set(steps)
+    assert {"bodies of robots and scene", "timing"} <= set(steps)
     assert any(label.startswith("clearance of phase to_w1") for label in steps)
     for label in steps:
         now[0] = ""
