@@ -56,8 +56,7 @@ def around(
         cost: what the search minimises; None: the length of the path.
         straight: whether a free straight path is returned without a search; False if its cost may not be the smallest.
         samples: number of samples up to which the first path found is improved; 0: it is not.
-        grown: called with the tree of each search: none if the straight path is free, more than one if the first
-            search finds no path.
+        grown: called after each search with its tree; not called if the straight path is free.
 
     Raises:
         CancelledError: `cancelled` was true.
