@@ -125,14 +125,16 @@ def world(
     limits = {p.name: Limits.of(members[p.name].mechanism) for p in led}
     camera = _camera(scene, table, members, q, dt)
     view = camera.camera
-    controllers: list[Block] = [Pedals(PEDALS), camera]
+    plans = _plans(device)
+    planned = [n for hand in HANDS for n in getattr(table, hand)] if plans else []
+    controllers: list[Block] = [Pedals(PEDALS, planned=planned), camera]
     for hand in HANDS:
         arms = [
             Arm(n, members[n].kin, places[n].T_world_base, pivot(table, places[n], members[n].kin, q[n]))
             for n in getattr(table, hand)
         ]
         at = [q[a.robot] for a in arms]
-        controllers.append(HandToPose(hand, PEDALS, arms, at, np.eye(4), view=view, dt=dt, plans=_plans(device)))
+        controllers.append(HandToPose(hand, PEDALS, arms, at, np.eye(4), view=view, dt=dt, plans=plans))
         controllers += _jaws(hand, arms, limits, q, dt)
     machines = machine_scene.Machined(scene, parts or {})
     controllers += machines.controllers(PEDALS, {n: m.kin for n, m in members.items()}, dt)
