@@ -113,7 +113,7 @@ export class Planning {
       kind: 'row',
       shown: () => this.phase !== 'off',
       items: [
-        button('plan-find', () => (this.phase === 'preview' ? 'Change the target' : 'Find a path'), () => (this.phase === 'preview' ? this.aim() : this.ask('find')), () => this.phase !== 'aim' && this.phase !== 'preview', 'Plan a motion of the arm to the target (release P)'),
+        button('plan-find', () => (this.phase === 'preview' ? 'Change the target' : 'Plan a motion'), () => (this.phase === 'preview' ? this.aim() : this.ask('find')), () => this.phase !== 'aim' && this.phase !== 'preview', 'Plan a motion of the arm to the target (release P)'),
         button('plan-accept', () => 'Accept', () => this.accept(), () => this.phase !== 'preview', 'The arm makes the planned motion (Enter)'),
         button('plan-cancel', () => (this.phase === 'run' ? 'Stop' : 'Cancel'), () => this.cancel(), () => false, 'The arm stays where it is (Escape)'),
       ],
@@ -125,11 +125,11 @@ export class Planning {
     const { state } = this;
     if (!state || state.phase === 'off') return null;
     const { robot, said, blocked } = state;
+    if (said) return { tone: state.bad ? 'bad' : 'warn', text: said };
     if (state.phase === 'aim') {
-      if (said) return { tone: state.bad ? 'bad' : 'warn', text: said };
       if (blocked) return { tone: 'warn', text: `Target of ${robot} (red): ${blocked}.` };
       const loads = state.ready ? '' : ' The geometry is being loaded.';
-      return { tone: 'good', text: `Move the target of ${robot} through everything; the arm rests. Then find a path.${loads}` };
+      return { tone: 'good', text: `Move the target of ${robot}: it may pass through anything, and the arm rests. Then plan a motion.${loads}` };
     }
     if (state.phase === 'plan') return { tone: 'plain', text: `Planning a motion of ${robot}: ${percent(state.done)}` };
     if (state.phase === 'run') return { tone: 'good', text: `${robot} follows the plan: ${percent(state.done)}` };
@@ -285,13 +285,13 @@ class Plot {
     this.at = t;
   }
 
-  /** Show the plot beside the small picture, where there is room; above it beside a window of tools. */
+  /** Show the plot beside the small picture where there is room; there is none beside a window of tools. */
   place(console: Console, on: boolean): void {
     const { corner } = console.views;
     const [right] = console.views.free;
     const left = corner.left + corner.width + 10;
     const wide = Math.min(280, right - left - 12);
-    this.canvas.hidden = !on || wide < 110 || console.tools !== null;
+    this.canvas.hidden = !on || !this.message?.distance.length || wide < 110 || console.tools !== null;
     if (this.canvas.hidden) return;
     const high = Math.min(corner.height, 130);
     const now = `${left} ${corner.top} ${corner.height} ${wide} ${this.message?.distance.length} ${this.at.toFixed(2)} ${this.message?.proven}`;
