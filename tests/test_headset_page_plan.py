@@ -112,7 +112,8 @@ def test_a_motion_out_of_the_dome_is_planned_cancelled_planned_again_and_made(pa
     while page(f"{PLAN}.phase") == "run":
         passed.append(q(page))
         time.sleep(0.05)
-    page.until("twin.app.model.said.includes('has arrived')", "the arm has arrived")
+    page.until("twin.app.model.status().text.includes('has arrived')", "the arm has arrived")
+    assert page("twin.app.model.status().tone") == "good"
     link = page(f"{ARM}.model.info.links.at(-1)")
     seen = np.array(page(f"{ARM}.robot.links.get('{link}').node.position.toArray()"))
     assert seen == pytest.approx(goal[:3], abs=0.1 * MM)
