@@ -309,7 +309,7 @@ class Plot {
     const y = (d: number): number => b - (d / top) * (b - a);
     const least = Math.min(...message.distance, message.found ?? Infinity);
     pen.fillStyle = '#17212e';
-    const title = `Clearance: minimum ${mm(least)}`;
+    const title = `${wide < 260 ? 'Minimum' : 'Clearance: minimum'} ${mm(least)}`;
     pen.fillText(title, 8, 13, wide - 16);
     if (message.proven !== null) {
       pen.fillStyle = PROVEN;
