@@ -377,7 +377,7 @@ def apart(operator, q, other):
     return float(np.linalg.norm((forward(q) - forward(other))[:3, 3]))
 
 
-def test_what_was_told_of_a_motion_stays_after_another_cancel_and_goes_with_its_world(planned):
+def test_what_was_reported_of_a_motion_stays_after_another_cancel_and_goes_with_its_world(planned):
     lifted(planned)
     planned.ask("find")
     planned.until("preview")

@@ -222,7 +222,7 @@ class PlanMode:
             self._tell(why or "Cancelled: the arm stays where it is.", bool(why))
 
     def reset(self, why: str = "") -> None:
-        """End planning mode, and forget what was told of the last motion: the World ends, or another one begins."""
+        """End planning mode, and forget what was reported of the last motion: the World ends, or another one begins."""
         self._stream.cancel()
         self.plans.stop(why)
         self._clear()
