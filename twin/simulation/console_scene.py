@@ -125,14 +125,14 @@ def world(
     limits = {p.name: Limits.of(members[p.name].mechanism) for p in led}
     camera = _camera(scene, table, members, q, dt)
     view = camera.camera
-    controllers: list[Block] = [Pedals(PEDALS), camera]
+    controllers: list[Block] = [Pedals(PEDALS, planned=(planned := _planned(device))), camera]
     for hand in HANDS:
         arms = [
             Arm(n, members[n].kin, places[n].T_world_base, pivot(table, places[n], members[n].kin, q[n]))
             for n in getattr(table, hand)
         ]
         at = [q[a.robot] for a in arms]
-        controllers.append(HandToPose(hand, PEDALS, arms, at, np.eye(4), view=view, dt=dt, plans=_plans(device)))
+        controllers.append(HandToPose(hand, PEDALS, arms, at, np.eye(4), view=view, dt=dt, plans=bool(planned)))
         controllers += _jaws(hand, arms, limits, q, dt)
     machines = machine_scene.Machined(scene, parts or {})
     controllers += machines.controllers(PEDALS, {n: m.kin for n, m in members.items()}, dt)
@@ -173,9 +173,9 @@ def world(
     )
 
 
-def _plans(device: Block) -> bool:
-    """Return whether a device writes planned motions of the arms."""
-    return any(name.endswith(".planned") for name in device.outputs)
+def _planned(device: Block) -> list[str]:
+    """Return the arms whose planned motions a device writes."""
+    return [name.removesuffix(".planned") for name in device.outputs if name.endswith(".planned")]
 
 
 def _jaws(

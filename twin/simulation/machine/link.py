@@ -173,7 +173,7 @@ class MachineLink:
 
     @property
     def problem(self) -> str:
-        """Why the machine cannot be led; "" if it can."""
+        """Why the machine cannot be moved; "" if it can."""
         if self.reader.problem:
             return self.reader.problem
         if (state := self.state) is None:

@@ -35,7 +35,7 @@ class Modelled(Block):
     - `<robot>.model` (3,): run level of the model, speed of its tip in m/s, packets whose target was out of reach;
     - `<robot>.deviation` (2,): distance of both tips in m, and speed of the machine's tip in m/s;
     - `<robot>.apart` (n,): joint values of the model minus those of the machine, rad or m;
-    - `<robot>.cue` (3,): force of the cue in base, N; 0 unless both are led and in PEDAL_DN.
+    - `<robot>.cue` (3,): force of the cue in base, N; 0 unless both move by packets and are in PEDAL_DN.
     """
 
     def __init__(self, robot: str, parts: Parts, cue: Cue, q: Array) -> None:
