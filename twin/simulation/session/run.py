@@ -175,8 +175,7 @@ def surgeon(
 
 def ways_of(scene: Scene, members: Mapping[str, Member], props: Mechanism | None) -> Ways:
     """Return the planner of ways for the robots of a console."""
-    arms = {p.name: (p, members[p.name].mechanism, members[p.name].kin) for p in console_scene.led_by(scene)}
-    return Ways(arms, props, scene.objects)
+    return Ways(scene, {name: (member.mechanism, member.kin) for name, member in members.items()}, props)
 
 
 def eyes(scene: Scene, members: Mapping[str, Member]) -> dict[str, Eye]:
