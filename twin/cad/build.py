@@ -40,11 +40,13 @@ class CadModel:
 
     Attributes:
         mechanism: bodies, joints and loops, rest poses as in the CAD.
-        findings: results of the checks for parts that do not meet, open meshes and single-precision placements.
+        findings: results of the checks of joints (gap between their two parts), of meshes (open), and of placements
+            (single precision).
         description: the content of the TOML file.
         measured: every feature by body and name, in drawn coordinates (coordinates of the STEP file, in m).
         dimensions: the dimensions from which the drawing was made, with provenance.
-        gaps: (lower joint, upper joint, minimum distance in m) of each pair of joints on one rail.
+        gaps: (lower joint, upper joint, minimum difference of their coordinates in m) of each pair of joints on one
+            rail.
     """
 
     mechanism: Mechanism
@@ -326,9 +328,9 @@ def _placement_finding(step: StepModel) -> Finding:
     return info(
         "cad.placement_precision",
         step.path.name,
-        f"{step.path.name} places instances by single-precision matrices: joint frames are measured to "
-        f"±{um(step.placement_error)}",
+        f"{step.path.name} places instances by single-precision matrices: the error of measured joint frames is up "
+        f"to ±{um(step.placement_error)}",
         um(step.placement_error),
-        suggestion="bake placements into the shapes to measure exactly",
+        suggestion="export the STEP file with the placements applied to the shapes to measure exactly",
         word="",
     )

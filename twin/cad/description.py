@@ -123,8 +123,10 @@ class MeshSpec(Table):
 
 
 class Material(Sourced):
-    """Density and finish of a material, and shell patterns of its parts' names; the last matching material applies.
+    """Density and appearance of a material.
 
+    `parts` are shell patterns; the material applies to parts whose names match. If several materials match a part, the
+    last one applies.
     `metallic` is 1 for bare metal, 0 for paint, plastic and glass; `roughness` is 0 for a mirror, 1 for chalk.
     """
 
@@ -158,16 +160,18 @@ class LimitSpec(Sourced):
             if hard and soft and max(hard[0] - soft[0], soft[1] - hard[1]) > 1e-6 * max(map(abs, hard)):
                 raise at(
                     f"soft_limits_{unit}",
-                    f"{soft[0]:g} .. {soft[1]:g} {unit} exceeds the hard limits {hard[0]:g} .. {hard[1]:g} "
-                    f"{unit} and has no effect there; write [{max(soft[0], hard[0]):g}, {min(soft[1], hard[1]):g}], "
-                    "or leave "
-                    "it out",
+                    f"soft limits {soft[0]:g} .. {soft[1]:g} {unit} exceed the hard limits {hard[0]:g} .. {hard[1]:g} "
+                    f"{unit}; beyond the hard limits they have no effect. Write "
+                    f"[{max(soft[0], hard[0]):g}, {min(soft[1], hard[1]):g}], or omit the soft limits",
                 )
         return self
 
 
 class DriveSpec(Sourced):
-    """A position drive shared by the named joints, in SI units (N/m or N m/rad)."""
+    """Stiffness, damping and maximum effort of the position drives of the named joints, in SI units.
+
+    N/m, N s/m and N for prismatic joints; N m/rad, N m s/rad and N m for revolute joints.
+    """
 
     joints: list[Identifier]
     stiffness: float = Field(gt=0)
@@ -270,7 +274,7 @@ class ActuatorSpec(Sourced):
 
 
 class MatrixSpec(Sourced):
-    """Another matrix of a transmission, of the same shape, for `Robot.with_transmission`."""
+    """An alternative matrix of a transmission, of the same shape; `Robot.with_transmission` selects it."""
 
     matrix: list[list[float]]
 
@@ -303,7 +307,7 @@ class TransmissionSpec(Sourced):
 
 
 class PairGap(Sourced):
-    """Minimum of the difference `upper` - `lower` between the coordinates of two prismatic joints on a common rail."""
+    """Minimum allowed difference `upper` - `lower` of the coordinates of two prismatic joints on a common rail."""
 
     lower: Identifier
     upper: Identifier
@@ -325,7 +329,7 @@ class RequirementSpec(Sourced):
 
 
 class Tolerance(Table):
-    """Tolerances of the positions of faces (gross), and between the two sides of a joint (meeting)."""
+    """Tolerances: `gross` for a face to match its `Feature`, `meeting` for the difference of a joint's two frames."""
 
     gross_mm: float = Field(gt=0)
     gross_deg: float = Field(gt=0)

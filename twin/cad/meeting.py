@@ -1,4 +1,4 @@
-"""Check that the two sides of each joint meet in the CAD."""
+"""Check that the two sides of each joint meet in the CAD: its frames on parent and child coincide within tolerance."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from twin.core.units import UM
 
 
 def meetings(d: Description, at: Drawn) -> list[Finding]:
-    """Return a finding for each joint whose two sides do not meet in the CAD, with the error in locked directions."""
+    """Return findings for joints whose two frames are offset or tilted in the CAD, in directions that are not free."""
     found = []
     for joint in d.joint:
         offset, tilt = locked_error(between(at, joint.name), joint.type)

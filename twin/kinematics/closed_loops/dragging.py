@@ -46,7 +46,8 @@ _DAMPINGS = (1e-8, 1e-6, 1e-4, 1e-2, 1.0, 1e2)
 """Damping values relative to the squared norm of the Jacobian, in the order of trial; the first success is used."""
 
 _WEAK = 0.05
-"""Minimum singular value (motion of the point per motion of the joints) of the directions that are used."""
+"""Minimum singular value (motion of the point per motion of the joints); the point is not moved in directions with a
+smaller value."""
 
 _HALVINGS = 7
 """Maximum number of halvings of a step, if the loops do not close or the step reaches another assembly."""
@@ -87,10 +88,10 @@ class Dragged:
     """Result of a motion.
 
     Attributes:
-        q, u: active joints (n,) and loop unknowns (m,) that were reached; see `Closed.states`.
+        q, u: active joints (n,) and loop unknowns (m,) after the motion; see `Closed.states`.
         stops: bounds that block the motion.
         singular: name of the part that is singular, such as "loop r13" or "tool"; "" if there is none.
-        more: whether time ran out before the target was reached.
+        more: whether the motion stopped only because its processor time was used up.
     """
 
     q: Array

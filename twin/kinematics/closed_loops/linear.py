@@ -8,7 +8,7 @@ import numpy as np
 from twin.core.spatial import Array
 
 _FLOOR = 1e-13
-"""Damping relative to the diagonal; it selects the shortest step of undetermined unknowns, without effect on others."""
+"""Damping relative to the diagonal; undetermined unknowns take the shortest step, other unknowns are not affected."""
 
 _PIVOT = 0.2
 """Minimum size of a pivot relative to the largest entry of its row."""
