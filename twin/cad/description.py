@@ -127,6 +127,7 @@ class Material(Sourced):
 
     `parts` are shell patterns; the material applies to parts whose names match. If several materials match a part, the
     last one applies.
+
     `metallic` is 1 for bare metal, 0 for paint, plastic and glass; `roughness` is 0 for a mirror, 1 for chalk.
     """
 
