@@ -19,7 +19,8 @@ class Tolerances:
     The defaults are for geometry in double precision. They are far below drawing errors and far above rounding errors.
 
     Attributes:
-        position, rotation: between equations and mechanism, in m and rad; prismatic joints use `position`.
+        position, rotation: between equations and mechanism, in m and rad; values of prismatic joints use `position`,
+            those of revolute joints `rotation`.
         loop: gap of a closed loop, in m.
         stage_position, stage_rotation: between mechanism and stage, in m and rad (UsdPhysics frames are float32).
         baked_position, baked_rotation: of baked link poses at their time codes, in m and rad.
