@@ -365,8 +365,8 @@ class ToleranceBudget(Result):
             if b.sampled_within is not None and b.difference is not None:
                 yield (
                     f"  Monte Carlo, {b.samples} robots in state '{b.name}': 95 % of the robots have at most "
-                    f"{b.sampled_within[0] / UM:.4g} µm; its standard deviations differ by up to "
-                    f"{100 * b.difference:.2g} % from those above"
+                    f"{b.sampled_within[0] / UM:.4g} µm; the standard deviations differ by up to "
+                    f"{100 * b.difference:.2g} % from the first-order values above"
                 )
         if self.required is not None and self.factor is not None:
             small = f", NOT met: reduce all errors by a factor of {1 / self.factor:.3g}"

@@ -1,4 +1,4 @@
-"""Build a `Mechanism` from a description and its CAD: measure each joint frame on the faces of its own body."""
+"""Build a `Mechanism` from a description and its CAD: measure both frames of each joint on faces of its bodies."""
 
 from __future__ import annotations
 
@@ -93,7 +93,11 @@ def fingerprint(description_path: Path, description: Description | None = None, 
 
 
 def read_props(description_path: Path) -> Mechanism:
-    """Return the props of a scene, without masses, from cad/<scene>/<props>.toml; see `read_mechanism` for errors."""
+    """Return the props (fixed objects) of a scene, without masses, from cad/<scene>/<props>.toml.
+
+    Raises:
+        TwinError: see `read_mechanism`.
+    """
     return read_mechanism(description_path, with_mass=False, tolerance=PROP_TOLERANCE).mechanism
 
 
@@ -106,8 +110,9 @@ def read_mechanism(
 ) -> CadModel:
     """Build the mechanism of a robot from its description and CAD.
 
-    `with_mass` computes masses from a finer mesh, in about one more second; `tolerance` is the chord tolerance of the
-    triangles in m; `read` returns the bytes of TOML and STEP files, by default from disk, each file once.
+    `with_mass`: whether masses are computed, from a finer mesh; this takes about one second more. `tolerance` is the
+    chord tolerance of the triangles in m. `read` returns the bytes of TOML and STEP files; by default, each file is
+    read from disk once.
 
     Raises:
         DescriptionError: the TOML file is malformed.

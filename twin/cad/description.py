@@ -1,8 +1,8 @@
 """The robot's TOML file, `cad/<robot>/<robot>.toml`: the hand-written description of the CAD.
 
-It names the faces to measure, the joints between bodies, limits, drives, materials and postures. Lengths and placements
-come from the STEP file, not from this file: `near_mm` and `direction` only identify a face. Every number that is not
-measured has a provenance and a reason. "Drawn" coordinates are the coordinates of the STEP file.
+It states the faces to measure, joints between bodies, limits, drives, materials, and postures (named joint values).
+Lengths and placements come from the STEP file, not from this file: `near_mm` and `direction` only identify a face.
+Every number that is not measured has a provenance and a reason. "Drawn" coordinates are those of the STEP file.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ from twin.schema import Identifier, Range, Sourced, Table, Vector, at, error_at,
 class Feature(Table):
     """A face of the STEP file: its kind, a point near it, and its direction.
 
-    `near_mm` is a point near the face (for a cylinder: near its axis) in drawn coordinates. Faces at a distance of more
-    than `tolerance.gross_mm`, or tilted by more than `tolerance.gross_deg`, are ignored.
+    `near_mm` is a point near the face (for a cylinder: near its axis) in drawn coordinates. Faces that are farther than
+    `tolerance.gross_mm` from this point, or tilted by more than `tolerance.gross_deg` from `direction`, are ignored.
     """
 
     kind: Literal["cylinder", "plane", "sphere"]
@@ -181,7 +181,7 @@ class DriveSpec(Sourced):
 
 
 class JointSpec(Table):
-    """A joint and its frame on both bodies; motion is along or about the z axis of the frames."""
+    """A joint with a frame on each of its two bodies; it moves along or about the z axis of these frames."""
 
     name: Identifier
     type: JointType
@@ -193,7 +193,7 @@ class JointSpec(Table):
 
     @property
     def sides(self) -> tuple[tuple[str, FrameSpec], tuple[str, FrameSpec]]:
-        """Body and frame of the parent and of the child."""
+        """(body, frame) of the parent, and (body, frame) of the child."""
         return (self.parent, self.on_parent), (self.child, self.on_child)
 
 
@@ -220,7 +220,7 @@ class NamedPoint(Table):
 
 
 class CouplingSpec(Sourced):
-    """A belt, gear or cable: the sum of ratio times coordinate over the joints equals `sum_deg` or `sum_mm`."""
+    """A belt, gear or cable: the sum of ratio * coordinate over its joints is equal to `sum_deg` or `sum_mm`."""
 
     name: Identifier
     joints: list[Identifier] = Field(min_length=2)
@@ -236,7 +236,7 @@ class CouplingSpec(Sourced):
 
 
 class ActuatorSpec(Sourced):
-    """A motor that moves joints through a [[transmission]]; all numbers are on the motor's side.
+    """A motor that moves joints through a [[transmission]]; all numbers refer to the motor, not to the joints.
 
     Efforts, gains and inertia are in SI units: N m, N m/rad, N m s/rad, kg m2 for an angle; N, N/m, N s/m, kg for a
     length.
@@ -316,7 +316,7 @@ class PairGap(Sourced):
 
 
 class LengthSpec(Table):
-    """A length between two features of one body; `parameter` is its name in the equations."""
+    """A length between two features of one body; `parameter` names the same length in the equations."""
 
     body: Identifier
     between: tuple[Identifier, Identifier]
@@ -359,9 +359,9 @@ class Description(Table):
     actuator: list[ActuatorSpec] = Field(default_factory=list)
     transmission: list[TransmissionSpec] = Field(default_factory=list)
     coupling: list[CouplingSpec] = Field(default_factory=list)
-    trocar: Annotated[Identifier | None, Field(description="joint that holds the trocar to the base")] = None
+    trocar: Annotated[Identifier | None, Field(description="joint that connects the trocar to the base")] = None
     trocars: Annotated[
-        list[Identifier], Field(description="joints that hold the trocars to the base, if there are several")
+        list[Identifier], Field(description="joints that connect the trocars to the base, if there are several")
     ] = Field(default_factory=list)
     length: list[LengthSpec] = Field(default_factory=list)
     requirement: RequirementSpec | None = None

@@ -34,7 +34,7 @@ class Deformable:
 
     @property
     def signal(self) -> str:
-        """Name of its signal in the World, `<name>.vertices` or `<name>.nodes`: three coordinates in m for each."""
+        """Name of its signal in the World, `<name>.vertices` or `<name>.nodes`, which contains their positions in m."""
         return f"{self.name}.vertices" if self.weights is None else f"{self.name}.nodes"
 
     @property

@@ -325,9 +325,7 @@ class _Check:
             return
         limits = self.tolerances.position, self.tolerances.rotation
         for r in pose_rows("A-B", "tool, forward", self.posed.Ts_base_tool, Ts, limits, self.coarse, note=by):
-            what = (
-                f"at the mechanism's joint values, the tool pose of the forward equations ({by}) differs from its own"
-            )
+            what = f"at the same joint values, the forward equations ({by}) and the mechanism give different tool poses"
             self.out.judge(r, _FORWARD, what, "tool", cause=by)
 
     def passive(self, kin: Kinematics, blamed: _Blame) -> None:

@@ -244,8 +244,8 @@ def _integers(o: Outcome, users: Mapping[str, int]) -> Iterator[Finding]:
         yield disagreement(
             "study.integers",
             o.name,
-            f"{o.name}, {group}: the printed mean {mean:.{o.decimals}f} {o.unit} is impossible for {n} integers of "
-            f"{users[group]} users; the nearest possible mean is {near / n:.{o.decimals + 1}f}",
+            f"{o.name}, {group}: the printed mean {mean:.{o.decimals}f} {o.unit} is not the mean of any {n} integers "
+            f"from {users[group]} users; the nearest possible mean is {near / n:.{o.decimals + 1}f}",
             Quantity(abs(near / n - mean), o.unit),
             half,
             "check how many users were counted",

@@ -67,7 +67,7 @@ class Samples:
     followed: bool = False
 
     def links(self, model: ReferenceModel, Ts: Array, q: Array) -> dict[str, Array]:
-        """Return T_base_body (k, 4, 4) of every body at tool poses, or at joint values if `followed`."""
+        """Return T_base_body (k, 4, 4) of every body at tool poses Ts or, if `followed`, at joint values q."""
         run = model.run(q) if self.followed else model.run_poses(Ts, near=q)
         return model.link_poses(run.x)
 

@@ -1,4 +1,4 @@
-"""Convert arrays of differences to rows of the residual matrix."""
+"""Convert arrays of differences to rows of the residual matrix, and state the tolerances for these differences."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ def row(
     clock: Clock,
     **more: str,
 ) -> Residual:
-    """Return a row from differences: scalars (k,), or vectors (k, 3), whose lengths are compared."""
+    """Return a row of the residual matrix from differences: scalars (k,), or vectors (k, 3), whose norms are used."""
     values = np.linalg.norm(differences, axis=-1) if differences.ndim > 1 else np.abs(differences)
     i = int(np.argmax(np.where(np.isnan(values), -1.0, values))) if len(values) else 0
     component = ""

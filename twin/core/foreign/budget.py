@@ -61,7 +61,7 @@ BUDGETS = {
 """Limits by format. Normal files need at most a tenth of a limit; the error message suggests how to reduce a file."""
 
 BODIES = 1000
-"""Maximum number of bodies, of joints and of shapes in one mechanism."""
+"""Maximum number of bodies in one mechanism; the limits for joints and for shapes are the same."""
 
 INCLUDES = 300
 """Maximum number of included files on all levels."""

@@ -1,10 +1,11 @@
 """Interactive motion of a mechanism: move a point of a body, or the active joints, along a straight line.
 
 The line to the target is followed in steps of fixed length, independent of speed. If the last step is shorter, the next
-call computes this step again. Each step continues in the assembly of the previous step and slides along limits; a step
-is halved if the loops do not close after it. An assembly ends at two kinds of singularity: the loops no longer
-determine their passive joints (type II), or the active joints no longer determine the tool (type I). A dragged point
-stops before either singularity. A moved joint passes through type I, as a drive would.
+call computes it again, so that the result does not depend on the number of calls. Each step stays in the assembly of
+the previous step and slides along limits; a step is halved if the loops do not close after it. An assembly ends at two
+kinds of singularity: the loops no longer determine their passive joints (type II), or the active joints no longer
+determine the tool (type I). A dragged point stops before both kinds. The motion of an active joint (`Dragger.joints`)
+passes through type I, as with a real drive.
 """
 
 from __future__ import annotations

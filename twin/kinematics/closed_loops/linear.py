@@ -15,7 +15,7 @@ _PIVOT = 0.2
 
 
 def square(J: ca.SX, b: ca.SX, pattern: np.ndarray, sample: Array) -> tuple[ca.SX, ca.SX]:
-    """Return the solution (n,) of J x = b by elimination, and the determinant of J except for a constant sign.
+    """Return the solution x (n,) of J x = b by elimination, and the determinant of J up to a constant sign.
 
     `pattern` (n, n) marks the entries of J (n, n) that can differ from 0. `sample` (n, n) is J in one state, used to
     choose a stable pivot order with few fill-ins.
