@@ -122,7 +122,7 @@ def distance(mechanism: Mechanism, name: str) -> float:
 
 
 def stretched(mechanism: Mechanism, name: str, value: float) -> Mechanism:
-    """Return the mechanism with the distance `name` set to `value` in m; the second joint moves on the joining line."""
+    """Return the mechanism with the distance `name` set to `value` in m; the second joint moves along its line."""
     line, joint, side = _between(mechanism, name)
     size = float(np.linalg.norm(line))
     if size < 1e-9:

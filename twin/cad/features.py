@@ -129,7 +129,8 @@ def _distance(face: Face, near: Array) -> float:
 def centre(names: str | list[str], features: Mapping[str, Measured], at: str | None = None) -> Array:
     """Return the point (3,) in m of a feature, or the centroid of several features.
 
-    For a cylinder, it is the point of its axis on, or nearest to, feature `at`.
+    For a cylinder, it is the point at which its axis intersects the plane `at`, or the axis point nearest to the axis
+    or centre of feature `at`.
     """
     if isinstance(names, list):
         return np.mean([centre(n, features) for n in names], axis=0)

@@ -46,7 +46,7 @@ class Vessel:
     Attributes:
         name: identifier, unique among deformables, robots, props and objects.
         points: (n + 1, 3) nodes at rest in the World in m.
-        organ: organ on which the first node is; "": the first node is fixed.
+        organ: name of the organ with which the first node moves; "": the first node is fixed.
         radius: in m.
         young: Young's modulus in Pa.
         color_rgba: linear, 0..1.

@@ -75,7 +75,7 @@ class Judged:
 
 
 def judge(form: ClosedForm, dynamics: Dynamics, count: int = 200, seed: int = 0) -> Judged:
-    """Compare published equations of motion with the dynamics of a mechanism at random states.
+    """Compare published equations of motion with the dynamics of a mechanism at `count` random states.
 
     Raises:
         KinematicsError: the mechanism does not have one of the published joints.

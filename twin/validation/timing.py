@@ -61,7 +61,7 @@ class Load:
 
 
 def timing(trajectory: Trajectory, mechanism: Mechanism, protocol: Protocol) -> tuple[dict[str, str], list[Finding]]:
-    """Check speeds and accelerations against their limits: (maximum of each quantity as text, findings).
+    """Compare speeds and accelerations with their limits; return (maximum of each quantity as text, findings).
 
     The stated speeds (`qd`, tip) of the trajectory are also checked. Joint limits come from the mechanism, limits of
     the tip from the protocol.
