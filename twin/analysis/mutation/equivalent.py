@@ -1,8 +1,8 @@
 """Decide, independently of the validator, whether a missed fault has any effect.
 
-Two formulas are compared by all their values at poses around the motion and beyond it. Two mechanisms are compared by
-the poses of the tool and of every body with meshes; these are computed with plain matrices, and SciPy closes the loops.
-Two stages are compared by the text of all layers.
+Two formulas are compared by all their values, at poses near the motion and at poses farther away. Two mechanisms are
+compared by the poses of the tool and of every body with meshes; these poses are computed with plain matrices, and SciPy
+closes the loops. Two stages are compared by the text of all layers.
 """
 
 from __future__ import annotations

@@ -49,9 +49,9 @@ Measured sag of the platform of SILS under its weight at 1 kHz: 6 um with the de
 """
 
 TENDON, TENDON_STEP = 0.25, 1e-3
-"""Maximum ratio of a tendon's stiffness to inertia / step^2, and the time step in s of this limit.
+"""Maximum of a tendon's stiffness * step^2 / inertia, and the assumed time step in s.
 
-An explicitly integrated spring diverges at a ratio of 4. At 0.67, the jaws of the da Vinci PSM oscillate and move the
+An explicitly integrated spring diverges at a value of 4. At 0.67, the jaws of the da Vinci PSM oscillate and move the
 arm (measured).
 """
 
