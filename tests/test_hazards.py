@@ -111,7 +111,7 @@ def test_every_campaign_that_comes_with_twin_is_valid(name):
         ('responses = ["slow down"', 'responses = ["run away"', "responses"),
         ('operations = ["overwrite", "add", "hold"]', 'operations = ["skip"]', "skip and duplicate are for packets"),
         ("trained = 200", "trained = -1", "trained"),
-        ('name = "wrong grasp"', 'name = "wrong pedal"', "'wrong pedal' is there twice"),
+        ('name = "wrong grasp"', 'name = "wrong pedal"', "'wrong pedal' is defined twice"),
         ("value = [-200, 200]", "value = [200, -200]", "the range"),
         ("whole = true\n", "", "a delay needs whole = true"),
         ("seed = 1", "seed = -1", "seed"),

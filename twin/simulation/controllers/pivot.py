@@ -45,7 +45,7 @@ class Pivot:
     guided: bool
 
     def outer(self, T: Array) -> Array:
-        """Return the pose (4, 4) of the outer end for a tool pose T (4, 4), both in base, of equal attitude."""
+        """Return the pose (4, 4) of the outer end for a tool pose T (4, 4), both in base, with the same orientation."""
         way = T[:3, 3] - self.p_port
         depth = max(float(np.linalg.norm(way)), 1e-9)
         return spatial.pose(T[:3, :3], self.p_port - way * ((self.length - depth) / depth))
