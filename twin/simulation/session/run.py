@@ -46,7 +46,7 @@ Progress = Callable[[str, float], None]
 
 @dataclass(frozen=True)
 class Difference:
-    """First chunk of a session in which its replay gives different bytes.
+    """First chunk (one second) of a session whose replay gives different bytes.
 
     Attributes:
         t0, t1: start and end of this chunk in s.
@@ -174,13 +174,13 @@ def surgeon(
 
 
 def ways_of(scene: Scene, members: Mapping[str, Member], props: Mechanism | None) -> Ways:
-    """Return the planner of ways for the robots of a console."""
+    """Return the path planner for the robots of a console."""
     arms = {p.name: (p, members[p.name].mechanism, members[p.name].kin) for p in console_scene.led_by(scene)}
     return Ways(arms, props, scene.objects)
 
 
 def eyes(scene: Scene, members: Mapping[str, Member]) -> dict[str, Eye]:
-    """Return what a simulated surgeon sees of the first arm of each hand, by hand."""
+    """Return the first arm of each hand, as a simulated surgeon sees it, by hand."""
     table, places, arms = console_scene.console_of(scene), {p.name: p for p in scene.places}, {}
     for hand in HANDS:
         name = getattr(table, hand)[0]

@@ -53,8 +53,7 @@ class Links:
 class Tissues(Block):
     """Reads `<robot>.q`; writes the nodes and contacts of the organs.
 
-    The joint values alone move the links; the
-    organs deform.
+    The joint values alone move the links; the organs deform.
 
     Signals:
         `<organ>.nodes` (3 k,): nodes of its grid in the World in m; the vertices follow by `Tissue.weights`.
