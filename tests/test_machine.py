@@ -292,7 +292,7 @@ def test_overdrive(parts, policy, stops):
 def test_above_the_stop_limit_every_policy_stops(parts):
     servo = Servo(parts.settings, parts.arm.mechanism, parts.arithmetic, "advanced", "none")
     assert not servo.counts_of(np.array([100, 0, 0, 0, 0, 0, 0.0]), np.zeros(7), np.zeros(7)).any()
-    assert "motor_shoulder asks for" in servo.stop
+    assert "the command for motor_shoulder is" in servo.stop
     assert "limit 20000" in servo.stop
 
 

@@ -547,8 +547,8 @@ def test_packets_go_out_one_each_millisecond():
     ("text", "message"),
     [
         ("raven_left", "give ROBOT=HOST:PORT:STATEPORT"),
-        ("raven_left=36000", "is no address of a machine"),
-        ("raven_left=a:b:c", "is no address of a machine"),
+        ("raven_left=36000", "is not the address of a machine"),
+        ("raven_left=a:b:c", "is not the address of a machine"),
         ("raven_left=127.0.0.1:0:5", "the port 0 must be 1 to 65535"),
     ],
 )

@@ -43,7 +43,8 @@ HANDS = ("right", "left")
 PEDALS, FULCRUM = "pedals", "pedals.fulcrum"
 
 ORGANS = 16e-3
-"""Time in s between two steps of the organs of a procedure, so that the World keeps real time beside a page."""
+"""Time in s between two steps of the organs of a procedure; with shorter steps, a served World lags behind real
+time."""
 
 
 @dataclass(frozen=True)
@@ -105,9 +106,9 @@ def world(
         dt: duration of one tick in s.
         records: whether every tick is recorded; see `World`.
         watch: blocks without outputs that read all signals at the end of a tick.
-        task: a task; if it has rings, the instruments touch objects and the solid bodies of the props. If it is a
-            procedure, the grippers close the jaws of tools in the organs.
-        props: mechanism of the props; only needed for such a task, and for the forces of contacts.
+        task: a task; if it has rings, the instruments touch objects and the solid bodies of the props. In a procedure,
+            the grippers of the hands close the jaws of tools, which act on the organs.
+        props: mechanism of the props; only needed for a task with rings, and for the forces of contacts.
         haptics: whether the forces on the hands are on at the start; None: the World has none. With forces, the
             instruments touch the solid bodies and each other in every task.
         organs: the organs of the scene; only needed for a procedure.

@@ -1,4 +1,4 @@
-"""An instrument that passes a port: the hand controls its tip, or its outer end, which moves the tip the other way.
+"""An instrument that passes a port: a hand controls its tip, or its outer end, so that the port inverts the motion.
 
 The port is the fulcrum of a lever. If the hand controls the outer end ("direct"), as a hand outside the patient does, a
 motion to the right moves the tip to the left by inner / outer length times the motion. If the hand controls the tip

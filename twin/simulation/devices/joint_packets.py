@@ -67,7 +67,7 @@ def unpack(data: bytes, n: int) -> tuple[int, float, Array, Array | None]:
         raise DeviceError(f"the length is {len(data)} bytes; it must be {HEAD.size + 8 * rows * n}")
     values = np.frombuffer(data, "<f8", rows * n, HEAD.size).astype(float).reshape(rows, n)
     if not (np.isfinite(values).all() and np.isfinite(t)):
-        raise DeviceError(f"a number of packet {number} is not finite")
+        raise DeviceError(f"a value in packet {number} is not finite")
     return number, t, values[0], values[1] if rows == 2 else None
 
 

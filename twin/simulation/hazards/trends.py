@@ -81,7 +81,7 @@ def load(path: Path) -> TrendsTable:
             file, line, key and value.
     """
     if not path.is_file():
-        raise DescriptionError(f"{path}: the file does not exist; cad/raven_left/campaigns/trends.toml is one")
+        raise DescriptionError(f"{path}: the file does not exist; cad/raven_left/campaigns/trends.toml is an example")
     table = load_toml(path, TrendsTable)
     if table.stuck.cycles >= table.stuck.every:
         text = f"{table.stuck.cycles} cycles are not shorter than the period, {table.stuck.every} packets"

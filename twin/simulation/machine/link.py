@@ -53,7 +53,7 @@ class Address:
         *host, port, states = [""] * (1 - text.count(":")) + text.rsplit(":", 2)
         if not (port.isdigit() and states.isdigit() and all(host)):
             raise DeviceError(
-                f"'{text}' is no address of a machine: give HOST:PORT:STATEPORT, as 127.0.0.1:36000:36001"
+                f"'{text}' is not the address of a machine: give HOST:PORT:STATEPORT, such as 127.0.0.1:36000:36001"
             )
         for p in (int(port), int(states)):
             if not 0 < p < 65536:

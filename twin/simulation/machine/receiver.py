@@ -62,7 +62,7 @@ class Receiver:
         gap = packet.sequence - last - 1 if self.master is not None else 0
         self.master, self._heard = sender, t
         if gap:
-            raise DeviceError(f"{gap} packets are missing before {packet.sequence}; it is dropped, the next one counts")
+            raise DeviceError(f"{gap} packets are missing before {packet.sequence}: this packet is dropped, too")
         self.accepted += 1
         self._pedal = bool(packet.values[8] > 0)
         return packet

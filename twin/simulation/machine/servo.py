@@ -82,7 +82,7 @@ class Servo:
         over = size > self.limit
         if not size.max() <= self._stop_dac:  # a value that is not a number is above every limit
             i = int(np.argmax(np.where(np.isnan(size), np.inf, size)))
-            self.stop = f"{names[i]} asks for {asked[i]:.0f} counts of the DAC (limit {self._stop_dac:.0f})"
+            self.stop = f"the command for {names[i]} is {asked[i]:.0f} DAC counts (limit {self._stop_dac:.0f})"
         elif over.any():
             self.violations += over
             if self.policy == "hard" and self.counted > self._most:

@@ -157,7 +157,7 @@ def load(path: Path, mechanism: Mechanism) -> Settings:
     """
     if not path.is_file():
         raise DescriptionError(
-            f"{path}: the file does not exist: a machine needs motors, gains and limits; cad/raven_left/{NAME} is one"
+            f"{path}: the file does not exist: a machine needs motors, gains and limits, as in cad/raven_left/{NAME}"
         )
     table = load_toml(path, Settings)
     actives = [j.name for j in mechanism.active]
