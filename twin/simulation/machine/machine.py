@@ -110,8 +110,8 @@ class Parts:
         """Compile the robot.
 
         Raises:
-            MechanismError: the mechanism has loops, no posture home, or a frame of the settings is not in it; or the
-                gains make it oscillate.
+            MechanismError: the mechanism has loops, has no posture `home`, or lacks a frame of the settings; or the
+                gains make a joint oscillate.
         """
         m = arm.mechanism
         if m.home is None:
@@ -127,8 +127,8 @@ class Machine:
     """One arm with its control software and PLC.
 
     Attributes:
-        parts: what the machine is made of.
-        plc, receiver, servo, plant: its parts.
+        parts: compiled parts of the machine.
+        plc, receiver, servo, plant: controller of power and brakes, check of packets, motor control, simulated arm.
         level: run level as the software reads it.
         t: time of the last tick in s.
         tick: number of ticks.

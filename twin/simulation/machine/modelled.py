@@ -26,7 +26,7 @@ _KEPT = 4096
 
 
 class Modelled(Block):
-    """Steps the model; a plant.
+    """A plant that steps the model of a machine.
 
     Reads `<robot>.given`, `<robot>.phase`, `<robot>.measured` and `<robot>.run`. Writes:
 

@@ -132,7 +132,7 @@ class Settings(Table):
         return [known[name] for name in mechanism.motor_names]
 
     def of_joints(self, mechanism: Mechanism) -> list[JointFriction]:
-        """Return the frictions in the order of q."""
+        """Return the friction of each joint, in the order of q."""
         known = {j.name: j for j in self.joint}
         return [known[j.name] for j in mechanism.active]
 

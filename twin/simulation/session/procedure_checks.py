@@ -260,7 +260,7 @@ class ProcedureReferee(Block):
         more = "".join(
             f"; {n} {what}" for n, what in ((part, "closed on a part of its width"), (beside, "closed beside it")) if n
         )
-        text = f"{len(shut)} clips shut the {p.vessel} before it was cut (required: {wanted}){more}"
+        text = f"{len(shut)} clips closed the {p.vessel} before it was cut (required: {wanted}){more}"
         done = len(shut) >= wanted
         lost = not done and (self.cut or len(shut) + len(self._clips) < wanted)
         return Check("clip", done, shut[wanted - 1] if done else None, text, lost)
@@ -274,10 +274,10 @@ class ProcedureReferee(Block):
             return Check("cut", False, None, f"the {v.name} is not cut")
         low, high = v.arc[gone[0]], v.arc[gone[-1] + 1]
         taken, kept = (sum(c.at < low for c in self._shut()), sum(c.at > high for c in self._shut()))
-        open_ends = [side for side, n in (("the organ", taken), ("the side that stays", kept)) if n == 0]
-        text = f"cut {low / MM:.1f} mm from the organ, clips: {taken} on its side, {kept} on the side that stays"
+        open_ends = [side for side, n in (("the organ's side", taken), ("the other side", kept)) if n == 0]
+        text = f"cut {low / MM:.1f} mm from the organ, clips: {taken} on the organ's side, {kept} on the other side"
         if open_ends:
-            text += f"; the end towards {' and '.join(open_ends)} is open: bile leaks"
+            text += f"; the end on {' and '.join(open_ends)} is open: bile leaks"
         return Check("cut", not open_ends, None if open_ends else self._t_cut, text, bool(open_ends))
 
     def _remove(self) -> Check:

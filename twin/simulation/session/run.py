@@ -68,7 +68,7 @@ class Ran:
         kept: the signals that measures and exports use, one row every `SAMPLE` seconds.
         ticks: number of all ticks.
         dt: duration of a tick in s.
-        difference: see `Difference`; None if the replay gave the same bytes, or the session was not replayed.
+        difference: see `Difference`; None if the replay gave the same bytes, or if there was no replay.
         missed: names of the targets that a simulated surgeon gave up.
         condition: condition of the session; None: its World has no forces on the hands.
     """

@@ -8,7 +8,7 @@ from twin.core.spatial import Array
 from twin.simulation.plants.contact.gripper import Gripper
 
 _SMALL = 1e-5
-"""Change in rad or m of a joint by which displacements of the links are found."""
+"""Change in rad or m of a joint from which displacements of the links are computed."""
 
 _OFTEN, _OLD = 4, 20
 """Number of steps after which the next joint is computed; number of steps without a call after which all joints are

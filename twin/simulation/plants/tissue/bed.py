@@ -23,7 +23,7 @@ _DRAG = 2.0
 for ever."""
 
 _SLIDE = 0.5 * MM
-"""Distance in m by which the jaws slide in a step per relative excess of the force over its limit."""
+"""Distance in m by which the jaws slide in a step if the force is twice its limit; it is proportional to the excess."""
 
 _STIFF = [0.99, 0.999, 1e-4, 0.5, 2.0]
 """Impedance of the constraints in MuJoCo."""

@@ -321,7 +321,7 @@ class Operating(Tissues):
                 self._hold.let_go(int(self._organ.held[cell]))
 
     def _after(self, k: int, i: Instrument) -> None:
-        """Drop what has slipped out of the jaws, and measure how deep the tip is in organs that are to be spared."""
+        """Release a point that has slipped out of the jaws, and measure the depth of the tip in organs to be spared."""
         state = self._states[i.robot]
         if self._slipped(k, state) > _TORN:
             self._open(k, i, state)

@@ -202,7 +202,7 @@ class Organ:
         (self._muted.update if on else self._muted.difference_update)(links)
 
     def may_touch(self, k: int) -> bool:
-        """Return whether link k touches the organ when they meet."""
+        """Return whether contact of link k with the organ is switched on."""
         return k not in self.within and k not in self._muted
 
 

@@ -22,7 +22,7 @@ _BEND = 0.02
 """Bending stiffness divided by stretching stiffness; ASSUMED, for a thin wall."""
 
 _SLIDE = 0.5 * MM
-"""Distance in m by which the jaws slide in a step per relative excess of the force over its limit."""
+"""Distance in m by which the jaws slide in a step if the force is twice its limit; it is proportional to the excess."""
 
 _STILL = 1e-7
 """A chain is at rest if no node moves further than this in m in a step."""
