@@ -147,6 +147,11 @@ class JointSpace:
         self._make, self.clearance, self._keep, self._around = make, clearance, keep, around
         self._check: Callable[[], None] = _nothing
 
+    def load(self) -> JointSpace:
+        """Make all that the tests use now, not at their first use; return this space."""
+        self._pairs.load()
+        return self
+
     def keeping(self, keep: Keep) -> JointSpace:
         """Return the same space with `keep` as its additional test; shapes and stored distances are shared."""
         _ = self._pairs

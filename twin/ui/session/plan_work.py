@@ -138,7 +138,7 @@ def work(job: Check | Plan) -> Iterator[Any]:
     if job.q is not None:
         yield Checked(arm.space.why(job.q))
     else:
-        arm.space.free(np.atleast_2d(arm.space.limits.mean(axis=1)))  # loads the shapes
+        arm.space.load()
 
 
 def _beside(job: Plan) -> Iterator[Any]:
