@@ -211,7 +211,7 @@ class ConsoleSession(Result):
         return out
 
     def _unguided(self) -> Iterator[Finding]:
-        """Yield findings on steps that are not done, and on errors above what is allowed."""
+        """Yield findings on steps that are not done, and on more errors than allowed."""
         if (g := self.guided) is None:
             return
         for step in g.missed:

@@ -20,7 +20,7 @@ _WAIT, _REST = 150.0, 0.6
 
 
 class Trainee(SurgeonHands):
-    """Both hands make the same strokes; a device that also writes `pedals.training`.
+    """A device whose hands both make the same strokes, and which also writes `pedals.training`.
 
     The trainee moves the tips along closed triangles by teleoperation, rehearses an open motion with the model alone,
     has the record checked, and replays it on the machines. The trainee then requests a second replay from the end of

@@ -96,7 +96,7 @@ class Training:
             yield warning(
                 "training.cue",
                 self.robot,
-                f"the cue was felt for {self.cue[1]:.2f} s, at most {self.cue[0]:.2f} N: largest deviation",
+                f"the cue acted for {self.cue[1]:.2f} s with at most {self.cue[0]:.2f} N: largest deviation",
                 mm(float(np.nanmax(self.deviation))),
                 mm(self.limit),
                 word="limit",

@@ -94,7 +94,9 @@ def _require_convex(mask: Array) -> None:
     hull = ConvexHull(np.column_stack([columns, rows]))  # of the middles of pixels: half a pixel inside on every side
     missing = float(hull.volume + hull.area / 2 + 1) - len(rows)
     if missing > _DENT * len(rows) + 0.25 * hull.area:
-        raise UnmeasuredError(f"something covers part of the rectangle: {missing / len(rows):.0%} of it are missing")
+        raise UnmeasuredError(
+            f"something covers part of the rectangle: {missing / len(rows):.0%} of its area is missing"
+        )
 
 
 def _upper(mask: Array) -> tuple[Array, Array]:
