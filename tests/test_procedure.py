@@ -84,7 +84,7 @@ def test_task_without_a_goal_is_refused(tmp_path):
 
 def test_vessel_that_is_too_fine_is_refused(tmp_path):
     with pytest.raises(
-        TwinError, match=r"vessel 'cystic_duct' has 67 segments; at most 60 .* increase segment_mm, 0.5"
+        TwinError, match=r"vessel 'cystic_duct' has 67 segments; the limit is 60: increase segment_mm \(0.5 mm\)"
     ):
         load_scene(changed(tmp_path, ("segment_mm = 1.5", "segment_mm = 0.5")))
 

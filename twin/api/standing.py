@@ -38,7 +38,7 @@ def standing(
     return _loaded(read, {own.name: ""}, own.T_world_base, load, poses or {})
 
 
-def beside(read: Scene, names: Sequence[str], load: Callable[[str], Any]) -> list[Still]:
+def obstacles(read: Scene, names: Sequence[str], load: Callable[[str], Any]) -> list[Still]:
     """Return the bodies of the props and of the other robots of a scene, with poses in the world frame.
 
     `names` are the names of the robots that are no obstacles; the names of their bodies in `Still.touches` are those of

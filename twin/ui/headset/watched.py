@@ -1,4 +1,4 @@
-"""A client of the stream that only shows: the frames and states of a running `twin serve` on this machine."""
+"""A read-only client of the stream: receives frames and states of a running `twin serve` on this machine."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class Watched:
     Attributes:
         surfaces: triangles and colours of the deformables, by name.
         reading: last state of the console; None before the first state, and for a scene without a console.
-        problem: why nothing arrives; "" while frames arrive.
+        problem: reason for missing frames; "" while frames arrive.
     """
 
     def __init__(self, port: int, scene: str) -> None:

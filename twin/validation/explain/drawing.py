@@ -88,7 +88,7 @@ def correct(
 ) -> Corrected | None:
     """Find the faults of the CAD and judge the rows with the corrected CAD; None if the parts of every joint meet.
 
-    Lengths declared in the description are evidence. `judged` returns the judge of the rows for a mechanism.
+    Lengths declared in the description are evidence. `judged` is a function from a mechanism to the judge of the rows.
     """
     findings = tuple(f for f in cad.findings if f.code in CODES)
     if not findings:
