@@ -62,7 +62,7 @@ export class DomPanel implements Drawer {
     for (const update of this.updates) update();
   }
 
-  /** Widths in pixels that the controls cover at the right and at the bottom; folded on a small screen, they only lie in a corner. */
+  /** Pixels that the controls cover at the right and at the bottom; folded, they lie only in a corner of a small screen. */
   covers(): [right: number, bottom: number] {
     const [w, h] = [window.innerWidth, window.innerHeight];
     const side = this.side.getBoundingClientRect();
