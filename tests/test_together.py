@@ -422,7 +422,7 @@ def test_a_phase_whose_cost_would_be_ignored_is_refused(tmp_path):
     robot = Robot(arm())
     protocol = protocol_of(tmp_path, (0, 0, 0), (10, 0, 0))
     free = replace(protocol.phases[0], cost="clearance")
-    with pytest.raises(ProtocolError, match="arm: phase 'to_w1' .* sets cost or samples, which a plan of several"):
+    with pytest.raises(ProtocolError, match=r"arm: phase 'to_w1' .* sets cost or samples, which a plan of several"):
         _Arm(Place("arm", "arm", "", np.eye(4), {}, {}, {}), robot, replace(protocol, phases=(free,)))
 
 
