@@ -465,3 +465,14 @@ def test_both_ravens_pass_each_other_without_touching(tmp_path, capsys):
 
     assert least(25, straight=True) <= 0, "at once on straight paths, the arms would collide"
     assert 0.5e-3 <= phase["proven_mm"] / 1e3 <= least(60)
+
+
+@pytest.mark.slow
+def test_an_instrument_is_drawn_back_while_the_other_one_takes_its_place(tmp_path, capsys):
+    folder = Path(__file__).parents[1] / "trajectories/davinci_psm/around"
+    files = [str(folder / f"{name}.toml") for name in ("withdraw", "across")]
+    options = ["--avoid", "davinci", "--with", f"psm2={files[1]}", "--clearance-mm", "2"]
+    assert main(["plan", "davinci_psm", files[0], *options, "--out", str(tmp_path / "out"), "--json"]) == 0
+    phases = json.loads(capsys.readouterr().out)["phases"]
+    assert [p["name"] for p in phases] == ["withdraw / deeper", "aside / across"]
+    assert all(p["proven_mm"] > 1 for p in phases)
