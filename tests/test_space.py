@@ -219,6 +219,14 @@ def test_loops_that_cannot_close_are_not_free():
     assert not np.any(found & ~np.array(reached))
 
 
+def test_connections_without_length_are_as_free_as_their_ends():
+    mechanism = limited_four_bar()
+    q = np.array([[0.1], [0.4]]) + ReferenceModel(mechanism).home().q
+    space = space_of(mechanism, clearance=MM)
+    assert np.array_equal(space.free_each(q, q), space.free(q))
+    assert space.free_each(q, q).all()
+
+
 # -- what is said ----------------------------------------------------------------------------------------------------
 
 
@@ -237,6 +245,15 @@ def test_loops_that_cannot_close_are_not_free():
 def test_an_end_that_is_not_free_is_named_with_its_size(start, goal, words):
     with pytest.raises(ProtocolError, match=words):
         around(space_of(arm(), post(0.3, 0)), np.array(start), np.array(goal))
+
+
+def test_an_end_at_a_limit_may_be_beyond_it_by_rounding():
+    space, start = space_of(arm()), np.array([0.0, 0.0, 0.0])
+    goal = np.array([np.nextafter(2.6, 3.0), 0.0, 0.0])
+    assert space.why(goal) == ""
+    assert space.free(goal[None]).all()
+    around(space, start, goal)
+    assert "beyond its limits" in space.why(np.array([2.6 + 1e-8, 0.0, 0.0]))
 
 
 def test_the_nearest_free_configuration_is_free_and_no_other_is_much_nearer():

@@ -296,7 +296,8 @@ def _joint(
     unit = references.UNITS.get(spec.type, "mm")
     values: dict = {}
     if limit is not None:
-        for key, rate in (("limits", ""), ("soft_limits", ""), ("max_speed", "_s"), ("max_acceleration", "_s2")):
+        rates = ("max_speed", "_s"), ("max_acceleration", "_s2"), ("max_jerk", "_s3")
+        for key, rate in (("limits", ""), ("soft_limits", ""), *rates):
             value = getattr(limit, f"{key}_{unit}{rate}")
             if value is not None:
                 scale = SI[unit]

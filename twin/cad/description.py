@@ -138,7 +138,7 @@ class Material(Sourced):
 
 
 class LimitSpec(Sourced):
-    """Limits shared by the named joints, in mm, mm/s, mm/s2 (prismatic) or deg, deg/s, deg/s2 (revolute)."""
+    """Limits shared by the named joints, in mm, mm/s, mm/s2, mm/s3 (prismatic) or deg, deg/s, deg/s2, deg/s3."""
 
     joints: list[Identifier]
     limits_mm: Range | None = None
@@ -150,6 +150,8 @@ class LimitSpec(Sourced):
     max_speed_deg_s: float | None = Field(default=None, gt=0)
     max_acceleration_mm_s2: float | None = Field(default=None, gt=0)
     max_acceleration_deg_s2: float | None = Field(default=None, gt=0)
+    max_jerk_mm_s3: float | None = Field(default=None, gt=0)
+    max_jerk_deg_s3: float | None = Field(default=None, gt=0)
 
     @model_validator(mode="after")
     def _soft_within_hard(self) -> LimitSpec:

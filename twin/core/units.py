@@ -7,6 +7,9 @@ MM = 1e-3
 UM = 1e-6
 DEG = pi / 180
 
+ROUNDING = 1e-9
+"""Amount in m or rad that counts as rounding in comparisons: a path that ends at a limit is rounded there too."""
+
 SI = {"mm": MM, "deg": DEG, "mm/s": MM, "deg/s": DEG, "mm/s2": MM, "deg/s2": DEG, "g": 1e-3, "kPa": 1e3, "N mm": MM}
 SI |= {"N/mm": 1 / MM, "N s/mm": 1 / MM}
 """Factor from each unit to the coherent SI unit: 5 mm is 5 * SI["mm"] in m. A unit that is not listed has factor 1."""

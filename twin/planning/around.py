@@ -31,6 +31,18 @@ _WIDTHS = (0.1, 0.05, 0.025, 0.0125)
 """Standard deviations for the rounding of corners, relative to the path length, in the order of trial."""
 
 
+class NoPathError(ProtocolError):
+    """No path was found; the message has the reason, and what to change in a protocol.
+
+    Attributes:
+        reason: the reason alone, for programs in which there is no protocol to change.
+    """
+
+    def __init__(self, reason: str, advice: str = "") -> None:
+        super().__init__(f"{reason}{advice}")
+        self.reason = reason
+
+
 def around(
     space: Space,
     start: Array,
@@ -56,12 +68,12 @@ def around(
         cost: what the search minimises; None: the length of the path.
         straight: whether a free straight path is returned without a search; False if its cost may not be the smallest.
         samples: number of samples up to which the first path found is improved; 0: it is not.
-        grown: called with the tree of each search: none if the straight path is free, more than one if the first
-            search finds no path.
+        grown: called after each search with its tree; not called if the straight path is free.
 
     Raises:
         CancelledError: `cancelled` was true.
-        ProtocolError: start or goal collides or exceeds a limit, or no path was found; the message lists the searches.
+        ProtocolError: a joint value of start or goal is not finite.
+        NoPathError: start or goal collides or exceeds a limit, or no path was found; the message lists the searches.
     """
     start, goal = np.asarray(start, float), np.asarray(goal, float)
     if cancelled is not None:
@@ -73,7 +85,7 @@ def around(
             near = nearest_free(space, q, seed)
             text = f"; the nearest free configuration found is {space.named(near)}" if near is not None else ""
             lower = ". Lower clearance_mm, or move this waypoint" if "apart" in reason else ""
-            raise ProtocolError(f"at its {name}, {reason}{text}{lower}")
+            raise NoPathError(f"at its {name}, {reason}{text}", lower)
     direct = line(start, goal)
     if straight and space.free_along(direct):
         return direct
@@ -99,10 +111,10 @@ def around(
             reached = search.reached()
             continue
         tried.append(f"{count} up to {100 * beyond:.0f} % beyond (a path was found, but its corners cannot be rounded)")
-    raise ProtocolError(
+    raise NoPathError(
         f"no path around the obstacles was found: the straight path is not free, and no path was found through {drawn} "
-        f"free random configurations ({', '.join(tried)}){_enclosed(reached, count)}. Lower clearance_mm, change seed, "
-        "or add a waypoint between start and goal"
+        f"free random configurations ({', '.join(tried)}){_enclosed(reached, count)}",
+        ". Lower clearance_mm, change seed, or add a waypoint between start and goal",
     )
 
 

@@ -25,6 +25,11 @@ class Certificate(Interface):
         ...
 
     @property
+    def s(self) -> float:
+        """Value of s at which this distance was found."""
+        ...
+
+    @property
     def bodies(self) -> tuple[str, str]:
         """Names of the two bodies with this distance; "" if there are none."""
         ...

@@ -160,7 +160,7 @@ def _joints(trajectory: Trajectory, mechanism: Mechanism) -> list[_Moving]:
     for j, joint in enumerate(mechanism.active):
         q, qd = trajectory.q[:, j : j + 1], trajectory.qd[:, j : j + 1]
         unit, factor = ("deg", DEG) if joint.is_angle else ("mm", MM)
-        limits = tuple(np.inf if x is None else x for x in (joint.max_speed, joint.max_acceleration, None))
+        limits = tuple(np.inf if x is None else x for x in (joint.max_speed, joint.max_acceleration, joint.max_jerk))
         what, steps = f"joint {joint.name}", np.diff(q, axis=0)
         names = [what] * 3
         size = float(np.abs(q).max())

@@ -138,11 +138,12 @@ class Chain:
 def same_motion(a: Mechanism, b: Mechanism, trajectory: Trajectory, places: int = 5) -> str:
     """Return the reason why two mechanisms are equivalent (limits, meshes, body poses); "" if they are not."""
     for one, two in zip(a.joints, b.joints, strict=True):
-        if (one.limits, one.cone, one.max_speed, one.max_acceleration) != (
+        if (one.limits, one.cone, one.max_speed, one.max_acceleration, one.max_jerk) != (
             two.limits,
             two.cone,
             two.max_speed,
             two.max_acceleration,
+            two.max_jerk,
         ):
             return ""
     for one, two in zip(a.bodies, b.bodies, strict=True):
