@@ -75,7 +75,7 @@ def workspace(front: Front, page: Page) -> None:
 
 
 def console(front: ConsoleFront, page: Page) -> None:
-    """Scene davinci through the endoscope: the right instrument is led, its jaw open."""
+    """Scene davinci through the endoscope: the right instrument is controlled, its jaw open."""
     front.ask("look", lambda: [front.look("endoscope", c) for c in front.server.get_clients().values()])
     front.ask("jaw", lambda: front.pens.squeeze("page 1", "right", 0.6))
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from made import headset_page as headset
-from made.console_page import console
+from made.console_page import PAD, console
 from made.dome_console import ABOVE, dome_console
 from twin.api.standing import standing
 from twin.cli.scene import content
@@ -31,18 +31,20 @@ def dome(tmp_path_factory):
 @pytest.fixture(scope="module")
 def page(dome):
     server = headset.Serving(str(dome.file.parent))
-    for browser in headset.chromium():
-        with console(browser, server.url, size=(900, 520)) as opened:
-            yield opened
-    server.stop()
+    try:
+        for browser in headset.chromium():
+            with console(browser, server.url, scripts=[PAD], size=(900, 520)) as opened:
+                yield opened
+    finally:
+        server.stop()
 
 
 def q(page):
     return np.array(page(f"[...{ARM}.model.frame.q]"), float)
 
 
-def lead(page, way, until):
-    """Lead the left hand by `way` (3,) in m in the picture, until something is seen."""
+def move(page, way, until):
+    """Move the left hand by `way` (3,) in m in the picture, until something is seen."""
     for _ in range(30):
         page(f"twin.app.console.move('left', {way[0] / 30}, {way[1] / 30}, {way[2] / 30})")
         time.sleep(0.03)
@@ -54,7 +56,7 @@ def begin(page):
     page("twin.app.console.chosen = 'left'")
     at = q(page)
     page.page.keyboard.down("p")
-    page.until(f"{PLAN}.phase === 'aim' && {PLAN}.state.ready", "the target is led, the geometry is loaded")
+    page.until(f"{PLAN}.phase === 'aim' && {PLAN}.state.ready", "the hand moves the target, the geometry is loaded")
     time.sleep(0.3)  # longer than a tap
     return at
 
@@ -69,31 +71,38 @@ def out(scene, page):
     return view.T @ np.array([[1, 0, 0], [0, 0, 1], [0, -1, 0]]) @ way
 
 
-def color(page):
-    return page(f"{PLAN}.material.color.getHex()")
+RED = f"{PLAN}.material.color.getHex() === 0xd81b2a"
 
 
 def test_a_motion_out_of_the_dome_is_planned_cancelled_planned_again_and_made(page, dome):
     page.until(FOLLOWS, "the hand moves the arm")
     at, way = begin(page), out(dome, page)
-    lead(page, 0.5 * way, f"{PLAN}.state.blocked !== ''")
-    page.until(f"{color(page)} && {PLAN}.material.color.getHex() === 0xd81b2a", "the ghost is red in the lid")
+    move(page, 0.5 * way, f"{PLAN}.state.blocked !== ''")
+    page.until(RED, "the ghost is red in the lid")
     assert "props/dome" in page(f"{PLAN}.state.blocked")
-    lead(page, 0.5 * way, f"{PLAN}.state.blocked === ''")
-    page.until(f"{PLAN}.material.color.getHex() !== 0xd81b2a", "the ghost is free above the lid")
+    move(page, 0.5 * way, f"{PLAN}.state.blocked === ''")
+    page.until(f"!({RED})", "the ghost is free above the lid")
+    page("window.pad.connected = true; window.pad.buttons[9] = {pressed: true, value: 1}")
+    page.until("twin.app.console.pad.decides.accept", "a button that was pressed before the preview")
     page.page.keyboard.up("p")
     page.until(f"{PLAN}.motion !== null", "the preview")
     assert q(page) == pytest.approx(at, abs=1e-6), "the arm rests"
     page.until(f"{PLAN}.clearance?.proven > 0", "the proven clearance")
     page.until("!document.querySelector('[data-id=clearance]').hidden", "the plot")
     assert page(f"{PLAN}.tree !== null && {PLAN}.tree.visible && {PLAN}.path.visible")
+    assert page(f"{PLAN}.phase") == "preview", "a button accepts when it is pressed, not while it is down"
+    page("window.pad.buttons[9] = {pressed: false, value: 0}; window.pad.connected = false")
+    told = "(plan) => { const was = plan.state.said; plan.state.said = 'a reason'; const text = plan.status().text;"
+    assert page(f"({told} plan.state.said = was; return text; }})({PLAN})") == "a reason", "what is said comes first"
+    page(f"{PLAN}.hear({{type: 'clearance', t: [], distance: [], proven: null, found: null, bodies: []}})")
+    page.until("document.querySelector('[data-id=clearance]').hidden", "there is no plot of nothing")
     page.page.keyboard.press("Escape")
     page.until(f"{PLAN}.phase === 'off'", "cancelled")
     page.until(f"!{PLAN}.group.visible", "nothing of it is shown")
     assert q(page) == pytest.approx(at, abs=1e-6)
 
     begin(page)
-    lead(page, way, f"{PLAN}.state.blocked === ''")
+    move(page, way, f"{PLAN}.state.blocked === ''")
     page.page.keyboard.up("p")
     page.until(f"{PLAN}.phase === 'preview'", "the second preview")
     goal = np.frombuffer(bytes(page(f"[...new Uint8Array({PLAN}.motion.poses.buffer)]")), "<f4").reshape(-1, 7)[-1]
@@ -103,7 +112,8 @@ def test_a_motion_out_of_the_dome_is_planned_cancelled_planned_again_and_made(pa
     while page(f"{PLAN}.phase") == "run":
         passed.append(q(page))
         time.sleep(0.05)
-    page.until("twin.app.model.said.includes('has arrived')", "the arm has arrived")
+    page.until("twin.app.model.status().text.includes('has arrived')", "the arm has arrived")
+    assert page("twin.app.model.status().tone") == "good"
     link = page(f"{ARM}.model.info.links.at(-1)")
     seen = np.array(page(f"{ARM}.robot.links.get('{link}').node.position.toArray()"))
     assert seen == pytest.approx(goal[:3], abs=0.1 * MM)

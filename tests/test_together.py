@@ -419,6 +419,14 @@ def test_a_phase_that_follows_a_given_path_cannot_be_planned_beside_another_arm(
         api.plan_together("raven", arms, 0.002)
 
 
+def test_a_phase_whose_cost_would_be_ignored_is_refused(tmp_path):
+    robot = Robot(arm())
+    protocol = protocol_of(tmp_path, (0, 0, 0), (10, 0, 0))
+    free = replace(protocol.phases[0], cost="clearance")
+    with pytest.raises(ProtocolError, match=r"arm: phase 'to_w1' .* sets cost or samples, which a plan of several"):
+        _Arm(Place("arm", "arm", "", np.eye(4), {}, {}, {}), robot, replace(protocol, phases=(free,)))
+
+
 @pytest.mark.slow
 def test_both_ravens_pass_each_other_without_touching(tmp_path, capsys):
     arms = {

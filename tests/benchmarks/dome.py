@@ -1,8 +1,8 @@
 """Ways out of the dome with many seeds: time, success with tracking, exact geometry, certificate.
 
 Each seed plans phase `out` of the protocol dome by 500 samples, shortcuts and rounding, and computes its timing. The
-result is judged by coal alone at 200 configurations, then followed by the Raven's simulated motors, and what they did
-is judged by coal too. Processor times.
+result is judged by the judge of plans.py at 200 moments, then followed by the Raven's simulated motors, and what they
+did is judged too. Processor times.
 
     python tests/benchmarks/dome.py [seeds] [samples]
 """
@@ -14,7 +14,7 @@ import time
 
 import numpy as np
 from obstacles import length, problem
-from plans import exact
+from plans import Judge, obstacles
 
 import twin
 from twin.core.units import MM
@@ -35,8 +35,8 @@ def planned(space, start, goal, box, samples, seed):
     rng = np.random.default_rng(seed)
     search = Search(space, start, goal, box, rng)
     for count in (samples, int(1.5 * samples), 2 * samples):
-        if (path := searched(search, count, rng)[1]) is not None:
-            return path
+        if (way := searched(search, count, rng)[1]) is not None:
+            return way.curve
     return None
 
 
@@ -47,6 +47,7 @@ def main(seeds: int, samples: int) -> None:
     model = arm(robot.mechanism, inertia.of_robot(robot.files.cad))
     software = settings.load(robot.files.cad / settings.NAME, model.mechanism)
     plant = Plant(model, Physics.of(model, software.coulomb(model.mechanism)))
+    judge = Judge(robot.mechanism, *obstacles("dome", "raven_left"))
     planned(space, start, goal, box, 100, 10_000)  # loads grids, which a space keeps
     rows = []
     for seed in range(seeds):
@@ -64,8 +65,8 @@ def main(seeds: int, samples: int) -> None:
         s = timing.s
         followed = follow(model, software, path(s), path(s, 1) * timing.sd[:, None], plant)
         every = np.linspace(0, len(followed.q) - 1, 200).astype(int)
-        least = exact(space, space._placed(path(np.linspace(0, 1, 200))))
-        kept = exact(space, space._placed(followed.q[every]))
+        least = judge.least(path, s[np.linspace(0, len(s) - 1, 200).astype(int)])[0]
+        kept = judge.closest(followed.q[every], judge.pairs)[0]
         rows.append(
             (
                 1,

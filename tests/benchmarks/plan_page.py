@@ -1,8 +1,9 @@
 """Time from the release of the target to the preview on the page, out of the dome, and what it consists of.
 
 Without a graphics card, Chromium draws with all processors, beside the server and the planner; so the page is measured
-twice: as it is, and without its drawing. `search` is the processor time of the plan with its timing and pictures,
-alone in this process.
+as it is, and without its drawing. Each time, the target either rests before the release, so that the search has begun,
+or it moves until the release. `search` is the processor time of the plan with its timing and pictures, alone in this
+process.
 
     python tests/benchmarks/plan_page.py [plans]
 """
@@ -29,6 +30,7 @@ START = np.append([50 * DEG, 114 * DEG, 378 * MM, 0, -52 * DEG, 0], 0.0)
 
 PLAN = "twin.app.console.plan"
 DRAWS = (("without drawing", False), ("with drawing by the processors", True))
+RESTS = (("after a rest of 1 s", 1.0), ("during the motion", 0.0))
 WATCH = """
 (() => {
   const p = twin.app.console.plan, hear = p.hear.bind(p), release = p.press.bind(p);
@@ -39,8 +41,11 @@ WATCH = """
 """
 
 
-def on_the_page(folder: Path, way: list[float], plans: int, draws: bool) -> list[float]:
-    """Return the times in s from release to preview of plans to a place above the lid; `draws`: the page draws."""
+def on_the_page(folder: Path, way: list[float], plans: int, draws: bool, rest: float) -> list[float]:
+    """Return the times in s from release to preview of plans to a place above the lid.
+
+    `draws`: the page draws; `rest`: time in s between the last motion of the hand and the release.
+    """
     out, server = [], headset.Serving(str(folder))
     for browser in headset.chromium():
         with console(browser, server.url, size=(900, 520)) as page:
@@ -57,7 +62,7 @@ def on_the_page(folder: Path, way: list[float], plans: int, draws: bool) -> list
                 for _ in range(20):
                     page(f"twin.app.console.move('left', {way[0] / 20}, {way[1] / 20}, {way[2] / 20})")
                     time.sleep(0.05)
-                time.sleep(1.0)
+                time.sleep(rest)
                 page.page.keyboard.up("p")
                 page.until("window.times.preview > 0", f"a preview: {page(f'{PLAN}.state')}")
                 out.append(page("window.times.preview - window.times.released") / 1000)
@@ -91,7 +96,11 @@ def main(plans: int) -> None:
         goal = kin.inverse(T, START)
         rows = [("search, processor time", alone(scene.file, goal, plans))]
         way = way_in_picture(robots, scene, kin, goal)
-        rows += [(f"release to preview, {what}", on_the_page(Path(folder), way, plans, draws)) for what, draws in DRAWS]
+        rows += [
+            (f"release {how} to preview, {what}", on_the_page(Path(folder), way, plans, draws, rest))
+            for what, draws in DRAWS
+            for how, rest in RESTS
+        ]
         for name, times in rows:
             print(f"{name}: median {np.median(times):.2f} s, largest {max(times):.2f} s of {len(times)}", flush=True)
 

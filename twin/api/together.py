@@ -38,6 +38,12 @@ class _Arm:
                 f"{self.name}: phase '{others[0].name}' ({others[0].type}) of protocol {protocol.name} follows a given "
                 "path, which leaves no choice beside another arm; leave only phases joints, positioning, home and free"
             )
+        for p in protocol.phases:
+            if isinstance(p, Free) and (p.samples or p.cost != "length"):
+                raise ProtocolError(
+                    f"{self.name}: phase '{p.name}' of protocol {protocol.name} sets cost or samples, which a plan of "
+                    "several robots does not use (it takes the first path found, by its duration); remove these keys"
+                )
         robot = robot.bound(protocol)
         self.mechanism, self.kinematics = robot.mechanism, robot.path_kinematics()
         self.led = Led(self.name, protocol, self.kinematics, self.mechanism.frame_in_tool(protocol.frame))

@@ -62,7 +62,7 @@ def build(args: argparse.Namespace) -> int:
         for name in robot.files.protocols() if robot.files is not None and robot.unwritten and not chosen else ():
             if name not in baked:
                 print(
-                    f"  {name}: not baked, because the mechanism cannot follow it; to see the reason, run twin plan "
+                    f"  {name}: left out, because the mechanism cannot follow it; to see the reason, run twin plan "
                     f"{args.robot} {name}"
                 )
     return 0
@@ -230,7 +230,7 @@ def asked(texts: Sequence[str]) -> str | dict[str, str] | None:
 
 
 def _variants(robot: api.Robot, texts: Sequence[str]) -> list[dict[str, str] | None]:
-    """Return for each report to write the variants by equation, or None for the default variants."""
+    """Return the variants by equation of each report to write; None: the default variants."""
     chosen = asked(texts)
     if chosen is None:
         return [None]

@@ -50,6 +50,7 @@ def demands(path: PhasePath, joints: Path, protocol: Protocol, kinematics: PathK
     """
     limits = protocol.limits[path.phase.type]
     max_speed, max_acceleration = _joint_limits(path, protocol, kinematics)
+    max_jerk = np.inf if kinematics.max_jerk is None else kinematics.max_jerk
     fast = np.isfinite(kinematics.motors.max_speed)  # each motor with a speed limit is a further limited coordinate
     rows, motor_speed = kinematics.motors.rows[fast], kinematics.motors.max_speed[fast]
 
@@ -79,7 +80,9 @@ def demands(path: PhasePath, joints: Path, protocol: Protocol, kinematics: PathK
         m = path.motion(s)
         parts = ((m.p1, m.p2, limits.tip_jerk), (m.w1, m.w2, limits.rotation_jerk))
         accelerations = [(d1 * sdd[:, None] + d2 * sd[:, None] ** 2, most) for d1, d2, most in parts]
-        return max(float(np.max(np.linalg.norm(np.diff(a, axis=0), axis=1))) / (dt * most) for a, most in accelerations)
+        tip = max(float(np.max(np.linalg.norm(np.diff(a, axis=0), axis=1))) / (dt * most) for a, most in accelerations)
+        of_joints = joints(s, 1) * sdd[:, None] + joints(s, 2) * sd[:, None] ** 2
+        return max(tip, float(np.max(np.abs(np.diff(of_joints, axis=0)) / (dt * max_jerk))))
 
     return Demands(
         joints,
@@ -89,7 +92,7 @@ def demands(path: PhasePath, joints: Path, protocol: Protocol, kinematics: PathK
         np.concatenate([[limits.tip_speed, limits.rotation_speed], motor_speed]),
         np.concatenate([[limits.tip_acceleration, limits.rotation_acceleration], np.full(len(rows), np.inf)]),
         load,
-        jerk if min(limits.tip_jerk, limits.rotation_jerk) < np.inf else None,
+        jerk if min(limits.tip_jerk, limits.rotation_jerk, np.min(max_jerk)) < np.inf else None,
     )
 
 

@@ -52,6 +52,7 @@ def way(
             and searches.
     """
     from twin.planning.around import around  # imports scipy, which loads slowly
+    from twin.planning.costs import COSTS
 
     if kinematics.space is None:
         raise ProtocolError(f"{where}: a free motion requires a mechanism, but there is none")
@@ -65,6 +66,15 @@ def way(
 
     try:
         space = kinematics.space(phase.scene, phase.clearance, kept(kinematics, anchor))
-        return around(space, *ends, seed=phase.seed, progress=report)
+        plain = phase.cost == "length"
+        return around(
+            space,
+            *ends,
+            seed=phase.seed,
+            progress=report,
+            cost=None if plain else COSTS[phase.cost](space),
+            straight=phase.cost != "clearance",  # of all others, no path costs less than the straight one
+            samples=phase.samples,
+        )
     except TwinError as error:
         raise ProtocolError(f"{where} cannot be carried out: {error}") from error

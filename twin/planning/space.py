@@ -65,6 +65,10 @@ class Space(Interface):
         """Return (k,) bool: whether joint values q (k, n) are free of collisions; not `exact`: whether they seem so."""
         ...
 
+    def clearances(self, q: Array, most: float) -> Array:
+        """Return lower bounds (k,) in m, at most `most`, of the smallest distance at joint values q (k, n)."""
+        ...
+
     def steer(self, a: Array, b: Array) -> Path:
         """Return the direct path from a (n,) to b (n,), without regard to obstacles."""
         ...

@@ -121,6 +121,10 @@ class Behind(Space):
         """Return (k,) bool: whether all arms are free of collisions at q (k, n + 1)."""
         return self.whole.free(self.lifted(np.asarray(q, float)), exact=exact)
 
+    def clearances(self, q: Array, most: float) -> Array:
+        """Return lower bounds (k,) in m, at most `most`, of the smallest distance of all arms at q (k, n + 1)."""
+        return self.whole.clearances(self.lifted(np.asarray(q, float)), most)
+
     def steer(self, a: Array, b: Array) -> Path:
         """Return the straight path from a (n + 1,) to b (n + 1,)."""
         return line(a, b)

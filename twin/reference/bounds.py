@@ -228,26 +228,27 @@ class Bounds:
         self._values = np.zeros(0, np.float32)
         self._table = np.zeros((len(pairs), PAIR), np.int64)
 
-    def _require(self, pairs: np.ndarray) -> None:
+    def load(self, pairs: np.ndarray) -> None:
+        """Make the grids and balls of `pairs` (n,), or load them from the cache; `at` does this at its first use."""
         new = np.unique(pairs[~self._ready[pairs]])
+        grids, values, size = [self._grids], [self._values], len(self._values)
         for n in (int(n) for n in np.unique(self._pairs[new, 0]) if int(n) not in self._grid):
             grid = grid_of(self._triangles[n])
-            self._grid[n], shape = len(self._grids), np.array(grid.values.shape)
+            self._grid[n], shape = len(self._grid), np.array(grid.values.shape)
             parts = (
                 *(grid.start, [grid.cell, 1 / grid.cell], shape - 1),
-                *(
-                    [shape[1] * shape[2], shape[2], len(self._values)],
-                    grid.low,
-                    grid.high,
-                    [grid.error, grid.known, grid.far],
-                ),
+                *([shape[1] * shape[2], shape[2], size], grid.low, grid.high, [grid.error, grid.known, grid.far]),
             )
-            self._grids = np.concatenate([self._grids, np.concatenate(parts)[None]])
-            self._values = np.concatenate([self._values, grid.values.ravel()])
+            grids.append(np.concatenate(parts)[None])
+            values.append(grid.values.ravel())
+            size += grid.values.size
+        balls, count = [self._balls], len(self._balls)
         for n in (int(n) for n in np.unique(self._pairs[new, 1]) if int(n) not in self._cover):
-            cover, first = balls_of(self._triangles[n]), len(self._balls)
-            self._cover[n] = first, first + len(cover)
-            self._balls = np.concatenate([self._balls, cover + np.array([0, 0, 0, 0, first])])
+            cover = balls_of(self._triangles[n])
+            self._cover[n] = count, count + len(cover)
+            balls.append(cover + np.array([0, 0, 0, 0, count]))
+            count += len(cover)
+        self._grids, self._values, self._balls = np.concatenate(grids), np.concatenate(values), np.concatenate(balls)
         for pair in new:
             a, b = (int(n) for n in self._pairs[pair])
             self._table[pair] = len(self._triangles), a, b, self._grid[a], *self._cover[b]
@@ -274,7 +275,7 @@ class Bounds:
             fine: in m; balls with this radius are not replaced by smaller ones.
         """
         if not self._ready[pairs].all():
-            self._require(pairs)
+            self.load(pairs)
         none = np.zeros(len(states))
         return look_up(
             *(poses, states, pairs, enough, none if reject is None else reject, none + fine),

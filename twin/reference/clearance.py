@@ -75,10 +75,12 @@ def _hull(vertices: Array) -> coal.Convex:
     points, triangles = coal.StdVec_Vec3s(), coal.StdVec_Triangle()
     for k in hull.vertices:
         points.append(vertices[k])
-    for (a, b, c), outwards in zip(hull.simplices, hull.equations[:, :3], strict=True):
-        p, q, r = vertices[[a, b, c]]
-        b, c = (b, c) if np.cross(q - p, r - p) @ outwards > 0 else (c, b)
-        triangles.append(coal.Triangle(place[int(a)], place[int(b)], place[int(c)]))
+    p, q, r = np.moveaxis(vertices[hull.simplices], 1, 0)
+    inwards = np.einsum("ki,ki->k", np.cross(q - p, r - p), hull.equations[:, :3]) <= 0
+    simplices = hull.simplices.copy()
+    simplices[inwards, 1:] = simplices[inwards, :0:-1]
+    for a, b, c in simplices.tolist():
+        triangles.append(coal.Triangle(place[a], place[b], place[c]))
     return coal.Convex(points, triangles)
 
 

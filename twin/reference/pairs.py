@@ -136,6 +136,12 @@ class Pairs:
     def __len__(self) -> int:
         return len(self.rows)
 
+    def load(self) -> None:
+        """Make all that the tests of distances use; otherwise, each test makes what it uses first."""
+        self._bounds.load(np.arange(len(self)))
+        for shape in {*self.rows.ravel().tolist()}:
+            _ = self.shapes[shape].hull
+
     def poses(self, X: Array) -> Array:
         """Return T_base_shape (k, shapes, 4, 4) at configurations (k, nq)."""
         return self._tree.place(X)[:, self._numbers] @ self._Ts

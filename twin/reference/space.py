@@ -54,6 +54,9 @@ _NARROW = 3.0
 _SEARCH = 6 * MM
 """Motion in m of two bodies from the nearest tested state that a search accepts; paths found are tested whole."""
 
+_BLOCK = 2048
+"""Number of states whose distances are computed together."""
+
 _FAR = 100 * MM
 """Distance in m up to which a certificate asks for lower bounds, as long as no exact distance is known."""
 
@@ -145,6 +148,11 @@ class JointSpace:
         self._make, self.clearance, self._keep, self._around = make, clearance, keep, around
         self._check: Callable[[], None] = _nothing
 
+    def load(self) -> JointSpace:
+        """Make all that the tests use now, not at their first use; return this space."""
+        self._pairs.load()
+        return self
+
     def keeping(self, keep: Keep) -> JointSpace:
         """Return the same space with `keep` as its additional test; shapes and stored distances are shared."""
         _ = self._pairs
@@ -224,6 +232,26 @@ class JointSpace:
         ok[ok] = self._allowed(X[ok], q[ok])
         ok[ok] = ~self._pairs.near(X[ok], exact=exact)
         return ok
+
+    def clearances(self, q: Array, most: float) -> Array:
+        """Return lower bounds (k,) in m, at most `most`, of the smallest distance at joint values q (k, n).
+
+        Pairs of bodies of the mechanism that are nearer than twice the clearance in the rest poses are not included.
+        Where loops do not close, the value is 0.
+        """
+        q = np.asarray(q, float).reshape(-1, len(self.weights))
+        out, pairs = np.full(len(q), most), np.flatnonzero(self._pairs.required >= self.clearance)
+        for k in range(0, len(q), _BLOCK):
+            self._check()
+            X, closed = self._closing.states(q[k : k + _BLOCK], thorough=False)
+            poses = self._pairs.poses(X)
+            states, pair = np.repeat(np.arange(len(X)), len(pairs)), np.tile(pairs, len(X))
+            near = self._pairs.gaps(poses, states, pair) < most
+            states, pair = states[near], pair[near]
+            low, _ = self._pairs.bounds(poses, states, pair, np.full(len(pair), most), fine=SEARCHED)
+            np.minimum.at(out, k + states, low)
+            out[k : k + _BLOCK][~closed] = 0.0
+        return out
 
     def steer(self, a: Array, b: Array) -> Callable[..., Array]:
         """Return the straight path from joint values a (n,) to b (n,), as a function of s from 0 to 1."""

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from twin.core.spatial import Array
+from twin.simulation.controllers.planned import AIM, HELD
 from twin.simulation.world import Block, Signals
 
 TOOLS, FREE, CAMERA = 0.0, 1.0, 2.0
@@ -20,11 +21,14 @@ class Pedals(Block):
 
     The clutch has priority: with both pedals pressed, the hands control nothing. The hands also control nothing while
     the device is silent (its signal `<device>.silent`, if it exists, is 1); silence does not count as a tap.
+
+    With `planned`, it also reads `<robot>.planned` of these arms: while a motion is planned or made, the camera rests,
+    because its arm is among the obstacles. It moves while the hand moves the target.
     """
 
-    def __init__(self, device: str, tap: float = TAP) -> None:
+    def __init__(self, device: str, tap: float = TAP, planned: Sequence[str] = ()) -> None:
         """Connect to the pedals of a device; both pedals start released."""
-        self.tap = tap
+        self.tap, self._planned = tap, tuple(planned)
         self._clutch, self._camera, self._silent = (f"{device}.{n}" for n in ("clutch", "camera", "silent"))
         self._taps = 0
         self._since: float | None = None  # time in s at which the clutch was pressed; infinity: unknown
@@ -35,6 +39,7 @@ class Pedals(Block):
         now = signals.now
         self._clutched, self._camera_down = now[self._clutch].item, now[self._camera].item
         self._is_silent = now[self._silent].item if self._silent in now else None
+        self._states = [now[f"{n}.planned"] for n in self._planned]
         self._mode, self._count = memory["console.mode"], memory["console.taps"]
 
     def step(self, signals: Signals, t: float, dt: float) -> None:
@@ -48,5 +53,10 @@ class Pedals(Block):
         elif self._since is not None:
             self._taps += 0 <= t - self._since <= self.tap + 1e-9
             self._since = None
-        self._mode[0] = FREE if clutch or silent else CAMERA if camera else TOOLS
+        self._mode[0] = FREE if clutch or silent else CAMERA if camera and not self._rests() else TOOLS
         self._count[0] = self._taps
+
+    def _rests(self) -> bool:
+        """Return whether a plan keeps the camera at rest."""
+        states = [s.item(0) for s in self._states]
+        return max(states, default=0.0) >= HELD and AIM not in states

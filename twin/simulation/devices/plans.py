@@ -39,7 +39,7 @@ _THERE = 0.2 * MM
 
 
 @dataclass(frozen=True)
-class Led:
+class PlannedArm:
     """An arm that can follow a plan: its equations, and whether it is a machine with run levels."""
 
     kin: Kinematics
@@ -60,7 +60,7 @@ class Plans(Block):
         off: largest distance in m of the tip from the path of the last motion.
     """
 
-    def __init__(self, device: str, arms: Mapping[str, Led]) -> None:
+    def __init__(self, device: str, arms: Mapping[str, PlannedArm]) -> None:
         """Prepare for arms by the names of their places; `device` is that of the pedals."""
         self._arms, self._silent, self._heard = dict(arms), f"{device}.silent", 0.0
         self.robot, self.state, self.why, self.arrived, self.off = "", OFF, "", False, 0.0
@@ -95,9 +95,13 @@ class Plans(Block):
             WorldError: there is no arm, there are no poses, or a pose is not finite.
         """
         Ts = np.asarray(Ts, float)
-        if not self.robot or not len(Ts) or not np.isfinite(Ts).all():
-            whose = self.robot or "no arm"
-            raise WorldError(f"{whose} cannot follow {len(Ts)} poses: at least one is needed, and all must be finite")
+        if not self.robot:
+            raise WorldError(f"there is no arm for a motion of {len(Ts)} poses: call `aim` first")
+        if not len(Ts):
+            raise WorldError(f"the motion of {self.robot} has 0 poses; give at least 1")
+        finite = np.isfinite(Ts.reshape(len(Ts), -1)).all(axis=1)
+        if not finite.all():
+            raise WorldError(f"the motion of {self.robot}: pose {int(np.argmin(finite))} of {len(Ts)} is not finite")
         self._Ts, self._k, self._since, self.off = Ts, 0, np.nan, 0.0
         self._set(self.robot, RUN)
         self._new[f"{self.robot}.planned"] = _values(RUN, Ts[0])
@@ -126,8 +130,12 @@ class Plans(Block):
             self._since = self._heard = t
         silent = signals[self._silent][0] > 0.5
         self._heard = self._heard if silent else t
-        if t - self._heard > _SILENCE or (not silent and signals["console.mode"][0] == FREE):
-            return self.stop("the motion was stopped by the clutch, or because the hands are silent")
+        if t - self._heard > _SILENCE:
+            return self.stop(
+                f"the motion of {robot} was stopped: no state of the hands was received for {_SILENCE:g} s; plan again"
+            )
+        if not silent and signals["console.mode"][0] == FREE:
+            return self.stop(f"the motion of {robot} was stopped by the clutch; plan again")
         if arm.machine and not self._is_down(signals, t):
             return
         at, k = arm.kin.forward(signals[f"{robot}.encoder"])[:3, 3], min(self._k, len(self._Ts) - 1)
@@ -141,9 +149,14 @@ class Plans(Block):
             )
         if self._k == len(self._Ts):
             left = float(np.linalg.norm(self._Ts[-1, :3, 3] - at))
-            if left < _THERE or t - self._since > _SETTLE:
+            if left <= _THERE:
                 self.stop()
                 self.arrived = True
+            elif t - self._since > _SETTLE:
+                self.stop(
+                    f"{robot} did not arrive: {_SETTLE:g} s after the last pose, its tip is {left / MM:.2f} mm from "
+                    f"the end of its path (limit {_THERE / MM:g} mm); find the cause before the next motion"
+                )
             return None
         self._new[f"{robot}.planned"] = _values(RUN, self._Ts[self._k])
         self._k += 1

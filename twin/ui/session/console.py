@@ -10,7 +10,6 @@ import logging
 import math
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -233,7 +232,7 @@ class LiveConsole:
         self._require_task()
         self.require_free(client)
         old, ticks = self.recorder, self.world.tick
-        self.planning.cancel()
+        self.planning.reset()
         for robot in {} if self.task is None or self.task.procedure is None else self.task.procedure.start:
             self.device.set(f"{robot}.tool", self._first[f"{robot}.tool"])
         self._begin()
@@ -263,7 +262,7 @@ class LiveConsole:
     def _finish(self, why: str) -> None:
         """Stop the World, complete the session file, and begin to make the report."""
         self._over, self.owner = why, None
-        self.planning.cancel()
+        self.planning.reset()
         self.device.leave()
         if self.recorder is None:
             return
@@ -372,9 +371,8 @@ class LiveConsole:
         if self._over:
             raise HeldError(f"{self._over} Restart the task to move the instruments.")
         self.own(client)
-        rests = self.planning.holds_camera
         for state in (right, left):
-            self.device.give(replace(state, camera=False) if rests else state)
+            self.device.give(state)
 
     def own(self, client: str) -> None:
         """Make a client the owner of the hands.
@@ -442,10 +440,12 @@ class LiveConsole:
 
         Raises:
             HeldError: another client controls the hands.
-            TwinError: the scene has no machines.
+            TwinError: the scene has no machines, or a motion is being planned or made.
         """
         self.require_free(client)
-        self._require_machines().ask(mode)
+        machines = self._require_machines()
+        self.planning.require_off()
+        machines.ask(mode)
 
     def press(self, client: str, button: str) -> None:
         """Press the button "start" or "stop" of all machines; every client may press "stop".

@@ -1,11 +1,11 @@
-"""Planning mode of a console: the hand moves a target through everything, a motion to it is planned, shown, and made.
+"""Planning mode of a console: the hand moves a target, a motion of the arm to it is planned, shown, and made.
 
     off -> aim -> plan -> preview -> run -> off
 
-In `aim`, the hand moves the target, and all arms are at rest. `plan` searches in another process; the search begins
-already when the target rests, so that a user who stops before releasing the pedal does not wait for all of it.
-`preview` shows the motion until it is accepted. In `run`, the arm follows it; the poses are an input of the World and
-in its recording.
+In `aim`, the hand moves the target, which may pass through anything; all arms are at rest. `plan` searches in another
+process; the search begins already when the target rests, so that a user who stops before releasing the pedal does not
+wait for all of it. `preview` shows the motion until it is accepted. In `run`, the arm follows it; the poses are an
+input of the World and in its recording.
 """
 
 from __future__ import annotations
@@ -17,16 +17,17 @@ from typing import Any, Literal
 
 import numpy as np
 
-from twin.core.errors import KinematicsError, TwinError
+from twin.core import spatial
+from twin.core.errors import TwinError
 from twin.core.jobs import Stream
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM
-from twin.model.mechanism import Mechanism
+from twin.model.mechanism import Joint
 from twin.model.scene import Scene
 from twin.simulation.console_scene import PEDALS, Member
 from twin.simulation.controllers.planned import OFF
 from twin.simulation.controllers.trainer import Phase as TrainerPhase
-from twin.simulation.devices.plans import Led, Plans
+from twin.simulation.devices.plans import PlannedArm, Plans
 from twin.simulation.world import World
 from twin.ui.session.plan_work import Check, Checked, Clear, Found, Plan, Proven, Room, work
 
@@ -47,6 +48,12 @@ _SAID = 6.0
 _SAME = 1e-4
 """Largest difference in rad or m of all joints at which the target is where the arm is."""
 
+_NEAR = 0.1 * MM, 0.1 * DEG
+"""Motion of the target that the ghost does not follow: less than is seen, and than an arm's deviation at the end of a
+motion. So a hand that trembles on its support rests, and its target is tested and planned for once."""
+
+_AWAY = 1 * MM, 1 * DEG
+"""Motion of the target after which an error is no longer shown (ASSUMED)."""
 
 _REST = 0.15
 """Time in s without motion of a free target after which the search begins before the pedal is released."""
@@ -98,7 +105,7 @@ class PlanMode:
         self._scene, self._members, self._world, self._source = scene, members, world, source
         self._table, self._machines = scene.console, set(scene.trainer.robots) if scene.trainer else set()
         self._stream: Stream[Any] = Stream(work, nice=0)  # the user waits for it
-        arms = {n: Led(members[n].kin, n in self._machines) for n in (*self._table.right, *self._table.left)}
+        arms = {n: PlannedArm(members[n].kin, n in self._machines) for n in (*self._table.right, *self._table.left)}
         self.plans = Plans(PEDALS, arms)
         self._numbers, self._room = itertools.count(1), None
         self._stands: dict[str, Array] = {}
@@ -115,13 +122,9 @@ class PlanMode:
         self._checks = False
         self._tested: Array | None = None
         self._ahead: _Ahead | None = None
+        self._error: tuple[Array, str] | None = None
         self._moved = 0.0
         self.changes += 1
-
-    @property
-    def holds_camera(self) -> bool:
-        """Whether the camera must rest: its arm is among the obstacles of a plan."""
-        return self.phase in ("plan", "preview", "run")
 
     # -- requests -------------------------------------------------------------------------------------
 
@@ -131,10 +134,8 @@ class PlanMode:
         Raises:
             TwinError: another arm is planned for, an arm moves, or this arm cannot be planned for.
         """
-        if self.phase == "run":
-            raise TwinError(f"{self.robot} follows a plan: wait until it has arrived, or cancel")
-        if self.phase != "off" and robot != self.robot:
-            raise TwinError(f"a motion of {self.robot} is being planned: accept or cancel it first")
+        if self.phase == "run" or robot != self.robot:
+            self.require_off()
         if robot in self._table.through:
             raise TwinError(
                 f"{robot} is kept in its port by software, and the planner does not know its port: move it by hand"
@@ -148,14 +149,19 @@ class PlanMode:
         if not again:
             self._clear()
             self.hand, self.robot, self._q = hand, robot, self._at(robot)
-            self._seen = np.zeros(0)
+            self.ghost = self._links(self._q)
         self.phase, self.preview, self.said, self.bad, self._tested = "aim", None, "", False, None
+        self._error = None
         self.plans.aim(robot)
         self._enter()
+        self._load()
+        self.changes += 1
+
+    def _load(self) -> None:
+        """Begin to load the geometry, if it is not loaded."""
         if not self.ready:
             self._stream.start(Check(self._require_room()))
             self._checks = True
-        self.changes += 1
 
     def find(self) -> None:
         """Plan a motion from the arm to the target.
@@ -169,14 +175,15 @@ class PlanMode:
         if np.abs(self._q - start).max() < _SAME:
             raise TwinError(f"the target is where {self.robot} is: move it away first")
         self._enter()
-        ahead, self._ahead = self._ahead, None
+        ahead, self._ahead, self._error = self._ahead, None, None
         self._start, self.phase, self.done, self.said, self.bad = start, "plan", 0.0, "", False
         self.plans.hold()
         self._checks = False
         self.changes += 1
-        if ahead is None or ahead.job.room is not self._room or not np.array_equal(ahead.job.goal, self._q):
+        if ahead is None or not self._serves(ahead.job, start):
             self._stream.start(self._plan(start))
             return
+        self._start = ahead.job.start
         for piece in ahead.pieces:
             self._take(piece)
         if ahead.end is not None:
@@ -190,12 +197,16 @@ class PlanMode:
         """
         if self.phase != "preview" or self.preview is None:
             raise TwinError("there is no plan to accept: press Plan, and move the target")
-        off = {n: float(np.abs(self._at(n) - q).max()) for n, q in self._stands.items()}
-        off[self.robot] = float(np.abs(self._at(self.robot) - self._start).max())
-        for name, size in off.items():
-            if size > _MOVED:
+        moved = {n: self._world().signals[f"{n}.q"] - q for n, q in self._stands.items()}
+        moved[self.robot] = self._at(self.robot) - self._start
+        for name, by in moved.items():
+            k = int(np.argmax(np.abs(by)))
+            if abs(by[k]) > _MOVED:
+                joint = self._members[name].mechanism.active[k]
+                unit, text = _unit(joint)
                 raise TwinError(
-                    f"{name} has moved since the plan: a joint by {size:.2g} rad or m (limit {_MOVED:g}); plan again"
+                    f"{name} has moved since the plan: {joint.name} by {abs(by[k]) / unit:.2g} {text} "
+                    f"(limit {_MOVED / unit:.2g} {text}); plan again"
                 )
         self.phase, self.done, self.said, self.bad = "run", 0.0, "", False
         self.plans.run(self.preview.found.Ts)
@@ -204,11 +215,28 @@ class PlanMode:
     def cancel(self, why: str = "") -> None:
         """End planning mode in any phase: the arm stays where it is, and the hands move the arms again."""
         was = self.phase
+        if was == "off":
+            return
+        self.reset(why)
+        if was == "run" or why:
+            self._tell(why or "Cancelled: the arm stays where it is.", bool(why))
+
+    def reset(self, why: str = "") -> None:
+        """End planning mode, and forget what was reported of the last motion: the World ends, or another one begins."""
         self._stream.cancel()
         self.plans.stop(why)
         self._clear()
-        if was == "run" or why:
-            self._tell(why or "Cancelled: the arm stays where it is.", bool(why))
+
+    def require_off(self) -> None:
+        """Check that no motion is planned or made.
+
+        Raises:
+            TwinError: there is one.
+        """
+        if self.phase == "run":
+            raise TwinError(f"{self.robot} follows a plan: wait until it has arrived, or cancel")
+        if self.phase != "off":
+            raise TwinError(f"a motion of {self.robot} is being planned: accept or cancel it first")
 
     def close(self) -> None:
         """End the process."""
@@ -257,23 +285,28 @@ class PlanMode:
         self._checks = False
         if not error:
             self.ready = True
-        elif self.phase == "plan":
-            self.phase, self._tested, self.said, self.bad = "aim", self._q, f"No plan: {error}", True
+            return
+        planned = self.phase == "plan"
+        self.said, self.bad = f"No plan: {error}" if planned else error, True
+        self._error = self._seen, self.said
+        if planned:
+            self.phase, self._tested = "aim", self._q
             self.plans.aim(self.robot)
+            self._load()
             self.changes += 1
-        else:
-            self.said, self.bad = error, True
 
     def _follow(self) -> None:
         """Compute the ghost at the target, and test it when the last test has ended."""
-        member, signals = self._members[self.robot], self._world().signals
-        target = signals[f"{self.robot}.target"][1:]
-        if self.plans.state != OFF and not np.array_equal(target, self._seen):
+        target = self._world().signals[f"{self.robot}.target"][1:].reshape(4, 4)
+        if self.plans.state != OFF and not _near(target, self._seen, *_NEAR):
             first = not len(self._seen)
             self._seen = target
-            self._q, why = self._reached(member, target.reshape(4, 4))
-            self.ghost = (member.links or _links(member.mechanism))(self._q)
-            if not first:
+            why = self._reach(self._members[self.robot], target)
+            if self._error is not None and not _near(target, self._error[0], *_AWAY):
+                self._error = None
+            if self._error is not None and not why:
+                self.said, self.bad = self._error[1], True
+            elif not first:
                 self.said, self.bad = why, False
             self.changes += 1
         if not self.ready or self._checks:
@@ -282,33 +315,45 @@ class PlanMode:
         if self._tested is None or not np.array_equal(self._tested, self._q):
             self._tested, self._checks, self._moved, self._ahead = self._q, True, now, None
             self._stream.start(Check(self._require_room(), self._q))
-        elif self._ahead is None and not self.blocked and now - self._moved > _REST:
+        elif self._ahead is None and self._error is None and not self.blocked and now - self._moved > _REST:
             start = self._at(self.robot)
             if np.abs(self._q - start).max() >= _SAME:
                 self._ahead = _Ahead(self._plan(start))
                 self._stream.start(self._ahead.job)
 
+    def _serves(self, job: Plan, start: Array) -> bool:
+        """Return whether a plan is from start (n,) to the target, among what surrounds the arm now."""
+        goes = np.array_equal(job.goal, self._q) and np.abs(job.start - start).max() <= _MOVED
+        return job.room is self._room and bool(goes)
+
     def _plan(self, start: Array) -> Plan:
         """Return the plan from start (n,) to the target."""
         return Plan(self._require_room(), start, self._q, *self._limits())
 
-    def _reached(self, member: Member, T: Array) -> tuple[Array, str]:
-        """Return the joint values (n,) at a pose (4, 4) in base, or the last ones and why there are none."""
+    def _reach(self, member: Member, T: Array) -> str:
+        """Move the ghost to a pose (4, 4) in base; return why it stays, or ""."""
         kin, mechanism, last = member.kin, member.mechanism, self._q
         stays = "; the ghost stays at the last pose within reach"
         try:
             q = np.array(kin.inverse(T, last), float)
-        except KinematicsError as error:
-            return last, f"{error}{stays}"
-        q[kin.revolute] -= 2 * np.pi * np.rint((q - last)[kin.revolute] / (2 * np.pi))
-        q[kin.auxiliary] = last[kin.auxiliary]
-        for joint, x in zip(mechanism.active, q, strict=True):
-            low, high = joint.limits or (-np.inf, np.inf)
-            if not low <= x <= high:
-                unit, text = (DEG, "deg") if joint.is_angle else (MM, "mm")
-                within = f"{low / unit:.4g} to {high / unit:.4g} {text}"
-                return last, f"The target needs {joint.name} = {x / unit:.4g} {text} (limits {within}){stays}"
-        return q, ""
+            q[kin.revolute] -= 2 * np.pi * np.rint((q - last)[kin.revolute] / (2 * np.pi))
+            q[kin.auxiliary] = last[kin.auxiliary]
+            for joint, x in zip(mechanism.active, q, strict=True):
+                low, high = joint.limits or (-np.inf, np.inf)
+                if not low <= x <= high:
+                    unit, text = _unit(joint)
+                    within = f"{low / unit:.4g} to {high / unit:.4g} {text}"
+                    return f"The target needs {joint.name} = {x / unit:.4g} {text} (limits {within}){stays}"
+            self.ghost = self._links(q)
+        except TwinError as error:  # out of reach, or the loops cannot be closed
+            return f"{error}{stays}"
+        self._q = q
+        return ""
+
+    def _links(self, q: Array) -> Mapping[str, Array]:
+        links = self._members[self.robot].links
+        assert links is not None, "a console has the link poses of its robots"
+        return links(q)
 
     def _watch(self) -> None:
         """Note how far the motion is, and its end."""
@@ -370,9 +415,13 @@ class PlanMode:
         }
 
 
-def _links(mechanism: Mechanism) -> Callable[[Array], Mapping[str, Array]]:
-    """Return the function from joint values to link poses of the reference model."""
-    from twin.reference import ReferenceModel
+def _unit(joint: Joint) -> tuple[float, str]:
+    return (DEG, "deg") if joint.is_angle else (MM, "mm")
 
-    model = ReferenceModel(mechanism)
-    return lambda q: model.solve(q).link_poses
+
+def _near(T: Array, other: Array, length: float, angle: float) -> bool:
+    """Return whether two poses (4, 4) differ by at most a length in m and an angle in rad; not if `other` is empty."""
+    if not len(other):
+        return False
+    apart = float(np.linalg.norm(T[:3, 3] - other[:3, 3]))
+    return apart <= length and float(spatial.rotation_angle(T[:3, :3] @ other[:3, :3].T)) <= angle

@@ -23,8 +23,8 @@ from twin.core.units import MM
 DT = 1e-3
 """Time in s between two poses of a plan: a tick of the World."""
 
-SHOWN = 1 / 30
-"""Time in s between two pictures of a preview."""
+SHOWN = 33 * DT
+"""Time in s between two pictures of a preview, a whole number of ticks."""
 
 _EVERY = 0.05
 """Time in s between two reports of progress."""
@@ -138,7 +138,7 @@ def work(job: Check | Plan) -> Iterator[Any]:
     if job.q is not None:
         yield Checked(arm.space.why(job.q))
     else:
-        arm.space.free(np.atleast_2d(arm.space.limits.mean(axis=1)))  # loads the shapes
+        arm.space.load()
 
 
 def _beside(job: Plan) -> Iterator[Any]:
@@ -185,16 +185,19 @@ def plan(
         CancelledError: `cancelled` was true.
         TwinError: there is no plan; the message has the reason.
     """
-    from twin.planning.around import around
+    from twin.planning.around import NoPathError, around
 
     def check() -> None:
         if cancelled():
             raise CancelledError
 
     arm, trees = _arm_of(job.room), []
-    path = around(
-        arm.space, job.start, job.goal, seed=job.seed, progress=report, cancelled=cancelled, grown=trees.append
-    )
+    try:
+        path = around(
+            arm.space, job.start, job.goal, seed=job.seed, progress=report, cancelled=cancelled, grown=trees.append
+        )
+    except NoPathError as error:
+        raise TwinError(f"{error.reason}; move the target, or an arm that is in the way") from None
     s = _timed(path, arm, job)
     q = path(s)
     times: Array = np.arange(len(s), dtype=np.float64) * DT

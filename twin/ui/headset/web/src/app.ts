@@ -286,7 +286,9 @@ export class App {
 
   /** Measure what the controls cover; return whether it has changed. */
   private cover(): boolean {
-    return this.world.cover(this.machines?.covers() ?? this.score.covers(), ...this.dom.covers());
+    const [right, bottom] = this.dom.covers();
+    const top = this.console ? 0 : this.header.covers(window.innerWidth - right);
+    return this.world.cover(this.machines?.covers() ?? this.score.covers(), right, bottom, top);
   }
 
   /** Set the camera so that all robots are visible. */
@@ -373,7 +375,10 @@ export class App {
       this.header.refresh();
       if (!this.xr.presenting) {
         this.dom.refresh();
-        if (this.cover()) this.console?.views.place();
+        if (this.cover()) {
+          if (this.console) this.console.views.place();
+          else this.world.frameAgain();
+        }
         this.score.refresh();
         this.machines?.refresh();
         this.console?.tools?.refresh();

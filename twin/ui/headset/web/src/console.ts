@@ -204,7 +204,8 @@ export class Console {
     const hand = this.app.model.console?.hands[side];
     if (!hand) return '';
     if (hand.waits) return `${side === 'right' ? 'Right' : 'Left'} hand: ${hand.waits}`;
-    const doing = hand.wall ? `${hand.wall}` : hand.follows ? 'follows' : 'is at rest';
+    const aims = this.plan.phase === 'aim' && hand.follows;
+    const doing = hand.wall ? `${hand.wall}` : aims ? 'rests, its target follows' : hand.follows ? 'follows' : 'is at rest';
     return `${side === 'right' ? 'Right' : 'Left'} hand: ${hand.robot} ${doing}`;
   }
 

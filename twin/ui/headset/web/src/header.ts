@@ -2,6 +2,8 @@
 
 import type { App } from './app';
 
+const BESIDE = 0.3; // largest part of a width that the header covers where the robot is drawn beside it
+
 export class Header {
   private readonly bar = document.createElement('header');
   private readonly name = document.createElement('h1');
@@ -35,6 +37,12 @@ export class Header {
     parent.append(this.bar, this.help);
     this.enter.onclick = () => void app.xr.enter();
     this.other.onclick = () => void app.xr.enter('immersive-vr');
+  }
+
+  /** Height in pixels that the header covers of an area of this width; 0 where there is room for the robot beside it. */
+  covers(width: number): number {
+    const { right, bottom } = this.bar.getBoundingClientRect();
+    return right > BESIDE * width ? Math.round(bottom) : 0;
   }
 
   refresh(): void {

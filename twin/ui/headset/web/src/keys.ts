@@ -40,7 +40,7 @@ export const KEYS: readonly (readonly [what: string, keys: string])[] = [
   ['Clutch (instruments at rest)', 'hold Space'],
   ['Motion scale', '– and +'],
   ['Forces on or off', 'T'],
-  ['Plan a motion', 'hold P and move the target, release; Enter, Escape'],
+  ['Plan a motion', 'hold P and move the target, release; Enter accepts, Escape cancels'],
   ['Swap the pictures', 'V'],
   ['Move the other end of instruments in ports', 'G'],
 ];

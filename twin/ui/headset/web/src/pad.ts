@@ -42,6 +42,7 @@ export class Pad {
   /** Speed of each depth button, as a part of the full speed. */
   private depth = { right: 0, left: 0 };
   private next = { right: false, left: false };
+  private decides = { cancel: false, accept: false };
   private walls = 0;
   private felt = -Infinity;
 
@@ -59,8 +60,9 @@ export class Pad {
     console.pens.press('clutch', 'pad', held(CLUTCH));
     console.pens.press('camera', 'pad', held(CAMERA));
     console.plan.press('pad', held(PLAN));
-    if (held(CANCEL)) console.plan.cancel();
-    if (held(ACCEPT)) console.plan.accept();
+    if (held(CANCEL) && !this.decides.cancel) console.plan.cancel();
+    if (held(ACCEPT) && !this.decides.accept) console.plan.accept();
+    this.decides = { cancel: held(CANCEL), accept: held(ACCEPT) };
     for (const side of SIDES) {
       const [x, y] = [live(pad.axes[STICK[side]]), -live(pad.axes[STICK[side] + 1])];
       const way = Number(held(NEARER[side])) - Number(held(DEEPER[side]));

@@ -19,6 +19,7 @@ import { discard } from './world';
 const TAP = 250; // ms: a shorter press leaves the pedal down, until it is pressed again
 const OPACITY = 0.5;
 const TREE = 0x7b8794;
+const PROVEN = '#d81b2a'; // proven bound in the plot
 const REST = 0.6; // s for which a preview stays at its end
 
 export class Planning {
@@ -43,7 +44,6 @@ export class Planning {
   private clearance: Extract<Message, { type: 'clearance' }> | null = null;
   private readonly plot: Plot;
   private pressed = new Map<string, number>();
-  private said = '';
 
   constructor(
     page: HTMLElement,
@@ -113,25 +113,26 @@ export class Planning {
       kind: 'row',
       shown: () => this.phase !== 'off',
       items: [
-        button('plan-find', () => (this.phase === 'preview' ? 'Change the target' : 'Find a path'), () => (this.phase === 'preview' ? this.aim() : this.ask('find')), () => this.phase !== 'aim' && this.phase !== 'preview', 'Plan a motion of the arm to the target (release P)'),
+        button('plan-find', () => (this.phase === 'preview' ? 'Change the target' : 'Plan a motion'), () => (this.phase === 'preview' ? this.aim() : this.ask('find')), () => this.phase !== 'aim' && this.phase !== 'preview', 'Plan a motion of the arm to the target (release P)'),
         button('plan-accept', () => 'Accept', () => this.accept(), () => this.phase !== 'preview', 'The arm makes the planned motion (Enter)'),
         button('plan-cancel', () => (this.phase === 'run' ? 'Stop' : 'Cancel'), () => this.cancel(), () => false, 'The arm stays where it is (Escape)'),
       ],
     };
   }
 
-  /** Return the status of planning mode; null if it is off. */
+  /** Return the status of planning mode; null if it is off, and nothing is said of the last motion. */
   status(): Status | null {
     const { state } = this;
-    if (!state || state.phase === 'off') return null;
+    if (!state) return null;
     const { robot, said, blocked } = state;
+    if (said) return { tone: state.bad ? 'bad' : state.phase === 'off' ? 'good' : 'warn', text: said };
+    if (state.phase === 'off') return null;
     if (state.phase === 'aim') {
-      if (said) return { tone: state.bad ? 'bad' : 'warn', text: said };
       if (blocked) return { tone: 'warn', text: `Target of ${robot} (red): ${blocked}.` };
       const loads = state.ready ? '' : ' The geometry is being loaded.';
-      return { tone: 'good', text: `Move the target of ${robot} through everything; the arm rests. Then find a path.${loads}` };
+      return { tone: 'good', text: `Move the target of ${robot}: it may pass through anything, and the arm rests. Then plan a motion.${loads}` };
     }
-    if (state.phase === 'plan') return { tone: 'plain', text: `Planning a motion of ${robot}: ${percent(state.done)}` };
+    if (state.phase === 'plan') return { tone: 'good', text: `Planning a motion of ${robot}: ${percent(state.done)}` };
     if (state.phase === 'run') return { tone: 'good', text: `${robot} follows the plan: ${percent(state.done)}` };
     return { tone: 'good', text: `Motion of ${robot}, ${this.motion?.duration.toFixed(1) ?? '–'} s. ${this.clear()}Accept it, or cancel.` };
   }
@@ -154,16 +155,10 @@ export class Planning {
     else if (message.type === 'clearance') {
       this.clearance = message;
       this.plot.show(message, this.motion?.duration ?? 0);
-    } else if (message.type === 'state') this.hearState();
-    else return;
+    } else if (message.type === 'state') {
+      if (this.holds && this.console.pens.active) this.console.pens.use();
+    } else return;
     this.app.refresh();
-  }
-
-  private hearState(): void {
-    const { state, phase } = this;
-    if (this.holds && this.console.pens.active) this.console.pens.use();
-    if (phase === 'off' && state?.said && state.said !== this.said) this.console.say(state.said);
-    this.said = phase === 'off' ? (state?.said ?? '') : '';
   }
 
   private take(message: Extract<Message, { type: 'plan' }>): void {
@@ -285,13 +280,13 @@ class Plot {
     this.at = t;
   }
 
-  /** Show the plot beside the small picture, where there is room; above it beside a window of tools. */
+  /** Show the plot beside the small picture where there is room; there is none beside a window of tools. */
   place(console: Console, on: boolean): void {
     const { corner } = console.views;
     const [right] = console.views.free;
     const left = corner.left + corner.width + 10;
     const wide = Math.min(280, right - left - 12);
-    this.canvas.hidden = !on || wide < 110 || console.tools !== null;
+    this.canvas.hidden = !on || !this.message?.distance.length || wide < 110 || console.tools !== null;
     if (this.canvas.hidden) return;
     const high = Math.min(corner.height, 130);
     const now = `${left} ${corner.top} ${corner.height} ${wide} ${this.message?.distance.length} ${this.at.toFixed(2)} ${this.message?.proven}`;
@@ -309,13 +304,19 @@ class Plot {
     pen.setTransform(2, 0, 0, 2, 0, 0);
     pen.font = '11px system-ui, sans-serif';
     const top = Math.max(1e-3, 1.1 * Math.max(...message.distance, message.proven ?? 0));
-    const [a, b] = [20, high - 16];
+    const [a, b] = [28, high - 16];
     const x = (t: number): number => 8 + (t / Math.max(this.duration, 1e-3)) * (wide - 16);
     const y = (d: number): number => b - (d / top) * (b - a);
-    const least = Math.min(...message.distance);
+    const least = Math.min(...message.distance, message.found ?? Infinity);
     pen.fillStyle = '#17212e';
-    pen.fillText(`Clearance: minimum ${mm(least)}${message.proven === null ? '' : `, proven ${mm(message.proven)}`}`, 8, 13, wide - 16);
+    const title = `${wide < 260 ? 'Minimum' : 'Clearance: minimum'} ${mm(least)}`;
+    pen.fillText(title, 8, 13, wide - 16);
+    if (message.proven !== null) {
+      pen.fillStyle = PROVEN;
+      pen.fillText(`proven ${mm(message.proven)}`, 16 + pen.measureText(title).width, 13, wide - 24 - pen.measureText(title).width);
+    }
     pen.fillStyle = '#55616f';
+    pen.fillText(mm(top), 8, 25);
     pen.fillText('0 s', 8, high - 4);
     const end = `${this.duration.toFixed(1)} s`;
     pen.fillText(end, wide - 8 - pen.measureText(end).width, high - 4);
@@ -327,7 +328,7 @@ class Plot {
       pen.stroke();
     };
     line('#9aa5b2', [[0, 0], [this.duration, 0]]);
-    if (message.proven !== null) line('#d81b2a', [[0, message.proven], [this.duration, message.proven]], [4, 3]);
+    if (message.proven !== null) line(PROVEN, [[0, message.proven], [this.duration, message.proven]], [4, 3]);
     pen.lineWidth = 1.6;
     line('#2268c9', message.t.map((t, i) => [t, message.distance[i] ?? 0]));
     pen.lineWidth = 1;

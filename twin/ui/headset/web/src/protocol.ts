@@ -120,7 +120,7 @@ export interface MachineState {
   phase: 'teleoperate' | 'rehearse' | 'judged' | 'replay' | 'done' | 'stopped' | 'follow';
   /** Why a record is refused, or a replay was stopped. */
   why: string | null;
-  /** Why the machine cannot be led. */
+  /** Why the machine cannot be moved. */
   problem: string | null;
 }
 

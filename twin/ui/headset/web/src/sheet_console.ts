@@ -54,7 +54,7 @@ export function pedals(console: Console): Control {
         on: () => console.plan.phase !== 'off',
         off: () => console.plan.phase !== 'off',
         press: () => console.plan.aim(),
-        hint: 'Move a target through everything, and plan a motion of the arm to it (hold P)',
+        hint: 'Move a target, which may pass through anything, and plan a motion of the arm to it (hold P)',
       },
       jaw('left'),
       jaw('right'),

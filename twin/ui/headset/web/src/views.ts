@@ -46,6 +46,7 @@ const NAMES: Readonly<Record<View, string>> = { room: 'Patient and robots', scop
 const CLOSER = 1.9; // enlargement of the small view of the room beside a window of tools
 const SCOPE_LIGHT = 4; // layer of the endoscope's light
 const ABOVE = 128; // height in pixels of the window of tools on a narrow page
+const LABELLED = 180; // smallest width in pixels of the small view whose label says that a click enlarges it
 const PART = 0.3; // width of the small view as a fraction of the free width
 const UP = new Quaternion().setFromAxisAngle(new Vector3(1, 0, 0), Math.PI); // from -y up, along z, to y up, along -z
 
@@ -188,11 +189,12 @@ export class Views {
     this.label.style.top = `${b.top + 4}px`;
     this.label.style.maxWidth = `${b.width - 16}px`;
     const names = this.headed ? NAMES : { room: 'Room', scope: 'Endoscope' };
-    this.label.textContent = small === 'room' ? `${names.room} · click to enlarge` : names.scope;
+    const name = small === 'room' ? `${names.room} · click to enlarge` : names.scope;
+    this.label.textContent = b.width < LABELLED ? names[small] : name;
     this.heading.textContent = this.large === 'scope' ? `${names.scope}, through the endoscope` : names.room;
     const [right] = this.app.world.free();
     this.heading.style.maxWidth = `${Math.max(0, right - this.heading.offsetLeft - 12)}px`;
-    this.frame.setAttribute('aria-label', this.label.textContent);
+    this.frame.setAttribute('aria-label', name);
   }
 
   /** Project a point of the scene into a view, in pixels of the page; side by side: into the picture nearer to x. */

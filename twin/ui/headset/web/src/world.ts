@@ -59,7 +59,8 @@ export class World {
   /** Size of the robot's bounding box in m. */
   size = 1;
 
-  private covered = { left: 0, right: 0, bottom: 0 };
+  private covered = { left: 0, right: 0, bottom: 0, top: 0 };
+  private framed: { middle: Vector3; radius: number; from: Vector3 } | null = null;
   private readonly sun = new DirectionalLight(0xffffff, 2.1);
   private readonly fill = new DirectionalLight(0xdfe9ff, 0.7);
   private readonly hemisphere = new HemisphereLight(0xffffff, 0xc9c4bc, 1.15);
@@ -119,16 +120,16 @@ export class World {
       this.pace.forget();
     }
     // The middle of the picture is the middle of the area without controls.
-    const { left, right, bottom } = this.covered;
-    this.camera.setViewOffset(w, h, (right - left) / 2, bottom / 2, w, h);
+    const { left, right, bottom, top } = this.covered;
+    this.camera.setViewOffset(w, h, (right - left) / 2, (bottom - top) / 2, w, h);
     this.dirty = true;
   }
 
-  /** Set the size in pixels that the controls cover at the sides and the bottom; return whether it has changed. */
-  cover(left: number, right: number, bottom: number): boolean {
+  /** Set the size in pixels that the controls cover at all sides; return whether it has changed. */
+  cover(left: number, right: number, bottom: number, top: number): boolean {
     const { covered } = this;
-    if (left === covered.left && right === covered.right && bottom === covered.bottom) return false;
-    this.covered = { left, right, bottom };
+    if (left === covered.left && right === covered.right && bottom === covered.bottom && top === covered.top) return false;
+    this.covered = { left, right, bottom, top };
     this.resize();
     return true;
   }
@@ -152,7 +153,8 @@ export class World {
   /** Set the camera to the front right of the robot, so that the robot's box fills the picture. */
   frameAll(middle: Vector3, radius: number): void {
     const { clientWidth: w, clientHeight: h } = this.renderer.domElement;
-    const free = Math.max(0.2, Math.min((h - this.covered.bottom) / h, (w - this.covered.left - this.covered.right) / h));
+    const { left, right, bottom, top } = this.covered;
+    const free = Math.max(0.2, Math.min((h - bottom - top) / h, (w - left - right) / h));
     const away = (0.9 * radius) / Math.sin(Math.atan(Math.tan((this.camera.fov * Math.PI) / 360) * free));
     this.camera.position.copy(middle).addScaledVector(VIEW, away);
     this.camera.near = Math.max(0.002, away / 200);
@@ -162,7 +164,14 @@ export class World {
     this.orbit.minDistance = 0.05 * radius;
     this.orbit.maxDistance = 12 * radius;
     this.orbit.update();
+    this.framed = { middle: middle.clone(), radius, from: this.camera.position.clone() };
     this.dirty = true;
+  }
+
+  /** Fill the picture again after the controls have changed their size, if nobody has moved the camera. */
+  frameAgain(): void {
+    const { framed, camera, renderer } = this;
+    if (framed && !renderer.xr.isPresenting && camera.position.equals(framed.from)) this.frameAll(framed.middle, framed.radius);
   }
 
   /** Adapt light and shadow to the robot at `placement`. */
