@@ -28,7 +28,11 @@ def test_only_motions_outside_the_patient_change_and_keep_their_waypoints(name):
 
 @pytest.mark.parametrize(
     ("clearance", "seed", "words"),
-    [(0.0, 0, "is 0 m; give more than 0"), (float("nan"), 0, "is nan m"), (0.005, -1, "is -1; give at least 0")],
+    [
+        (0.0, 0, "is 0 m; give a finite number above 0"),
+        (float("nan"), 0, "is nan m"),
+        (0.005, -1, "is -1; give at least 0"),
+    ],
 )
 def test_impossible_numbers_are_refused(clearance, seed, words):
     with pytest.raises(ProtocolError, match=words):

@@ -359,7 +359,7 @@ def test_every_kind_is_measured_on_a_step_and_joints_meet():
     assert turn.mating == ("arm_bar", "base_pin", "base_plate")
     assert turn.limits == pytest.approx((-np.pi / 2, np.pi / 2))
     assert (turn.max_speed, turn.max_acceleration) == (pytest.approx(np.pi / 3), None)
-    assert (slide.limits, slide.max_acceleration) == ((-0.1, 0.02), 0.5)
+    assert (slide.limits, slide.max_acceleration, slide.max_jerk) == ((-0.1, 0.02), 0.5, 4.0)
     assert m.postures["home"] == {"turn": pytest.approx(np.pi / 6), "slide": -0.045}
     shown = {p.name: (p.value, p.unit) for p in m.parameters}
     assert shown["turn drive stiffness"] == (100.0, "N m/rad")

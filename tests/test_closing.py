@@ -11,6 +11,8 @@ import twin
 from made.mechanisms import four_bar
 from twin.core.errors import AssemblyError
 from twin.core.units import MM
+from twin.model.joined import joined
+from twin.planning.smooth import line
 from twin.reference import ReferenceModel
 from twin.reference.closing import Closing
 from twin.reference.pairs import Pairs
@@ -101,6 +103,39 @@ def test_states_of_connections_follow_the_paths():
         start, s = closing.states(q[k][None])[0][0], np.linspace(0.0, 1.0, 9)
         exact = closing.along(lambda s, k=k: q[k] + s[:, None] * (q[k + 1] - q[k]), start, s, lambda: None)
         np.testing.assert_allclose(X[k], exact, atol=1e-5)
+
+
+def test_a_certain_state_is_kept_for_ever_and_found_again_at_rounded_values(monkeypatch):
+    """Otherwise the end of a path is compared with nothing, so that any assembly mode is accepted there."""
+    monkeypatch.setattr("twin.reference.closing._KNOWN", 50)
+    closing, rng = closing_of("four_bar"), np.random.default_rng(0)
+    home = model("four_bar").home().q
+    sure, _ = closing.states(home[None] + 0.1)
+    for _ in range(8):
+        closing.states(home + rng.uniform(-0.5, 0.5, (20, 1)), thorough=False)
+    np.testing.assert_array_equal(closing.known(home + 0.1), sure[0])
+    assert len(closing._q) <= 50 + 20 + 2
+    goals = home + rng.uniform(-0.5, 0.5, (40, 1))
+    closing.states(goals)
+    ends = np.array([line(home, goal)(np.ones(1))[0] for goal in goals])
+    assert (ends != goals).any(), "rounding must matter"
+    assert all(closing.known(end) is not None for end in ends)
+    assert closing.known(goals[0] + 1e-6) is None
+
+
+def test_two_loops_that_change_their_modes_together_are_noticed():
+    """The product of both determinants keeps its sign; each of them changes it."""
+    single, two = closing_of("four_bar"), joined({n: (four_bar(), np.eye(4)) for n in ("left", "right")})
+    home, rng = model("four_bar").home(), np.random.default_rng(0)
+    guesses = np.tile(home.x, (40, 1)) + rng.uniform(-3, 3, (40, len(home.x)))
+    X, ok = single.near(guesses, np.tile(home.q, (40, 1)))
+    other = X[ok & (single._signs(X) != single._signs(home.x[None])).all(axis=1)][0]
+    closing = Closing(ReferenceModel(two), np.ones(2))
+    modes = [np.concatenate(pair) for pair in ((home.x, home.x), (other, other), (other, home.x))]
+    signs = closing._signs(np.array(modes))
+    assert signs.shape == (3, 2)
+    assert (signs[0] != signs[1]).all()
+    assert (signs[0] != signs[2]).sum() == 1
 
 
 def test_levers_bound_the_approach_of_bodies_beyond_a_ball_joint():

@@ -90,7 +90,7 @@ def test_covariance_is_that_of_the_errors(sils):
 def test_a_unit_slip_is_called_one(sils):
     formula, truth = sils
     found = identify(Judge(formula, None, truth.with_parameters({"l_p": 0.000135})))
-    assert found.moved[0].note == "looks like metres for millimetres"
+    assert found.moved[0].note == "looks like metres instead of millimetres"
 
 
 def test_a_wrong_form_is_not_explained_by_numbers(sils):

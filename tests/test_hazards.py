@@ -111,7 +111,7 @@ def test_every_campaign_that_comes_with_twin_is_valid(name):
         ('responses = ["slow down"', 'responses = ["run away"', "responses"),
         ('operations = ["overwrite", "add", "hold"]', 'operations = ["skip"]', "skip and duplicate are for packets"),
         ("trained = 200", "trained = -1", "trained"),
-        ('name = "wrong grasp"', 'name = "wrong pedal"', "'wrong pedal' is there twice"),
+        ('name = "wrong grasp"', 'name = "wrong pedal"', "'wrong pedal' is defined twice"),
         ("value = [-200, 200]", "value = [200, -200]", "the range"),
         ("whole = true\n", "", "a delay needs whole = true"),
         ("seed = 1", "seed = -1", "seed"),
@@ -183,7 +183,7 @@ def test_a_fault_that_a_check_sees_stops_the_arm_before_harm(arena):
     found = arena.run(session(("packet", "add", [5000.0, *[0.0] * 8], {}), length=1))
     assert found.stop is not None
     assert found.harm is None
-    assert "counts of the DAC (limit 20000)" in found.check
+    assert "DAC counts (limit 20000)" in found.check
     assert found.noticeable
 
 
@@ -338,7 +338,7 @@ def test_four_jumps_and_a_stop_at_the_last(parts):
     (row,) = found.as_published
     assert (row.counts, row.jumps, row.stopped) == (750, 4, 4)
     assert min(row.peaks) > 5
-    assert "motor_shoulder asks for" in row.check
+    assert "the command for motor_shoulder is" in row.check
     assert any("four jumps and a stop at the last, as in the paper: hand 2" in str(part) for part in found.text())
 
 

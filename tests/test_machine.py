@@ -112,7 +112,7 @@ def test_numbers_only_go_up_and_a_gap_costs_a_packet():
         read(8, 0.2)
     assert read(9, 0.3) == 9
     assert read(0, 0.3) is None  # goes back to its sender
-    with pytest.raises(DeviceError, match="b is a second master; a has the machine until"):
+    with pytest.raises(DeviceError, match="b is a second master; a controls the machine until"):
         read(10, 0.4, "b")
     assert receiver.pedal(5.3)
     assert not receiver.pedal(5.31)
@@ -210,7 +210,7 @@ def test_a_silent_master_holds_the_arm(parts):
         (lambda k: pack(k + 1, 0, step(x=500), version=7), "master", "the version is 7; it must be 0"),
         (lambda k: pack(k + 1, 0, step(x=500))[:100], "master", "the length is 100 bytes; it must be 124"),
         (lambda k: pack(k, 0, step(x=500)), "master", "is not above the last one"),
-        (lambda k: pack(k + 1, 0, step(x=500)), "other", "other is a second master; master has the machine"),
+        (lambda k: pack(k + 1, 0, step(x=500)), "other", "other is a second master; master controls the machine"),
     ],
 )
 def test_a_machine_that_gets_a_bad_packet_goes_on_as_before(master, bad, sender, message):
@@ -292,7 +292,7 @@ def test_overdrive(parts, policy, stops):
 def test_above_the_stop_limit_every_policy_stops(parts):
     servo = Servo(parts.settings, parts.arm.mechanism, parts.arithmetic, "advanced", "none")
     assert not servo.counts_of(np.array([100, 0, 0, 0, 0, 0, 0.0]), np.zeros(7), np.zeros(7)).any()
-    assert "motor_shoulder asks for" in servo.stop
+    assert "the command for motor_shoulder is" in servo.stop
     assert "limit 20000" in servo.stop
 
 

@@ -179,7 +179,7 @@ def test_whole_counts_make_angles_too_large(parts):
 
 
 def test_an_unknown_finding_is_named():
-    with pytest.raises(TwinError, match=r"finding of the released software 'whole_count'. Did you mean 'whole_counts'"):
+    with pytest.raises(TwinError, match=r"fault of the released software 'whole_count'. Did you mean 'whole_counts'"):
         machine_parts(twin.load("raven_left"), released=["whole_count"])
 
 

@@ -259,9 +259,15 @@ def test_an_object_inside_an_instrument_is_named(scene, robots, props):
 def test_a_task_without_a_goal_is_named(scene, tmp_path):
     body = scene.file.read_text(encoding="utf-8").replace('props = "theatre.toml"\n', "")
     aimless = '[task.idle]\ntitle = "nothing to do"\nprovenance = "ASSUMED"\nnote = "x"\n'
-    (tmp_path / "scene.toml").write_text(body + "\n" + aimless, encoding="utf-8")
-    with pytest.raises(DescriptionError, match="a task needs a goal: `target` or `transfer` with at least one entry"):
-        twin.load_scene(tmp_path / "scene.toml")
+    file = tmp_path / "scene.toml"
+    file.write_text(f"{body}\n{aimless}", encoding="utf-8")
+    with pytest.raises(DescriptionError) as caught:
+        twin.load_scene(file)
+    line = file.read_text(encoding="utf-8").splitlines().index('title = "nothing to do"') + 1
+    assert str(caught.value) == (
+        f'{file}:{line}: task.idle.title = "nothing to do": a task needs a goal: `target` or `transfer` with at least '
+        "one entry, `guide`, `align` or `procedure`; it has none of them"
+    )
 
 
 def test_frames_hold_the_rings_after_the_robots(scene, robots, props):

@@ -15,7 +15,9 @@ from made.mechanisms import box
 from twin.api.standing import standing
 from twin.core import spatial
 from twin.core.units import MM
-from twin.model.body import Mesh
+from twin.model.body import Body, Frame, Mesh
+from twin.model.joint import Joint
+from twin.model.mechanism import Mechanism
 from twin.planning.around import around
 from twin.planning.fmt import Search
 from twin.planning.smooth import line
@@ -100,6 +102,27 @@ def test_levers_bound_how_far_bodies_approach():
             assert approach <= bound[0, row] + 1e-9
             used[row] = max(used[row], approach / bound[0, row])
     assert used.min() > 0.5, "a bound without relation to the motion would also pass"
+
+
+def test_a_ball_joint_that_turns_about_three_axes_in_turn_is_within_the_bound():
+    """About x, then y, then z: the turn is larger than the norm of the three angles."""
+    turns = 0.5 * np.eye(3)
+    net = spatial.exp_so3(turns[0]) @ spatial.exp_so3(turns[1]) @ spatial.exp_so3(turns[2])
+    far = np.cross(spatial.log_so3(net), [1.0, 0, 0])
+    far *= 0.5 / np.linalg.norm(far)
+    bodies = Body("base"), Body("ball", (box("dot", far, [1e-6] * 3),))
+    joints = (Joint("port", "spherical", "base", "ball"),)
+    tool, rest = Frame("tool", "ball", np.eye(4)), {"base": np.eye(4), "ball": np.eye(4)}
+    model = ReferenceModel(Mechanism("ball", "base", bodies, joints, (tool,), rest=rest))
+    pairs, x = Pairs(model, [post(2.0, 0.0)], 5 * MM), model.home().x[None]
+    bound = pairs.around(x, np.full((1, 3), 0.5))[1]
+    end = x
+    for turn in turns:
+        end = model.tree.step(end, turn[None])
+    T0, T1 = (pairs.poses(X)[0, 0] for X in (x, end))
+    moved = np.linalg.norm(T1[:3, :3] @ far - T0[:3, :3] @ far)
+    assert moved > 0.5 * np.linalg.norm([0.5] * 3), "the norm of the angles would not bound this motion"
+    assert moved <= bound[0, 0]
 
 
 @pytest.mark.slow

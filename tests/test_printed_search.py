@@ -122,6 +122,21 @@ def test_more_samples_shorten_the_path_and_a_closed_wall_is_said_to_enclose():
     assert near < 0.2 * 300 < 0.7 * 300 < far
 
 
+def test_a_search_with_one_direction_is_grown_from_the_goal_against_the_motion():
+    """As beside an arm that must not go back: y may not decrease, and only the start is enclosed."""
+    way = length(np.ones(2))
+    space = Wall()
+    space.free_each = lambda a, b: (b[:, 1] >= a[:, 1]) & ((a[:, 0] < 0.15) == (b[:, 0] < 0.15))
+    start, goal = np.array([0.1, 0.0]), np.array([0.9, 1.0])
+    search = Search(
+        *(space, start, goal, Wall.limits, np.random.default_rng(0)),
+        lambda a, b: np.where(b[:, 1] >= a[:, 1], way(a, b), np.inf),
+    )
+    assert search.path(300) is None
+    near, far = search.reached()
+    assert near < 0.2 * 300 < 0.7 * 300 < far
+
+
 def test_an_informed_search_draws_where_paths_can_be_shorter():
     search = Search(Wall(), START, GOAL, Wall.limits, np.random.default_rng(0))
     first = search.path(300)

@@ -74,13 +74,17 @@ def test_task_without_a_goal_is_refused(tmp_path):
     path = changed(tmp_path)
     body = path.read_text(encoding="utf-8")
     path.write_text(body[: body.index("[task.cholecystectomy.procedure]")], encoding="utf-8")
-    with pytest.raises(DescriptionError, match=r"a task needs a goal: .* `align` or `procedure`; it has none of them"):
+    line = body[: body.index("title = ", body.index("[task.cholecystectomy]"))].count("\n") + 1
+    with pytest.raises(DescriptionError) as caught:
         load_scene(path)
+    assert str(caught.value).startswith(f"{path}:{line}: task.cholecystectomy.title = ")
+    assert "a task needs a goal: " in str(caught.value)
+    assert str(caught.value).endswith("`align` or `procedure`; it has none of them")
 
 
 def test_vessel_that_is_too_fine_is_refused(tmp_path):
     with pytest.raises(
-        TwinError, match=r"vessel 'cystic_duct' has 67 segments; at most 60 .* increase segment_mm, 0.5"
+        TwinError, match=r"vessel 'cystic_duct' has 67 segments; the limit is 60: increase segment_mm \(0.5 mm\)"
     ):
         load_scene(changed(tmp_path, ("segment_mm = 1.5", "segment_mm = 0.5")))
 

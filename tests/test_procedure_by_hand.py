@@ -132,7 +132,7 @@ def test_page_is_led_through_the_five_stages(vsrs):
 @pytest.mark.parametrize(
     ("changes", "failed", "event"),
     [
-        ({"cystic_duct__cut": 1}, {2, 3}, "0 clips shut the cystic_duct before it was cut"),
+        ({"cystic_duct__cut": 1}, {2, 3}, "0 clips closed the cystic_duct before it was cut"),
         ({"clip_1__on": 0, "clip_1__cover": 1}, {0, 1}, "was 0.0 mm above its place when the first clip"),
         ({"clip_1__on": 1, "clip_1__cover": 1}, {0, 1, 6}, "a clip shuts the common_duct"),
         ({"liver__depth": 0.009}, {5}, "deepest tip 9.0 mm below"),

@@ -18,6 +18,7 @@ from twin.core.errors import CancelledError, DescriptionError, ProtocolError
 from twin.core.units import MM
 from twin.model.body import Body
 from twin.planning.around import NoPathError, around, rounded
+from twin.planning.costs import COSTS
 from twin.planning.nearest import nearest_free
 from twin.planning.plan import plan
 from twin.planning.protocol import load_protocol
@@ -51,6 +52,47 @@ def test_the_same_seed_gives_the_same_way_and_another_seed_another():
     a, b, c = (around(space_of(arm(), post(0.52, 0)), start, goal, seed=s).coefficients for s in (3, 3, 4))
     assert np.array_equal(a, b)
     assert not np.array_equal(a, c)
+
+
+ENDS = np.array([-1.1, 0.2, 0.1]), np.array([1.1, -0.2, -0.1])
+
+
+def test_more_samples_shorten_the_path():
+    space = space_of(arm(), post(0.52, 0))
+    ways = [around(space, *ENDS, seed=0, samples=n)(DENSE) * space.weights for n in (0, 400)]
+    first, second = (np.linalg.norm(np.diff(way, axis=0), axis=1).sum() for way in ways)
+    assert second < 0.95 * first
+
+
+def test_the_cost_for_clearance_keeps_the_path_away_from_the_post():
+    stills = [post(0.52, 0)]
+    space = space_of(arm(), *stills)
+    short, wide = (around(space, *ENDS, seed=3, **more) for more in (
+        {}, {"cost": COSTS["clearance"](space), "straight": False}))  # fmt: skip
+    near = [np.maximum(1 - clearances(way(DENSE), stills) / (20 * MM), 0).mean() for way in (short, wide)]
+    assert near[1] < 0.5 * near[0]
+
+
+def test_a_free_straight_path_is_left_only_for_more_clearance():
+    stills = [post(0.52, 0)]
+    space = space_of(arm(), *stills)
+    straight = around(space, np.array([-1.1, 0.2, 0.1]), np.array([-0.35, 0.2, 0.1]))
+    assert len(straight.coefficients) == 2
+    at = clearances(straight(DENSE), stills).min()
+    cost = COSTS["clearance"](space)
+    away = around(space, straight(np.zeros(1))[0], straight(np.ones(1))[0], cost=cost, straight=False, samples=200)
+    assert clearances(away(DENSE), stills).min() >= at - 1e-9
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_clearances_are_never_above_the_exact_distance(seed):
+    stills = [post(0.52, 0), replace(post(-0.3, 0.4), name="room/other")]
+    space = space_of(arm(), *stills)
+    q = np.random.default_rng(seed).uniform(*space.limits.T, (200, 3))
+    exact = np.clip(clearances(q, stills), 0, 50 * MM)
+    found = space.clearances(q, 50 * MM)
+    assert np.all(found <= exact + 1e-9)
+    assert np.all(found >= exact - 8 * MM), "close enough to rank paths"
 
 
 def test_progress_is_told_and_a_straight_way_needs_no_search():
@@ -177,6 +219,14 @@ def test_loops_that_cannot_close_are_not_free():
     assert not np.any(found & ~np.array(reached))
 
 
+def test_connections_without_length_are_as_free_as_their_ends():
+    mechanism = limited_four_bar()
+    q = np.array([[0.1], [0.4]]) + ReferenceModel(mechanism).home().q
+    space = space_of(mechanism, clearance=MM)
+    assert np.array_equal(space.free_each(q, q), space.free(q))
+    assert space.free_each(q, q).all()
+
+
 # -- what is said ----------------------------------------------------------------------------------------------------
 
 
@@ -195,6 +245,15 @@ def test_loops_that_cannot_close_are_not_free():
 def test_an_end_that_is_not_free_is_named_with_its_size(start, goal, words):
     with pytest.raises(ProtocolError, match=words):
         around(space_of(arm(), post(0.3, 0)), np.array(start), np.array(goal))
+
+
+def test_an_end_at_a_limit_may_be_beyond_it_by_rounding():
+    space, start = space_of(arm()), np.array([0.0, 0.0, 0.0])
+    goal = np.array([np.nextafter(2.6, 3.0), 0.0, 0.0])
+    assert space.why(goal) == ""
+    assert space.free(goal[None]).all()
+    around(space, start, goal)
+    assert "beyond its limits" in space.why(np.array([2.6 + 1e-8, 0.0, 0.0]))
 
 
 def test_the_nearest_free_configuration_is_free_and_no_other_is_much_nearer():
@@ -327,7 +386,9 @@ def written(folder, robot, more=""):
     [
         ("clearance_mm = 0", "clearance_mm = 0: out of range"),
         ("seed = -1", "seed = -1: out of range"),
-        ("samples = 9", "samples: unknown key"),
+        ("sample = 9", "sample: unknown key"),
+        ("samples = -1", "samples = -1: out of range"),
+        ('cost = "time"', 'cost = "time": not known; allowed: length, acceleration'),
     ],
 )
 def test_wrong_keys_of_a_free_phase_are_refused(tmp_path, more, words):

@@ -80,7 +80,7 @@ def test_joints_survive(name, written, slider_files):
             x, y = getattr(a, field), getattr(b, field)
             assert (x is None) == (y is None)
             assert x is None or np.allclose(x, y, rtol=1e-7)
-        assert (a.soft_limits, a.max_acceleration) == (b.soft_limits, b.max_acceleration)
+        assert (a.soft_limits, a.max_acceleration, a.max_jerk) == (b.soft_limits, b.max_acceleration, b.max_jerk)
         assert (a.drive is None) == (b.drive is None)
         if a.drive:
             assert np.allclose(
@@ -283,7 +283,7 @@ def test_openusd_takes_the_base_for_fixed_wherever_the_robot_is_referenced(writt
 )
 def test_what_usd_cannot_hold_is_refused(change, match, tmp_path):
     before = made.four_bar()
-    bare = {"soft_limits": None, "max_speed": None, "max_acceleration": None}
+    bare = {"soft_limits": None, "max_speed": None, "max_acceleration": None, "max_jerk": None}
     joint = replace(before.joints[0], **{**bare, **change})
     changed = replace(before, joints=(joint, *before.joints[1:]), postures={})
     with pytest.raises(StageError, match=match):

@@ -234,7 +234,7 @@ def text_of(found):
     ("prepare", "expected"),
     [
         (lambda d: None, "there is no record of arm: rehearse first"),
-        (lambda d: d.rehearse(fastest=0.09), "the record of arm was not judged good"),
+        (lambda d: d.rehearse(fastest=0.09), "the record of arm has not passed its check"),
         (
             lambda d: (d.rehearse(), d.set("arm.measured", d.q[0] + 0.04, 0)),
             r"arm is \d\.\d mm from where the record begins \(limit 2\): move it to the start by teleoperation, or re",
@@ -299,7 +299,7 @@ def test_a_fast_record_and_one_out_of_reach_are_judged_bad(desk):
     desk.ask(Mode.REHEARSE)
     desk.step(10)
     desk.set("arm.model", 3.0, 2)
-    assert "3 packets asked for a pose out of reach" in text_of(desk.ask(Mode.JUDGE))
+    assert "3 packets had a target out of reach" in text_of(desk.ask(Mode.JUDGE))
 
 
 def test_a_tap_of_the_camera_pedal_changes_the_view():
@@ -526,7 +526,7 @@ def test_another_master_is_named():
         assert link.problem == ""
         sender.send(replace(STATE, tick=14, t=0.014, refused=80))
         soon(lambda: link.reader.newest and link.reader.newest.tick == 14)
-        assert "another master has it" in link.problem
+        assert "another program controls it" in link.problem
         link.close()
 
 
@@ -547,8 +547,8 @@ def test_packets_go_out_one_each_millisecond():
     ("text", "message"),
     [
         ("raven_left", "give ROBOT=HOST:PORT:STATEPORT"),
-        ("raven_left=36000", "is no address of a machine"),
-        ("raven_left=a:b:c", "is no address of a machine"),
+        ("raven_left=36000", "is not the address of a machine"),
+        ("raven_left=a:b:c", "is not the address of a machine"),
         ("raven_left=127.0.0.1:0:5", "the port 0 must be 1 to 65535"),
     ],
 )

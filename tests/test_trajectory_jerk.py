@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,7 @@ from hypothesis import strategies as st
 import twin
 from twin.core.errors import TimingError
 from twin.planning import timing
+from twin.planning.plan import plan
 from twin.planning.protocol import load_protocol
 from twin.planning.sampling import sample
 from twin.planning.timing import time_path
@@ -157,3 +159,24 @@ def test_without_jerks_none_is_reported():
 def test_a_jerk_in_another_unit_is_a_warning(tmp_path):
     found = load_protocol(with_jerk(tmp_path, 0.9, 800)).findings
     assert [f for f in found if "0.9 mm/s3" in f.message and "probably in a wrong unit" in f.message]
+
+
+def test_jerks_of_joints_limit_a_motion_and_are_judged_twice():
+    from twin.planning.check import check
+
+    robot, limit = twin.load("sils"), 1.5
+    protocol = robot.protocol("table2_printed")
+    T = robot.mechanism.frame_in_tool(protocol.frame)
+    kinematics = robot.path_kinematics()
+    limited = replace(kinematics, max_jerk=np.full(6, limit))
+    free, slow = (plan(protocol, k, T_tool_frame=T) for k in (kinematics, limited))
+    jerks = [np.abs(np.diff(t.qdd, axis=0)).max() / t.step for t in (free, slow)]
+    assert jerks[0] > 10 * limit
+    assert jerks[1] <= limit * (1 + 1e-9)
+    assert 1.001 < slow.duration / free.duration < 1.2
+    joints = tuple(replace(j, max_jerk=limit) if j.active else j for j in robot.mechanism.joints)
+    mechanism = replace(robot.mechanism, joints=joints)
+    assert not audit(slow, mechanism, protocol)[1]
+    assert "timing.jerk" in {f.code for f in audit(free, mechanism, protocol)[1]}
+    assert "limit.jerk" in {f.code for f in check(free, protocol, limited)}
+    assert "limit.jerk" not in {f.code for f in check(slow, protocol, limited)}

@@ -64,7 +64,7 @@ def test_what_was_planned_is_within_its_limits_by_its_samples_alone(sils, planne
     assert found == []
     assert facts["tip speed"].startswith("tip speed of tool in phase 'withdraw': 14.98 of 15")
     assert facts["speed"].startswith("joint q4: 38.2")
-    assert "mm/s3" in facts["jerk, most in mm/s3"]
+    assert "mm/s3" in facts["jerk, maximum in mm/s3"]
 
 
 def _faster(t):

@@ -35,8 +35,8 @@ def planned(space, start, goal, box, samples, seed):
     rng = np.random.default_rng(seed)
     search = Search(space, start, goal, box, rng)
     for count in (samples, int(1.5 * samples), 2 * samples):
-        if (path := searched(search, count, rng)[1]) is not None:
-            return path
+        if (way := searched(search, count, rng)[1]) is not None:
+            return way.curve
     return None
 
 

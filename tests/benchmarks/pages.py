@@ -84,31 +84,32 @@ How to read it:
   thread, into memory that is there.
 - Exponents include what a call costs by itself, which is why they can be below 1. Loops and links are reported without
   a bar: how cost grows depends on how loops hang together.
-- Not in the table: OMPL (tests/benchmarks/obstacles.py, which says how to run it). Out of the dome, three seeds, busy
+- Not in the table are the next five measurements.
+- OMPL (tests/benchmarks/obstacles.py, which says how to run it): out of the dome, three seeds, busy
   machine, processor time, medians: our FMT* took 0.33 s with 500 samples, 0.62 s with 1000 and 1.09 s with 2000;
   OMPL's FMT with the same test of states, called from Python at its own spacing, 3.9, 7.8 and 9.1 s (12.4, 12.6 and
   8.4 times). To a path as short as OMPL's, our search with shortcuts took 0.12, 0.13 and 0.07 s (32, 58 and 126 times
   less). With Pinocchio and coal in C++ as the test OMPL found no path in 30 s.
-- Nor is tests/benchmarks/dome.py: plans of 500 samples out of the dome, followed by simulated motors, judged by coal.
+- tests/benchmarks/dome.py: plans of 500 samples out of the dome, followed by simulated motors, judged by coal.
   Of 200 seeds, 200 came out of the dome with tracking; no plan and no tracked motion collides. On a machine with a
   load of 2 to 4 a path takes 0.46 s with its timing and the certificate 0.30 s more (medians of 14 seeds); it is at
   most 0.54 mm below the exact minimum and never above it. Without the cache of distances, the first search takes 12 s
   longer.
-- Nor is tests/benchmarks/table2.py, the paper's Table 2 with our dome, ten seeds: with 200, 500, 1000 and 2000
+- tests/benchmarks/table2.py, the paper's Table 2 with our dome, ten seeds: with 200, 500, 1000 and 2000
   samples, 0.14, 0.34, 0.60 and 1.18 s, lengths 0.238, 0.224, 0.209 and 0.205 m, all seeds with a path. The time grows
   by n^0.91 and the length by n^-0.07 (paper: n^1.75 and n^-0.61). The paper's 3.7 and 216 s, on its machine, are 27
   and 182 times these times. The printed algorithm found no path with any of the ten seeds: its loop does not end. The
   shortest path of OMPL's RRT* (30 s) is 0.220 m, of BIT* (30 s) 0.206 m, of our search with 4000 samples and
   shortcuts 0.173 m; 500 samples and three informed rounds lead below it with every seed (1.3 s; by 4.1 % in the
   median).
-- The times of these three were measured before coal decided in searches too. Since then 500 samples out of the dome
-  take 0.41 s instead of 0.25 s (medians of six seeds, same machine).
-- Nor is tests/benchmarks/plans.py: plans between random configurations whose straight path is not free, all but 6 of
+- These times of OMPL, dome.py and table2.py were measured before coal decided in searches too. Since then 500 samples
+  out of the dome take 0.41 s instead of 0.25 s (medians of six seeds, same machine).
+- tests/benchmarks/plans.py: plans between random configurations whose straight path is not free, all but 6 of
   106, judged by coal with pairs of its own. Raven in the dome 27 plans, PA-10 in `vsrs` 25 of 27, an arm of the da
   Vinci in `davinci` 26, SILS before a cube 20 of 26; for the other 8, an end seems to be enclosed. No plan collides.
   The certificate is never above the exact minimum and 0.19 to 0.84 mm below it. Medians of a plan, processor time:
   0.31, 0.59, 2.1 and 5.5 s.
-- Nor is tests/benchmarks/closing.py: loops of SILS closed for 2000 states together take 71 us a state, one state
+- tests/benchmarks/closing.py: loops of SILS closed for 2000 states together take 71 us a state, one state
   after the other 2.4 ms (34 times, medians of five rounds).
 - Not here: ruckig, whose free version knows no waypoints.
 - `make bench-check` runs the short form and fails when a ratio (of the shortest times) is more than 40 % below the one

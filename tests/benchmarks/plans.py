@@ -57,13 +57,12 @@ class Judge:
         self.shapes = {b.name: shape(b) for b in mechanism.bodies if b.meshes} | {n: shape(b) for n, b, _ in obstacles}
         jointed = {frozenset((j.parent, j.child)) for j in mechanism.joints}
         self.pairs = [(a, n) for a in own for n in self.still if (a, n) not in touching]
-        fixed = {b for b in own if np.allclose(self.poses(self.model.home().q[None])[b], home[b])}
         self.inner = []  # pairs that the certificate does not include
         for a, b in combinations(own, 2):
             drawn = distance(self.shapes[a], home[a], self.shapes[b], home[b])
             if frozenset((a, b)) not in jointed and drawn > TOUCH:
                 (self.pairs if drawn >= 2 * CLEARANCE else self.inner).append((a, b))
-        base = {b for b in fixed if self._at_rest(b)}
+        base = {b for b in own if self._at_rest(b)}
         self.pairs = [p for p in self.pairs if not (p[0] in base and (p[1] in self.still or p[1] in base))]
 
     def _at_rest(self, body):
@@ -159,8 +158,8 @@ def obstacles(scene, name):
             full = f"{group}/{body.name}"
             if body.meshes:
                 out.append((full, body, np.linalg.inv(own.T_world_base) @ T_world @ links[body.name]))
-            for a, b in (tuple(p) for p in read.touching):
-                touching |= {(x.split("/", 1)[1], full) for x, y in ((a, b), (b, a)) if y == full}
+            met = [x.split("/", 1) for pair in read.touching if full in pair for x in pair - {full}]
+            touching |= {(inner, full) for owner, inner in met if owner == own.name}
     return out, touching
 
 

@@ -40,7 +40,7 @@ def assert_same(a, b, tolerance=1e-12):
         turn = np.eye(4) if k.parent == j.parent else np.diag([1.0, -1.0, -1.0, 1.0])
         for body, T in ((j.parent, j.T_parent_joint), (j.child, j.T_child_joint)):
             np.testing.assert_allclose(a.rest[body] @ T, b.rest[body] @ sides[body] @ turn, atol=tolerance)
-        for key in ("limits", "soft_limits", "max_speed", "max_acceleration", "cone"):
+        for key in ("limits", "soft_limits", "max_speed", "max_acceleration", "max_jerk", "cone"):
             x, y = getattr(j, key), getattr(k, key)
             assert (x is None) == (y is None), (j.name, key)
             if x is not None:

@@ -14,7 +14,7 @@ MOST = 400_000
 
 
 def points(found: Workspace) -> tuple[Array, np.ndarray, np.ndarray]:
-    """Return positions (k, 3) in m, values (k, 4), and colours (k, 3) uint8 of the inverse condition numbers."""
+    """Return positions (k, 3) in m, values (k, 4), and colours (k, 3) uint8 that show the inverse condition numbers."""
     from matplotlib import colormaps
 
     at = np.flatnonzero(found.reached)

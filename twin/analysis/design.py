@@ -28,8 +28,8 @@ from twin.model.mechanism import Mechanism
 OBJECTIVES = {
     "volume": ("dm³", +1, "volume of the positions reached in the home orientation"),
     "conditioning": ("", +1, "mean inverse condition number over the positions reached in the home orientation"),
-    "margin": ("", +1, "mean margin to the nearest joint limit, 1 in the middle of the range"),
-    "tolerance": ("µm", -1, "95th-percentile position error at home: joint frames 10 µm, encoders 1 µm"),
+    "margin": ("", +1, "mean margin to the nearest joint limit (0 at the limit, 1 in the middle of the range)"),
+    "tolerance": ("µm", -1, "95th-percentile position error at home, for errors of 10 µm (frames), 1 µm (encoders)"),
 }
 """Objectives: unit, whether larger (+1) or smaller (-1) values are better, and description."""
 
@@ -122,7 +122,7 @@ def distance(mechanism: Mechanism, name: str) -> float:
 
 
 def stretched(mechanism: Mechanism, name: str, value: float) -> Mechanism:
-    """Return the mechanism with the distance `name` set to `value` in m; the second joint moves on the joining line."""
+    """Return the mechanism with the distance `name` set to `value` in m; the second joint moves along its line."""
     line, joint, side = _between(mechanism, name)
     size = float(np.linalg.norm(line))
     if size < 1e-9:
@@ -156,7 +156,7 @@ def _between(mechanism: Mechanism, name: str) -> tuple[Array, Joint, str]:
 def job(
     robot: api.Robot, source: str, protocol: str | None, factors: Sequence[Factor], objectives: Sequence[str]
 ) -> Job:
-    """Return the job; its grid of positions is 20 % larger in each direction than the workspace of the CAD's design."""
+    """Return the job; its grid is 20 % larger in each direction than the workspace of the design in the CAD."""
     from twin.analysis.workspace import box
 
     for name in objectives:
@@ -165,8 +165,8 @@ def job(
     places = [f.name for f in factors if ":" in f.name]
     if places and set(objectives) - {"tolerance"}:
         raise TwinError(
-            f"--objective: '{places[0]}' is a distance of the mechanism, which only 'tolerance' uses; for other "
-            "objectives, vary the parameter of the equations"
+            f"--objective: only 'tolerance' depends on '{places[0]}', a distance of the mechanism; for other "
+            "objectives, vary a parameter of the equations"
         )
     if len(places) < len(factors) and "tolerance" in objectives:
         raise TwinError(
@@ -224,7 +224,7 @@ def judge(work: Job, design: Sequence[float]) -> dict[str, float]:
 
 
 def grid_error(work: Job) -> float:
-    """Return the uncertainty in dm3 of the volume of the CAD's design, due to counting grid cells."""
+    """Return the uncertainty in dm3 of the workspace volume of the CAD's design, which is a sum of grid cells."""
     _, _, good = _good(work, _robot(work.source, work.protocol).kinematics())
     nx, ny, nz = work.shape
     return volume_error(good.reshape(nz, ny, nx), (work.step / 0.1) ** 3)

@@ -34,7 +34,8 @@ def by_joints(
 ) -> Workspace:
     """Return the workspace of a robot from samples of its joint ranges.
 
-    `step` is the edge length of a cell in m; default: 1/64 of the largest extent.
+    `count` is the number of samples; `step` is the edge length of a grid cell in m, default: 1/64 of the largest extent
+    of the workspace.
 
     Raises:
         TwinError: a prismatic joint has no limits, there are too many cells, or no sample can be assembled.

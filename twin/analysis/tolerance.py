@@ -67,7 +67,8 @@ class Budget:
         labels: (errors,) joint or encoder of each error.
         sigma: (errors,) standard deviations in m or rad.
         covariance: (6, 6) covariance of the tool error, to first order.
-        within: (2,) error that the fraction `SHARE` of robots does not exceed, in m and rad, to first order.
+        within: (2,) position error in m and rotation error in rad, each with probability `SHARE` not exceeded, to first
+            order.
         sampled, sampled_within: `covariance` and `within` by Monte Carlo; None if not requested.
         samples: number of Monte Carlo samples.
     """
@@ -235,7 +236,7 @@ class Tolerances:
 
 
 def _within(covariance: Array) -> tuple[float, float]:
-    """Return (position, rotation): radii in m and rad that the fraction `SHARE` of normal errors does not exceed."""
+    """Return (position error in m, rotation error in rad) that a robot does not exceed with probability `SHARE`."""
     draw = np.random.default_rng(0).normal(size=(200_000, 3))
     out = []
     for block in (covariance[:3, :3], covariance[3:, 3:]):
@@ -275,7 +276,7 @@ class ToleranceBudget(Result):
 
     Attributes:
         budgets: one budget for each state; Monte Carlo checks only the state with the largest error.
-        required: position error in m that the fraction `SHARE` of robots must not exceed, or None.
+        required: maximum position error in m for the fraction `SHARE` of the robots, or None.
         requirement: provenance and note of the requirement.
     """
 
@@ -294,7 +295,7 @@ class ToleranceBudget(Result):
 
     @property
     def factor(self) -> float | None:
-        """Required position error / computed error in the worst state; below 1, the requirement is not met."""
+        """Maximum permitted position error / computed error in the worst state; a value below 1 fails."""
         return None if self.required is None else self.required / self.worst.within[0]
 
     @property
@@ -364,8 +365,8 @@ class ToleranceBudget(Result):
             if b.sampled_within is not None and b.difference is not None:
                 yield (
                     f"  Monte Carlo, {b.samples} robots in state '{b.name}': 95 % of the robots have at most "
-                    f"{b.sampled_within[0] / UM:.4g} µm; its standard deviations differ by up to "
-                    f"{100 * b.difference:.2g} % from those above"
+                    f"{b.sampled_within[0] / UM:.4g} µm; the standard deviations differ by up to "
+                    f"{100 * b.difference:.2g} % from the first-order values above"
                 )
         if self.required is not None and self.factor is not None:
             small = f", NOT met: reduce all errors by a factor of {1 / self.factor:.3g}"

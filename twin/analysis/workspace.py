@@ -40,7 +40,7 @@ inverse condition number; `limit_margin`, largest margin to a joint limit; `sing
 """
 
 _START, _FARTHEST = 0.1, 12.8
-"""Half edge length in m of the first and of the largest box that is searched."""
+"""Half the edge length in m of the first and of the largest box that is searched for reached positions."""
 
 _COARSE, _GROWN = 32, 5
 """(number of positions along an edge while searching the box, maximum number of refinements)."""
@@ -117,7 +117,7 @@ class Workspace(Result):
     Attributes:
         grid: the evaluated positions and orientations.
         values: (positions, 4) values, see `COLUMNS`.
-        facts: further results, by key of the JSON output.
+        facts: further results, with the keys of the JSON output.
     """
 
     robot: str

@@ -74,7 +74,7 @@ class ConsoleSession(Result):
         pegs: pegs of a task with rings, by name.
         aligned: measures of a task with an alignment; None for another task.
         guided: measures of a task with a ring to guide; None for another task.
-        wire: (k, 3) middle line of the wire of such a task, in m in the World; empty for another task.
+        wire: (k, 3) centre line of the wire of a task with a ring to guide, in m in the World; empty for another task.
         training: measures of the machines.
     """
 
@@ -211,11 +211,13 @@ class ConsoleSession(Result):
         return out
 
     def _unguided(self) -> Iterator[Finding]:
-        """Yield findings on steps that are not done, and on errors above what is allowed."""
+        """Yield findings on steps that are not done, and on more errors than allowed."""
         if (g := self.guided) is None:
             return
         for step in g.missed:
-            yield disagreement("task.missed", step, f"this step is not done; the wire was passed by {g.passed:.0%}")
+            yield disagreement(
+                "task.missed", step, f"this step is not done; the ring passed {g.passed:.0%} of the wire"
+            )
         for what, value, most, unit in g.exceeded:
             text = f"more {what} than allowed"
             yield disagreement("task.errors", what, text, Quantity(value, unit), most, word="allowed")

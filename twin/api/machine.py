@@ -55,7 +55,7 @@ def machine_parts(
         known = list(settings.Released.model_fields)
         for name in set(released) - {"none"}:
             if name not in known:
-                raise TwinError(unknown("finding of the released software", name, known))
+                raise TwinError(unknown("fault of the released software", name, known))
         table = table.model_copy(update={"released": settings.Released(**{n: n in released for n in known})})
     if master_timeout is not None:
         if not master_timeout > 0:

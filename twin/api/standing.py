@@ -35,52 +35,33 @@ def standing(
     own = next((p for key in ("name", "robot") for p in read.places if getattr(p, key) == robot), None)
     if own is None:
         raise TwinError(f"scene '{read.name}' has no robot '{robot}'; it has: {', '.join(p.name for p in read.places)}")
-    return _stills(read, {own.name: ""}, own.T_world_base, load, poses or {})
+    return _loaded(read, {own.name: ""}, own.T_world_base, load, poses or {})
 
 
-def beside(read: Scene, names: Sequence[str], load: Callable[[str], Any]) -> list[Still]:
+def obstacles(read: Scene, names: Sequence[str], load: Callable[[str], Any]) -> list[Still]:
     """Return the bodies of the props and of the other robots of a scene, with poses in the world frame.
 
     `names` are the names of the robots that are no obstacles; the names of their bodies in `Still.touches` are those of
     `twin.model.joined`. `load` returns the robot with a name.
     """
-    return _stills(read, {name: f"{name}_" for name in names}, spatial.pose(), load, {})
+    return _loaded(read, {name: f"{name}_" for name in names}, spatial.pose(), load, {})
 
 
-def _stills(
+def _loaded(
     read: Scene,
     own: Mapping[str, str],
     T_world_base: Array,
     load: Callable[[str], Any],
     poses: Mapping[str, Mapping[str, Array]],
 ) -> list[Still]:
-    """Return the obstacles around the robots `own` (name in the scene -> beginning of the names of its bodies).
-
-    `poses` are as of `standing`.
-    """
+    """Load the other robots and the props; see `twin.reference.obstacles`."""
     from twin.cad.build import read_props
-    from twin.reference import ReferenceModel
-    from twin.reference.pairs import Still
+    from twin.reference.obstacles import obstacles
 
-    groups = []
+    mechanisms = {}
     for place in read.places:
         if place.name not in own:
             other = load(place.robot)
-            mechanism = other.bound(other.protocol(place.protocol or None)).mechanism
-            groups.append((place.name, mechanism, place.T_world_base))
-    if read.props is not None:
-        props = read_props(read.props)
-        groups.append((props.name, props, spatial.pose()))
-    out = []
-    for name, mechanism, T_world in groups:
-        links = poses.get(name)
-        if links is None:
-            home = ReferenceModel(mechanism).home().link_poses
-            links = {body: T_world @ T for body, T in home.items()}
-        for body in mechanism.bodies:
-            full = f"{name}/{body.name}"
-            met = [n.split("/", 1) for pair in read.touching if full in pair for n in pair - {full}]
-            touches = {f"{own[owner]}{inner}" for owner, inner in met if owner in own}
-            T = spatial.inverse(T_world_base) @ links[body.name]
-            out.append(Still(full, body, T, frozenset(touches)))
-    return out
+            mechanisms[place.name] = other.bound(other.protocol(place.protocol or None)).mechanism
+    props = None if read.props is None else read_props(read.props)
+    return obstacles(read, own, T_world_base, mechanisms, props, poses)

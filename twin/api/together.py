@@ -8,61 +8,80 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from twin.api.robot import Progress, Robot, load, silent
-from twin.core import assets
-from twin.core.errors import ProtocolError, TwinError, unknown
+from twin.core import assets, spatial
+from twin.core.errors import CancelledError, ProtocolError, TwinError, unknown
 from twin.core.spatial import Array
 
 if TYPE_CHECKING:
-    from twin.model.mechanism import Mechanism
-    from twin.model.scene import Place
+    from twin.model.scene import Place, Scene
     from twin.planning.path import Path
     from twin.planning.planned_together import PlannedTogether
-    from twin.planning.protocol import Limits, Protocol
-    from twin.planning.timing import Timing
+    from twin.planning.protocol import Protocol
+    from twin.planning.trajectory import Keep
     from twin.reference.space import JointSpace
 
-_SPEED, _RISE = 5.0, 20.0
-"""Speed in joint ranges per s, and acceleration per speed in 1/s, of a joint for which the robot states no limit."""
-
-_DT = 1e-3
+_STILL = 1e-9
+"""Change in m or rad below which a joint counts as not moved."""
 
 
 class _Arm:
-    """An arm with its joint values at the ends of its phases."""
+    """An arm with its joint values and tool poses at the ends of its phases."""
 
     def __init__(self, place: Place, robot: Robot, protocol: Protocol) -> None:
-        from twin.planning.following import placed
-        from twin.planning.protocol.phases.free import Free
-        from twin.reference import ReferenceModel
+        from twin.planning.led import Led, stops
+        from twin.planning.protocol import Free
 
         self.place, self.name, self.protocol = place, place.name, protocol
-        self.mechanism: Mechanism = robot.mechanism
         others = [p for p in protocol.phases if not isinstance(p, Free)]
         if others:
             raise ProtocolError(
                 f"{self.name}: phase '{others[0].name}' ({others[0].type}) of protocol {protocol.name} follows a given "
                 "path, which leaves no choice beside another arm; leave only phases joints, positioning, home and free"
             )
-        home = ReferenceModel(self.mechanism).home().q
-        names = tuple(j.name for j in self.mechanism.active)
-        angles = tuple(j.is_angle for j in self.mechanism.active)
-        self.q: list[Array] = []
-        for name in (protocol.start, *(p.to for p in protocol.phases if isinstance(p, Free))):
-            waypoint, where = protocol.waypoints[name], f"{protocol.name}: waypoint '{name}'"
-            if waypoint.joints is None:
+        for p in protocol.phases:
+            if isinstance(p, Free) and (p.samples or p.cost != "length"):
                 raise ProtocolError(
-                    f"{where} is a pose; to plan several arms at once, give joint values: joints = {{ ... }}"
+                    f"{self.name}: phase '{p.name}' of protocol {protocol.name} sets cost or samples, which a plan of "
+                    "several robots does not use (it takes the first path found, by its duration); remove these keys"
                 )
-            self.q.append(placed(home, waypoint.joints, waypoint.angle_joints, names, angles, where))
+        robot = robot.bound(protocol)
+        self.mechanism, self.kinematics = robot.mechanism, robot.path_kinematics()
+        self.led = Led(self.name, protocol, self.kinematics, self.mechanism.frame_in_tool(protocol.frame))
+        self.q, self._Ts = stops(self.led)
+        self.waypoints = [protocol.start, *(p.to for p in protocol.phases if isinstance(p, Free))]
+
+    def at(self, phase: int) -> int:
+        """Return the row of the start of a phase; after its last phase, the arm stays."""
+        return min(phase, len(self.q) - 1)
 
     def ends(self, phase: int) -> tuple[Array, Array]:
-        """Return joint values (n,) at the ends of a phase; after its last phase, the arm stays."""
-        last = len(self.q) - 1
-        return self.q[min(phase, last)], self.q[min(phase + 1, last)]
+        """Return joint values (n,) at the ends of a phase."""
+        return self.q[self.at(phase)], self.q[self.at(phase + 1)]
 
     def named(self, phase: int) -> str:
         phases = self.protocol.phases
         return phases[phase].name if phase < len(phases) else "at rest"
+
+    def waypoint(self, phase: int) -> str:
+        """Return the name of the waypoint at the start of a phase."""
+        return self.waypoints[self.at(phase)]
+
+    def beyond(self, phase: int) -> str:
+        """Return which limit the start of a phase exceeds; "" if none."""
+        from twin.planning.feasible import Anchor, margins_at, said
+
+        row, before = self.at(phase), self.at(max(phase - 1, 0))
+        anchor = Anchor.at(self.kinematics, self._Ts[[before]], self.q[[before]])
+        return said(self.kinematics, margins_at(self.kinematics, self._Ts[[row]], self.q[[row]], anchor))
+
+    def keep(self, phase: int) -> Keep:
+        """Return the test of states in a phase: T_world_tool (k, 4, 4), q (k, ...) of all arms, this one last."""
+        from twin.planning.feasible import Anchor
+        from twin.planning.freeing import kept
+
+        row, n, T_base_world = self.at(phase), self.q.shape[1], spatial.inverse(self.place.T_world_base)
+        own = kept(self.kinematics, Anchor.at(self.kinematics, self._Ts[[row]], self.q[[row]]))
+        return lambda Ts, q: own(T_base_world @ Ts, q[:, -n:])
 
 
 def plan_together(
@@ -77,7 +96,9 @@ def plan_together(
 
     The first phases of all protocols begin together and end together, then the second ones, and so on. The first arm
     goes around what is at rest; each further arm also goes around those before it while they move, and they may wait
-    for it. If no path is found, the opposite order is tried. Limits of joints and of the tips are respected.
+    for it. If no path is found, the opposite order is tried. Each arm keeps the limits that `plan` keeps for one robot:
+    joints and motors, speed, acceleration and jerk of the moved frame, reach, singularities and working mode. The
+    samples of each arm are checked as by `plan`.
 
     Args:
         scene: name or path of the scene.
@@ -85,91 +106,150 @@ def plan_together(
         clearance: minimum distance in m.
         seed: seed of the random searches.
         progress: called with a description and a fraction.
-        cancelled: as of `twin.planning.around.around`.
+        cancelled: asked every few milliseconds, in the same thread; once it is true, planning ends. None: never.
 
     Raises:
-        TwinError: the scene or a robot in it does not exist.
-        ProtocolError: a protocol has other phases than those around obstacles, or no path was found.
+        CancelledError: `cancelled` was true.
+        TwinError: the scene or a robot in it does not exist, or another robot stands there.
+        ProtocolError: a protocol has other phases than those around obstacles, a waypoint exceeds a limit or has too
+            little clearance, no arm moves in a phase, or no path was found.
+        TimingError: no timing within the limits was found.
     """
-    from twin.model.scene import load_scene
     from twin.planning.protocol import avoiding
 
     if not 0 < clearance < float("inf"):
-        raise ProtocolError(f"the clearance is {clearance:g} m; give more than 0")
-    if (file := assets.scene_file(scene)) is None:
-        raise TwinError(unknown("scene", scene, assets.scenes()))
-    read, found = load_scene(file), []
+        raise ProtocolError(f"the clearance is {clearance:g} m; give a finite number above 0")
+    read = _scene(scene)
+    found: list[_Arm] = []
     for name, (robot, protocol) in arms.items():
-        taken = {a.name for a in found}
-        place = next((p for k in ("name", "robot") for p in read.places if getattr(p, k) == name), None)
-        if place is None or place.name in taken:
-            left = ", ".join(p.name for p in read.places if p.name not in taken)
-            raise TwinError(f"scene '{read.name}' has no {'further ' if place else ''}robot '{name}'; it has: {left}")
+        place = _place(read, name, {a.name for a in found})
+        if robot.name != place.robot:
+            raise TwinError(
+                f"'{name}' in scene '{read.name}' is the robot {place.robot}; a plan of {robot.name} does not apply"
+            )
         found.append(_Arm(place, robot, avoiding(protocol, scene, clearance, seed)))
     if len(found) < 2:
         raise TwinError("to plan several arms at once, name at least two")
-    reasons = []
-    for order in (found, found[::-1]):
-        try:
-            return _Plan(read, order, clearance, seed, progress, cancelled).made()
-        except ProtocolError as error:
-            reasons.append(str(error))
-    if reasons[0].startswith("at ") or reasons[0] == reasons[1]:
-        raise ProtocolError(reasons[0])
-    raise ProtocolError(f"{reasons[0]}. In the opposite order: {reasons[1]}")
+
+    def check() -> None:
+        if cancelled is not None and cancelled():
+            raise CancelledError("planning of several arms was cancelled")
+
+    first = _Plan(read, found, clearance, seed, progress, check)
+    first.require_ends()
+    try:
+        return first.made()
+    except ProtocolError as error:
+        reason = str(error)
+    try:
+        return _Plan(read, found[::-1], clearance, seed, progress, check).made()
+    except ProtocolError as error:
+        raise ProtocolError(f"{reason}. In the opposite order: {error}") from error
+
+
+def _scene(scene: str) -> Scene:
+    from twin.model.scene import load_scene
+
+    if (file := assets.scene_file(scene)) is None:
+        raise TwinError(unknown("scene", scene, assets.scenes()))
+    return load_scene(file)
+
+
+def _place(read: Scene, name: str, taken: set[str]) -> Place:
+    """Return the place of a robot, by its name in the scene or its kind; those of `taken` are left out."""
+    place = next((p for k in ("name", "robot") for p in read.places if getattr(p, k) == name), None)
+    if place is None or place.name in taken:
+        left = ", ".join(p.name for p in read.places if p.name not in taken)
+        raise TwinError(f"scene '{read.name}' has no {'further ' if place else ''}robot '{name}'; it has: {left}")
+    return place
 
 
 class _Plan:
     """A plan with one order of the arms."""
 
-    def __init__(self, read, arms: Sequence[_Arm], clearance, seed, progress, cancelled) -> None:
+    def __init__(
+        self,
+        read: Scene,
+        arms: Sequence[_Arm],
+        clearance: float,
+        seed: int,
+        progress: Progress,
+        check: Callable[[], None],
+    ) -> None:
         self.read, self.arms, self.clearance = read, arms, clearance
-        self.seed, self.progress, self.cancelled = seed, progress, cancelled
-        self.spaces = [self._space(k) for k in range(1, len(arms) + 1)]
+        self.seed, self.progress, self.check = seed, progress, check
+        progress("bodies of robots and scene", 0.0)
+        self.spaces = [self._space(k).interruptible(check) for k in range(1, len(arms) + 1)]
 
     def _space(self, count: int) -> JointSpace:
         """Return the space of the first arms; those after them are left out, all other robots are obstacles."""
-        from twin.api.standing import beside
-        from twin.model.joined import joined
+        from twin.api.standing import obstacles
+        from twin.model.joined import joined, owners
         from twin.reference import ReferenceModel
         from twin.reference.space import JointSpace
 
         names = [a.name for a in self.arms]
-        whole = joined({a.name: (a.mechanism, a.place.T_world_base) for a in self.arms[:count]})
-        around = lambda: beside(self.read, names, load)  # noqa: E731
-        return JointSpace(lambda: ReferenceModel(whole), self.clearance, around=around, arms=names[:count])
+        parts = {a.name: (a.mechanism, a.place.T_world_base) for a in self.arms[:count]}
+        around = lambda: obstacles(self.read, names, load)  # noqa: E731
+        return JointSpace(lambda: ReferenceModel(joined(parts)), self.clearance, around=around, arms=owners(parts))
+
+    @property
+    def count(self) -> int:
+        """Number of phases."""
+        return max(len(a.q) - 1 for a in self.arms)
+
+    def require_ends(self) -> None:
+        """Raise an error if a waypoint exceeds a limit or has too little clearance, or if no arm moves in a phase."""
+        for phase in range(self.count + 1):
+            self.check()
+            for a in self.arms:
+                if reason := a.beyond(phase):
+                    raise ProtocolError(f"{a.name} at '{a.waypoint(phase)}': {reason}. Change this waypoint")
+            if reason := self.spaces[-1].why(np.concatenate([a.ends(phase)[0] for a in self.arms])):
+                where = ", ".join(f"{a.name} at '{a.waypoint(phase)}'" for a in self.arms)
+                lower = ", or lower the clearance" if " mm apart (" in reason else ""
+                raise ProtocolError(f"{where}: {reason}. Change a waypoint{lower}")
+            if phase < self.count and not any(np.abs(np.subtract(*a.ends(phase))).max() > _STILL for a in self.arms):
+                where = ", ".join(f"{a.name} stays at '{a.waypoint(phase)}'" for a in self.arms)
+                raise ProtocolError(f"phase {self._named(phase)}: no arm moves: {where}. Change a waypoint")
 
     def made(self) -> PlannedTogether:
+        """Return the plan.
+
+        Raises:
+            ProtocolError: no path was found.
+            TimingError: no timing within the limits was found.
+        """
+        from twin.planning.led import trajectories
         from twin.planning.planned_together import CommonPhase, PlannedTogether
 
-        self._require_free_ends()
-        t, rows, phases = np.zeros(1), [np.concatenate([a.q[0] for a in self.arms])[None]], []
-        for phase in range(max(len(a.q) - 1 for a in self.arms)):
-            path = self._path(phase)
-            whole = self.spaces[-1]
-            seen = whole.certify(path)
-            timing = self._timed(path, phase)
-            began = float(t[-1])
-            t, rows = np.concatenate([t, began + timing.t[1:]]), [*rows, path(timing.s[1:])]
-            name = " / ".join(a.named(phase) for a in self.arms)
-            phases.append(CommonPhase(name, began, float(t[-1]), seen.proven, seen.found, seen.bodies))
-        q, at = np.concatenate(rows), np.cumsum([0, *(len(a.q[0]) for a in self.arms)])
+        paths = [self._path(phase) for phase in range(self.count)]
+        seen = []
+        for phase, path in enumerate(paths):
+            self.progress(f"clearance of phase {self._named(phase)}", phase / len(paths))
+            seen.append(self.spaces[-1].certify(path))
+        self.progress("timing", 0.0)
+        last = np.cumsum([len(a.q[0]) for a in self.arms])
+        courses = [
+            [_Course(path, slice(j - len(a.q[0]), j), self.check) for path in paths[: len(a.q) - 1]]
+            for a, j in zip(self.arms, last, strict=True)
+        ]
+        made = trajectories([a.led for a in self.arms], courses)
+        longest = max(made, key=lambda trajectory: len(trajectory.t))
+        phases = [
+            CommonPhase(self._named(phase), span.t0, span.t1, own)
+            for phase, (span, own) in enumerate(zip(longest.phases, seen, strict=True))
+        ]
+        q = {
+            a.name: np.pad(m.q, ((0, len(longest.t) - len(m.t)), (0, 0)), "edge")
+            for a, m in zip(self.arms, made, strict=True)
+        }
         joints = {a.name: [(j.name, j.is_angle) for j in a.mechanism.active] for a in self.arms}
-        values = {a.name: q[:, i:j] for a, i, j in zip(self.arms, at, at[1:], strict=False)}
-        return PlannedTogether(self.read.name, joints, [a.name for a in self.arms], t, values, phases)
+        checked = {a.name: m.findings for a, m in zip(self.arms, made, strict=True)}
+        return PlannedTogether(self.read.name, joints, [a.name for a in self.arms], longest.t, q, phases, checked)
 
-    def _require_free_ends(self) -> None:
-        """Raise an error if the arms collide at a waypoint, with each other or with the scene."""
-        for phase in range(max(len(a.q) for a in self.arms)):
-            q = np.concatenate([a.ends(phase)[0] for a in self.arms])
-            if reason := self.spaces[-1].why(q):
-                where = ", ".join(f"{a.name} at '{self._waypoint(a, phase)}'" for a in self.arms)
-                raise ProtocolError(f"at {where}: {reason}. Move a waypoint, or lower the clearance")
-
-    @staticmethod
-    def _waypoint(arm: _Arm, phase: int) -> str:
-        names = [arm.protocol.start, *(getattr(p, "to", "") for p in arm.protocol.phases)]
-        return names[min(phase, len(names) - 1)]
+    def _named(self, phase: int) -> str:
+        return " / ".join(a.named(phase) for a in self.arms)
 
     def _path(self, phase: int) -> Path:
         """Return the common path of all arms in a phase."""
@@ -177,10 +257,11 @@ class _Plan:
         from twin.planning.together import beside
 
         out, before = None, []
-        for arm, space in zip(self.arms, self.spaces, strict=True):
+        for arm, every in zip(self.arms, self.spaces, strict=True):
+            space = every.keeping(arm.keep(phase))
             start, goal = arm.ends(phase)
             label = f"{arm.name}: path around obstacles{' and ' + ', '.join(before) if before else ''}"
-            more = {"seed": self.seed, "cancelled": self.cancelled, "progress": lambda f, t=label: self.progress(t, f)}
+            more = {"seed": self.seed, "progress": lambda f, t=label: self.progress(t, f)}
             try:
                 out = around(space, start, goal, **more) if out is None else beside(space, out, start, goal, **more)
             except ProtocolError as error:
@@ -190,37 +271,14 @@ class _Plan:
         assert out is not None
         return out
 
-    def _timed(self, path: Path, phase: int) -> Timing:
-        """Return the timing of a common path, within the limits of all joints and of all tips."""
-        from twin.planning.timing import time_path
 
-        joints = [j for a in self.arms for j in a.mechanism.active]
-        ranges = np.ptp(self.spaces[-1].limits, axis=1)
-        speed = np.array([j.max_speed or _SPEED * r for j, r in zip(joints, ranges, strict=True)])
-        rise = np.array([j.max_acceleration or _RISE * v for j, v in zip(joints, speed, strict=True)])
-        timing = time_path(path, speed, rise, dt=_DT)
-        slower = self._excess(path, timing)
-        return timing if slower <= 1 else time_path(path, speed / slower, rise / slower**2, dt=_DT)
+class _Course:
+    """The path of one arm on a common path; each evaluation asks whether planning is cancelled."""
 
-    def _excess(self, path: Path, timing: Timing) -> float:
-        """Return the factor by which a motion must be slowed down, so that all tips are within their limits."""
-        from twin.core import spatial
-        from twin.reference import ReferenceModel
+    def __init__(self, path: Path, columns: slice, check: Callable[[], None]) -> None:
+        self._path, self._columns, self._check = path, columns, check
 
-        q, at, out = path(timing.s), 0, 1.0
-        for arm in self.arms:
-            n = len(arm.q[0])
-            model = ReferenceModel(arm.mechanism)
-            Ts = model.run(q[:, at : at + n], model.solve(q[0, at : at + n])).Ts_base_tool
-            at += n
-            limits: Limits = arm.protocol.limits["free"]
-            v = np.diff(Ts[:, :3, 3], axis=0) / _DT
-            w = spatial.log_so3(Ts[1:, :3, :3] @ np.swapaxes(Ts[:-1, :3, :3], 1, 2)) / _DT
-            for rate, fast, most in (
-                (v, limits.tip_speed, limits.tip_acceleration),
-                (w, limits.rotation_speed, limits.rotation_acceleration),
-            ):
-                change = np.diff(rate, axis=0) / _DT
-                out = max(out, np.linalg.norm(rate, axis=1).max(initial=0.0) / fast)
-                out = max(out, float(np.sqrt(np.linalg.norm(change, axis=1).max(initial=0.0) / most)))
-        return float(out)
+    def __call__(self, s: Array, order: int = 0) -> Array:
+        """Return q (k, n) at s (k,), or its derivative of order 1 or 2."""
+        self._check()
+        return self._path(s, order)[:, self._columns]

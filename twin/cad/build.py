@@ -1,4 +1,4 @@
-"""Build a `Mechanism` from a description and its CAD: measure each joint frame on the faces of its own body."""
+"""Build a `Mechanism` from a description and its CAD: measure both frames of each joint on faces of its bodies."""
 
 from __future__ import annotations
 
@@ -40,11 +40,13 @@ class CadModel:
 
     Attributes:
         mechanism: bodies, joints and loops, rest poses as in the CAD.
-        findings: results of the checks for parts that do not meet, open meshes and single-precision placements.
+        findings: results of the checks of joints (gap between their two parts), of meshes (open), and of placements
+            (single precision).
         description: the content of the TOML file.
         measured: every feature by body and name, in drawn coordinates (coordinates of the STEP file, in m).
         dimensions: the dimensions from which the drawing was made, with provenance.
-        gaps: (lower joint, upper joint, minimum distance in m) of each pair of joints on one rail.
+        gaps: (lower joint, upper joint, minimum difference of their coordinates in m) of each pair of joints on one
+            rail.
     """
 
     mechanism: Mechanism
@@ -91,7 +93,11 @@ def fingerprint(description_path: Path, description: Description | None = None, 
 
 
 def read_props(description_path: Path) -> Mechanism:
-    """Return the props of a scene, without masses, from cad/<scene>/<props>.toml; see `read_mechanism` for errors."""
+    """Return the props (fixed objects) of a scene, without masses, from cad/<scene>/<props>.toml.
+
+    Raises:
+        TwinError: see `read_mechanism`.
+    """
     return read_mechanism(description_path, with_mass=False, tolerance=PROP_TOLERANCE).mechanism
 
 
@@ -104,8 +110,9 @@ def read_mechanism(
 ) -> CadModel:
     """Build the mechanism of a robot from its description and CAD.
 
-    `with_mass` computes masses from a finer mesh, in about one more second; `tolerance` is the chord tolerance of the
-    triangles in m; `read` returns the bytes of TOML and STEP files, by default from disk, each file once.
+    `with_mass`: whether masses are computed, from a finer mesh; this takes about one second more. `tolerance` is the
+    chord tolerance of the triangles in m. `read` returns the bytes of TOML and STEP files; by default, each file is
+    read from disk once.
 
     Raises:
         DescriptionError: the TOML file is malformed.
@@ -289,7 +296,8 @@ def _joint(
     unit = references.UNITS.get(spec.type, "mm")
     values: dict = {}
     if limit is not None:
-        for key, rate in (("limits", ""), ("soft_limits", ""), ("max_speed", "_s"), ("max_acceleration", "_s2")):
+        rates = ("max_speed", "_s"), ("max_acceleration", "_s2"), ("max_jerk", "_s3")
+        for key, rate in (("limits", ""), ("soft_limits", ""), *rates):
             value = getattr(limit, f"{key}_{unit}{rate}")
             if value is not None:
                 scale = SI[unit]
@@ -326,9 +334,9 @@ def _placement_finding(step: StepModel) -> Finding:
     return info(
         "cad.placement_precision",
         step.path.name,
-        f"{step.path.name} places instances by single-precision matrices: joint frames are measured to "
-        f"±{um(step.placement_error)}",
+        f"{step.path.name} places instances by single-precision matrices: the error of measured joint frames is up "
+        f"to ±{um(step.placement_error)}",
         um(step.placement_error),
-        suggestion="bake placements into the shapes to measure exactly",
+        suggestion="export the STEP file with the placements applied to the shapes to measure exactly",
         word="",
     )

@@ -1,8 +1,8 @@
 """The robot's TOML file, `cad/<robot>/<robot>.toml`: the hand-written description of the CAD.
 
-It names the faces to measure, the joints between bodies, limits, drives, materials and postures. Lengths and placements
-come from the STEP file, not from this file: `near_mm` and `direction` only identify a face. Every number that is not
-measured has a provenance and a reason. "Drawn" coordinates are the coordinates of the STEP file.
+It states the faces to measure, joints between bodies, limits, drives, materials, and postures (named joint values).
+Lengths and placements come from the STEP file, not from this file: `near_mm` and `direction` only identify a face.
+Every number that is not measured has a provenance and a reason. "Drawn" coordinates are those of the STEP file.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ from twin.schema import Identifier, Range, Sourced, Table, Vector, at, error_at,
 class Feature(Table):
     """A face of the STEP file: its kind, a point near it, and its direction.
 
-    `near_mm` is a point near the face (for a cylinder: near its axis) in drawn coordinates. Faces at a distance of more
-    than `tolerance.gross_mm`, or tilted by more than `tolerance.gross_deg`, are ignored.
+    `near_mm` is a point near the face (for a cylinder: near its axis) in drawn coordinates. Faces that are farther than
+    `tolerance.gross_mm` from this point, or tilted by more than `tolerance.gross_deg` from `direction`, are ignored.
     """
 
     kind: Literal["cylinder", "plane", "sphere"]
@@ -123,7 +123,10 @@ class MeshSpec(Table):
 
 
 class Material(Sourced):
-    """Density and finish of a material, and shell patterns of its parts' names; the last matching material applies.
+    """Density and appearance of a material.
+
+    `parts` are shell patterns; the material applies to parts whose names match. If several materials match a part, the
+    last one applies.
 
     `metallic` is 1 for bare metal, 0 for paint, plastic and glass; `roughness` is 0 for a mirror, 1 for chalk.
     """
@@ -135,7 +138,7 @@ class Material(Sourced):
 
 
 class LimitSpec(Sourced):
-    """Limits shared by the named joints, in mm, mm/s, mm/s2 (prismatic) or deg, deg/s, deg/s2 (revolute)."""
+    """Limits shared by the named joints, in mm, mm/s, mm/s2, mm/s3 (prismatic) or deg, deg/s, deg/s2, deg/s3."""
 
     joints: list[Identifier]
     limits_mm: Range | None = None
@@ -147,6 +150,8 @@ class LimitSpec(Sourced):
     max_speed_deg_s: float | None = Field(default=None, gt=0)
     max_acceleration_mm_s2: float | None = Field(default=None, gt=0)
     max_acceleration_deg_s2: float | None = Field(default=None, gt=0)
+    max_jerk_mm_s3: float | None = Field(default=None, gt=0)
+    max_jerk_deg_s3: float | None = Field(default=None, gt=0)
 
     @model_validator(mode="after")
     def _soft_within_hard(self) -> LimitSpec:
@@ -158,16 +163,18 @@ class LimitSpec(Sourced):
             if hard and soft and max(hard[0] - soft[0], soft[1] - hard[1]) > 1e-6 * max(map(abs, hard)):
                 raise at(
                     f"soft_limits_{unit}",
-                    f"{soft[0]:g} .. {soft[1]:g} {unit} exceeds the hard limits {hard[0]:g} .. {hard[1]:g} "
-                    f"{unit} and has no effect there; write [{max(soft[0], hard[0]):g}, {min(soft[1], hard[1]):g}], "
-                    "or leave "
-                    "it out",
+                    f"soft limits {soft[0]:g} .. {soft[1]:g} {unit} exceed the hard limits {hard[0]:g} .. {hard[1]:g} "
+                    f"{unit}; beyond the hard limits they have no effect. Write "
+                    f"[{max(soft[0], hard[0]):g}, {min(soft[1], hard[1]):g}], or omit the soft limits",
                 )
         return self
 
 
 class DriveSpec(Sourced):
-    """A position drive shared by the named joints, in SI units (N/m or N m/rad)."""
+    """Stiffness, damping and maximum effort of the position drives of the named joints, in SI units.
+
+    N/m, N s/m and N for prismatic joints; N m/rad, N m s/rad and N m for revolute joints.
+    """
 
     joints: list[Identifier]
     stiffness: float = Field(gt=0)
@@ -176,7 +183,7 @@ class DriveSpec(Sourced):
 
 
 class JointSpec(Table):
-    """A joint and its frame on both bodies; motion is along or about the z axis of the frames."""
+    """A joint with a frame on each of its two bodies; it moves along or about the z axis of these frames."""
 
     name: Identifier
     type: JointType
@@ -188,7 +195,7 @@ class JointSpec(Table):
 
     @property
     def sides(self) -> tuple[tuple[str, FrameSpec], tuple[str, FrameSpec]]:
-        """Body and frame of the parent and of the child."""
+        """(body, frame) of the parent, and (body, frame) of the child."""
         return (self.parent, self.on_parent), (self.child, self.on_child)
 
 
@@ -215,7 +222,7 @@ class NamedPoint(Table):
 
 
 class CouplingSpec(Sourced):
-    """A belt, gear or cable: the sum of ratio times coordinate over the joints equals `sum_deg` or `sum_mm`."""
+    """A belt, gear or cable: the sum of ratio * coordinate over its joints is equal to `sum_deg` or `sum_mm`."""
 
     name: Identifier
     joints: list[Identifier] = Field(min_length=2)
@@ -231,7 +238,7 @@ class CouplingSpec(Sourced):
 
 
 class ActuatorSpec(Sourced):
-    """A motor that moves joints through a [[transmission]]; all numbers are on the motor's side.
+    """A motor that moves joints through a [[transmission]]; all numbers refer to the motor, not to the joints.
 
     Efforts, gains and inertia are in SI units: N m, N m/rad, N m s/rad, kg m2 for an angle; N, N/m, N s/m, kg for a
     length.
@@ -270,7 +277,7 @@ class ActuatorSpec(Sourced):
 
 
 class MatrixSpec(Sourced):
-    """Another matrix of a transmission, of the same shape, for `Robot.with_transmission`."""
+    """An alternative matrix of a transmission, of the same shape; `Robot.with_transmission` selects it."""
 
     matrix: list[list[float]]
 
@@ -303,7 +310,7 @@ class TransmissionSpec(Sourced):
 
 
 class PairGap(Sourced):
-    """Minimum of the difference `upper` - `lower` between the coordinates of two prismatic joints on a common rail."""
+    """Minimum allowed difference `upper` - `lower` of the coordinates of two prismatic joints on a common rail."""
 
     lower: Identifier
     upper: Identifier
@@ -311,7 +318,7 @@ class PairGap(Sourced):
 
 
 class LengthSpec(Table):
-    """A length between two features of one body; `parameter` is its name in the equations."""
+    """A length between two features of one body; `parameter` names the same length in the equations."""
 
     body: Identifier
     between: tuple[Identifier, Identifier]
@@ -325,7 +332,7 @@ class RequirementSpec(Sourced):
 
 
 class Tolerance(Table):
-    """Tolerances of the positions of faces (gross), and between the two sides of a joint (meeting)."""
+    """Tolerances: `gross` for a face to match its `Feature`, `meeting` for the difference of a joint's two frames."""
 
     gross_mm: float = Field(gt=0)
     gross_deg: float = Field(gt=0)
@@ -354,9 +361,9 @@ class Description(Table):
     actuator: list[ActuatorSpec] = Field(default_factory=list)
     transmission: list[TransmissionSpec] = Field(default_factory=list)
     coupling: list[CouplingSpec] = Field(default_factory=list)
-    trocar: Annotated[Identifier | None, Field(description="joint that holds the trocar to the base")] = None
+    trocar: Annotated[Identifier | None, Field(description="joint that connects the trocar to the base")] = None
     trocars: Annotated[
-        list[Identifier], Field(description="joints that hold the trocars to the base, if there are several")
+        list[Identifier], Field(description="joints that connect the trocars to the base, if there are several")
     ] = Field(default_factory=list)
     length: list[LengthSpec] = Field(default_factory=list)
     requirement: RequirementSpec | None = None

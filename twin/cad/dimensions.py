@@ -1,4 +1,4 @@
-"""The dimensions from which a drawing was made, `cad/<robot>/dimensions.toml`; read only for their provenance.
+"""Read the dimensions from which the CAD was drawn, `cad/<robot>/dimensions.toml`, to report their provenance.
 
 The mechanism is measured on the STEP file and does not use these dimensions; reports list the unpublished dimensions.
 """

@@ -1,8 +1,8 @@
-"""Find the wrong part if the two sides of a joint do not meet in the CAD.
+"""Find the wrong part if the two sides of a joint do not meet in the CAD: their joint frames do not coincide.
 
 A feature of a part (a face that defines a joint) is a suspect if moving this feature alone makes both sides of all its
-joints meet. Often the CAD contains evidence for one of two suspects: lengths that several parts share, and identical
-parts.
+joints meet. Often the CAD contains evidence that one of two suspects is the fault: lengths that several parts share,
+and identical parts.
 """
 
 from __future__ import annotations
@@ -49,8 +49,8 @@ class Suspect:
         joints: the joints that meet after the correction.
         offset, tilt: errors of the features in m and rad.
         faces: every feature of every part, with the faulty features corrected.
-        given: the corrected frame of a joint on the part, by (joint, part), if the description gives it by numbers.
-        for_it, against_it: evidence in the drawing for and against this suspect.
+        given: corrected frames by (joint, part), only for frames that the description gives by numbers.
+        for_it, against_it: texts of the evidence in the CAD for and against this suspect.
     """
 
     body: str
@@ -65,13 +65,13 @@ class Suspect:
 
     @property
     def score(self) -> int:
-        """Number of pieces of evidence for the suspect, minus the number against it."""
+        """Number of entries in `for_it` minus number of entries in `against_it`."""
         return len(self.for_it) - len(self.against_it)
 
 
 @dataclass(frozen=True)
 class Fault:
-    """Joints whose sides do not meet for one reason, and suspects: no suspect if no single part explains the fault."""
+    """Joints whose sides do not meet, and the suspects; no suspect if no single part explains the fault."""
 
     joints: tuple[str, ...]
     suspects: tuple[Suspect, ...]

@@ -22,7 +22,7 @@ _RADIUS_TOLERANCE = 0.005 * MM
 """Difference of radii in m above which a face does not match a feature's radius."""
 
 _ALIKE = 0.001 * MM
-"""Difference of distances in m below which `near_mm` cannot distinguish two faces."""
+"""Two faces are equally near to `near_mm` if their distances differ by less than this value in m."""
 
 
 @dataclass(frozen=True)
@@ -41,8 +41,8 @@ def find(body: str, name: str, spec: Feature, parts: Sequence[Part], tolerance: 
     Among the faces with this kind and radius, the face nearest to `near_mm` is used.
 
     Raises:
-        CadError: the body has no such face, or none within the gross tolerance; the message gives the nearest face and
-            its distance.
+        CadError: the body has no face of this kind and radius, or none within the gross tolerance; the message gives
+            the nearest face and its distance.
     """
     label = f"feature '{name}' of body '{body}'"
     if spec.part is not None:
@@ -129,7 +129,8 @@ def _distance(face: Face, near: Array) -> float:
 def centre(names: str | list[str], features: Mapping[str, Measured], at: str | None = None) -> Array:
     """Return the point (3,) in m of a feature, or the centroid of several features.
 
-    For a cylinder, it is the point of its axis on, or nearest to, feature `at`.
+    For a cylinder, it is the point at which its axis intersects the plane `at`, or the axis point nearest to the axis
+    or centre of feature `at`.
     """
     if isinstance(names, list):
         return np.mean([centre(n, features) for n in names], axis=0)

@@ -83,7 +83,7 @@ def rest(d: Description, at: Drawn) -> dict[str, Array]:
 
 
 def moved(mechanism: Mechanism, d: Description, faces: Faces, given: Given | None = None) -> Mechanism:
-    """Return the mechanism with joints, frames and points from other faces, without meshes and masses.
+    """Return the mechanism with joints, frames and points computed from `faces`, without meshes and masses.
 
     Raises:
         CadError: the faces do not define a frame.

@@ -22,7 +22,7 @@ _PARALLEL = 1e-3
 class Length:
     """A measured length.
 
-    `body` has both features `between`; `parameter` is its name in the equations; `value` is in m.
+    `body` has both features `between`; `parameter` is the name of the length in the equations; `value` is in m.
     """
 
     body: str

@@ -1,4 +1,4 @@
-"""Check that the two sides of each joint meet in the CAD."""
+"""Check that the two sides of each joint meet in the CAD: its frames on parent and child coincide within tolerance."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from twin.core.units import UM
 
 
 def meetings(d: Description, at: Drawn) -> list[Finding]:
-    """Return a finding for each joint whose two sides do not meet in the CAD, with the error in locked directions."""
+    """Return findings for joints whose two frames are offset or tilted in the CAD, in directions that are not free."""
     found = []
     for joint in d.joint:
         offset, tilt = locked_error(between(at, joint.name), joint.type)
@@ -44,8 +44,9 @@ def between(at: Drawn, joint: str) -> Array:
 
 
 def locked(T: Array, joint_type: str) -> tuple[Array, Array]:
-    """Return offset (m) and rotation (rad) between a joint's two frames, (3,) each, zero in the free directions.
+    """Return (offset in m, rotation vector in rad), (3,) each, of a joint's child frame relative to its parent frame.
 
+    `T` (4, 4) is the pose from `between`. Components in the free directions of the joint are 0.
     For revolute and cylindrical joints, the rotation is the rotation between the two axes.
     """
     p, turn = T[:3, 3].copy(), np.zeros(3)
@@ -64,6 +65,6 @@ def locked(T: Array, joint_type: str) -> tuple[Array, Array]:
 
 
 def locked_error(T: Array, joint_type: str) -> tuple[float, float]:
-    """Return the offset in m and the tilt in rad between a joint's two frames in the locked directions."""
+    """Return (offset in m, angle in rad) between a joint's two frames, without the joint's free directions."""
     offset, turn = locked(T, joint_type)
     return float(np.linalg.norm(offset)), float(np.linalg.norm(turn))

@@ -1,7 +1,7 @@
 """Triangle meshes: read files with a declared unit, find open surfaces, and compute mass properties.
 
-Mesh files do not state a unit (except 3MF, whose unit must equal the declared one), so the unit must be declared; an
-implausible size is a finding.
+Mesh files do not state a unit (except 3MF, whose unit must equal the declared unit), so the description must declare
+it. A part with an implausible size is reported as a finding.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from twin.model.inertia import Inertia
 SUFFIXES = (".stl", ".obj", ".glb", ".gltf", ".3mf", ".ply")
 
 _PLAUSIBLE = (0.5 * MM, 20.0)
-"""Smallest and largest plausible extent of a robot part in m; for others, the declared unit is probably wrong."""
+"""Smallest and largest plausible extent of a robot part in m; otherwise the declared unit is probably wrong."""
 
 _UP = {"z": np.eye(3), "y": np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])}
 

@@ -16,7 +16,7 @@ def actuators(d: Description) -> tuple[Actuator, ...]:
 
 
 def transmissions(d: Description, variant: str = "") -> tuple[Transmission, ...]:
-    """Return the transmissions of a description, with the matrix named `variant` where a transmission has this variant.
+    """Return the transmissions of a description; those that have a matrix named `variant` use this matrix.
 
     Raises:
         MechanismError: no transmission has this variant, or its matrix cannot be inverted.

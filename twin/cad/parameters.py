@@ -1,4 +1,4 @@
-"""Numbers that a description adds to the drawing (limits, drives, densities, gaps, motors ...), with provenance."""
+"""Numbers of the description that are not in the CAD (limits, drives, densities, gaps, motors ...), with provenance."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from twin.schema import Row
 
 
 def parameters(d: Description) -> list[Parameter]:
-    """Return every number that the description adds to the drawing, with unit and provenance."""
+    """Return every number of the description that is not in the CAD, with unit and provenance."""
     out: list[Parameter] = []
     for limit in d.limit:
         out += limit.parameters(",".join(limit.joints), _limit(limit))

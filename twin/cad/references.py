@@ -16,7 +16,7 @@ UNITS = {"revolute": "deg", "prismatic": "mm"}
 
 
 def check(path: Path, d: Description) -> None:
-    """Raise `DescriptionError` for the first name that does not exist, or unit that does not fit its joint."""
+    """Raise `DescriptionError` for the first unknown name, or the first unit that does not suit its joint's type."""
     for keys, message in (*_bodies(d), *_features(d), *_limits(d), *_motors(d), *_postures(d)):
         raise error_at(path, keys, message)
 

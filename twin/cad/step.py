@@ -1,8 +1,8 @@
 """STEP import by OpenCASCADE (cascadio): parts with triangles, linear colours and exact faces.
 
 The reader writes a GLB whose JSON contains the tree, the names and, for each part, the analytic faces in double
-precision. Vertices and instance placements in the GLB are float32. If placements are part of the shapes, as in the
-built-in STEP files, the faces stay exact; for other files `StepModel.placement_error` states the error.
+precision. Vertices and instance placements in the GLB are float32. If the placements are applied to the shapes, as in
+the built-in STEP files, the faces are exact; for other files `StepModel.placement_error` states the error.
 """
 
 from __future__ import annotations
@@ -28,13 +28,13 @@ from twin.core.spatial import Array
 from twin.core.units import MM
 
 VISUAL_TOLERANCE = 0.1 * MM
-"""Chord tolerance in m of the displayed meshes; their normals differ by at most 0.5 rad."""
+"""Chord tolerance in m of the displayed meshes; the normals of neighbouring triangles differ by at most 0.5 rad."""
 
 PROP_TOLERANCE = 0.5 * MM
 """Chord tolerance in m of the props of a scene; this gives a third as many triangles as `VISUAL_TOLERANCE`."""
 
 MASS_TOLERANCE = 0.005 * MM
-"""Chord tolerance in m of the meshes for mass computation; their volume is slightly too small for convex parts."""
+"""Chord tolerance in m of the meshes for mass computation; the volume of a convex part is slightly too small."""
 
 _CACHED = 32
 """Maximum number of files in the cache."""

@@ -68,7 +68,7 @@ def _check_count(path: Path, root: ElementTree.Element, objects: dict[str | None
 
     def total(number: str | None, depth: int = 0) -> int:
         if depth > limits.depth:
-            over(path, "3MF", "depth of its objects, at least", depth, limits.depth)
+            over(path, "3MF", "depth of its objects so far", depth, limits.depth)
         if number not in objects or number in open_:
             raise ValueError(f"object {number} is missing or contains itself")
         if number not in totals:

@@ -62,7 +62,7 @@ def build(args: argparse.Namespace) -> int:
         for name in robot.files.protocols() if robot.files is not None and robot.unwritten and not chosen else ():
             if name not in baked:
                 print(
-                    f"  {name}: not baked, because the mechanism cannot follow it; to see the reason, run twin plan "
+                    f"  {name}: left out, because the mechanism cannot follow it; to see the reason, run twin plan "
                     f"{args.robot} {name}"
                 )
     return 0
@@ -74,15 +74,15 @@ def plan(args: argparse.Namespace) -> int:
     from twin.planning.protocol import avoiding
 
     robot = api.load(args.robot)
-    if args.beside:
+    if args.beside is not None:
         return _together(robot, args)
     protocol = robot.protocol(args.protocol)
     if args.avoid is not None:
         protocol = avoiding(protocol, args.avoid, args.clearance_mm * MM, args.seed)
+    folder = show.folder(args, robot.name, protocol.name)
     with show.progress(args.quiet or args.json) as progress:
         trajectory = api.plan(robot, protocol, progress)
     planned = Planned(trajectory, [j.is_angle for j in robot.mechanism.active])
-    folder = show.folder(args, robot.name, trajectory.protocol)
     with assets.atomic_folder(folder) as work:
         planned.write(work)
     return show.finish(planned, args, folder, FILES[:1])
@@ -92,17 +92,20 @@ def _together(robot: api.Robot, args: argparse.Namespace) -> int:
     """Plan several robots of a scene at once (`plan --avoid SCENE --with ROBOT=PROTOCOL`)."""
     if not args.avoid:
         raise TwinError("--with: name the scene in which all robots stand, such as --avoid raven")
-    places = {p.name: p.robot for p in api.load_scene(args.avoid).places}
+    scene = api.load_scene(args.avoid)
+    places = {p.name: p.robot for p in scene.places}
     arms = {robot.name: (robot, robot.protocol(args.protocol))}
     for text in args.beside.split(","):
         name, _, chosen = text.strip().partition("=")
         if name in arms:
             raise TwinError(f"--with {name}: this robot is already planned; name each robot once, as in the scene")
+        if name not in {*places, *places.values()}:
+            raise TwinError(f"--with '{name}': scene '{scene.name}' has no such robot; it has: {', '.join(places)}")
         other = api.load(places.get(name) or name)
         arms[name] = other, other.protocol(chosen or None)
+    folder = show.folder(args, scene.name, "_".join(arms))
     with show.progress(args.quiet or args.json) as progress:
         planned = api.plan_together(args.avoid, arms, args.clearance_mm * MM, args.seed, progress)
-    folder = show.folder(args, planned.scene, "_".join(planned.order))
     with assets.atomic_folder(folder) as work:
         planned.write(work)
     return show.finish(planned, args, folder, planned.files())
@@ -227,7 +230,7 @@ def asked(texts: Sequence[str]) -> str | dict[str, str] | None:
 
 
 def _variants(robot: api.Robot, texts: Sequence[str]) -> list[dict[str, str] | None]:
-    """Return for each report to write the variants by equation, or None for the default variants."""
+    """Return the variants by equation of each report to write; None: the default variants."""
     chosen = asked(texts)
     if chosen is None:
         return [None]

@@ -12,7 +12,7 @@ from twin.cli import show
 def hazards(args: argparse.Namespace) -> int:
     """Run the remaining sessions, and print and write the outcomes by class; the log contains each session.
 
-    The exit code is 1 if a cue was given without a fault.
+    The exit code is 1 if a cue (force on the operator's hand) occurred without a fault.
     """
     from twin.api.hazards import FILE, Software, trends
     from twin.api.hazards import hazards as run

@@ -124,7 +124,7 @@ class _Command(_Parser):
         self.protocol()
         self.address(port, what)
         self.text("--task", "NAME", "task at the console of a scene, such as pegboard with rings to grasp")
-        text = "end of an instrument in a port that the hand moves: its tip (compensated, default) or its outer end, "
+        text = "end of an instrument that the hand moves: the tip (compensated, default), or the end outside the port, "
         text += "so that the port inverts the motion of the tip (direct)"
         self.choice("--fulcrum", ("compensated", "direct"), text)
         self.flag("--protocols", "play the protocols of a scene that has a console")
@@ -279,11 +279,11 @@ def _models(add: Add) -> None:
     sub.text(
         "--with",
         "ROBOT=PROTOCOL",
-        "with --avoid SCENE: also plan these robots of the scene, separated by commas; the first phases of all "
-        "protocols begin and end together, then the second ones; the robots before go first, and wait if necessary",
+        "with --avoid SCENE: also plan these robots of the scene, separated by commas. The first phases of all "
+        "protocols begin and end together, then the second ones. A robot avoids those before it; they may wait for it",
         dest="beside",
     )
-    sub.number("--clearance-mm", "MM", "with --avoid: minimum distance", 5.0)
+    sub.number("--clearance-mm", "MM", "with --avoid: required minimum distance between bodies", 5.0)
     sub.integer("--seed", "with --avoid: seed of the random search", 0)
     sub.out("./twin-out/<robot>/<protocol>/")
 
@@ -396,9 +396,9 @@ def _pages(add: Add) -> None:
     sub.text("--session", "FILE", "record the motion of the hands at a console; twin session replays the file")
     sub.text("--cert", "FILE", "certificate (PEM) for https, which headsets require for AR")
     sub.text("--key", "FILE", "private key (PEM) of the certificate, if it is not in the same file")
-    sub.choice("--haptics", ("on", "off"), "forces on the hands at the start (default: the scene's)")
+    sub.choice("--haptics", ("on", "off"), "forces on the hands at the start (default: as in the scene file)")
     sub.integer("--participant", "number of the participant in a study; determines which run has forces")
-    sub.integer("--run", "number of the participant's run: only one has forces", metavar="1|2")
+    sub.integer("--run", "number of the participant's run; one of the two runs has forces", metavar="1|2")
 
 
 def _trials(add: Add) -> None:
@@ -579,8 +579,8 @@ def _files(add: Add) -> None:
     group.add_argument("--protocol", metavar="NAME", action="append", help=text)
     group.add_argument("--all-protocols", action="store_true", help="every protocol of the robot (the default)")
     text = (
-        "maximum error of link points and joint gaps between keys in micrometres (default 100; the limit of rotation "
-        "scales with it, 0.05 degrees at 100); determines the key rate"
+        "maximum position error between keys in micrometres, of link points and joint gaps (default 100); determines "
+        "the key rate. The limit of the rotation error is proportional: 0.05 degrees at 100 micrometres"
     )
     sub.number("--budget-um", "UM", text)
 

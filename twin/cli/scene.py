@@ -56,7 +56,7 @@ def content(scene: Scene) -> tuple[dict[str, api.Robot], Mechanism | None]:
 
 
 def tissues(scene: Scene) -> tuple[Tissue, ...]:
-    """Return the soft organs of a scene; empty: it has none."""
+    """Return the soft organs of a scene; the result is empty if the scene has none."""
     if (drawn := anatomy_of(scene)) is None:
         return ()
     from twin.simulation import tissue_scene
@@ -65,7 +65,7 @@ def tissues(scene: Scene) -> tuple[Tissue, ...]:
 
 
 def organs(scene: Scene, robots: Mapping[str, api.Robot]) -> OrganFeed | None:
-    """Return the soft organs of a scene for a page without a World; None: it has none."""
+    """Return the soft organs of a scene for a page without a World; None: the scene has no organs."""
     if not (found := tissues(scene)):
         return None
     from twin.simulation import tissue_scene
@@ -78,7 +78,7 @@ def organs(scene: Scene, robots: Mapping[str, api.Robot]) -> OrganFeed | None:
 
 
 def bending(scene: Scene, robots: Mapping[str, api.Robot], task: Task | None) -> dict[str, Any]:
-    """Return the arguments `feed` and `organs` of a page with a console: in a procedure, its World has the organs."""
+    """Return the arguments `feed` and `organs` of a page with a console; in a procedure, the World has the organs."""
     if task is not None and task.procedure is not None:
         return {"feed": None, "organs": tissues(scene)}
     return {"feed": organs(scene, robots), "organs": ()}

@@ -65,9 +65,9 @@ def show_page(
 
     Args:
         args: options `host` and `no_browser`.
-        title: what is shown.
+        title: name of the shown robot or scene.
         port: the port.
-        advice: what connected clients can do.
+        advice: sentence on the rights of connected clients.
         open_page: opens the page on a server, with an event that ends it, and whether only this computer can connect.
     """
     from twin.ui.door.gate import Gate

@@ -40,8 +40,8 @@ def is_checkout() -> bool:
 class RobotFiles:
     """The paths of one robot; the files need not exist.
 
-    `cad`, `usd` and `trajectories` are folders, `formula` is the file of the equations, and `read` opens each file once
-    (`twin.core.foreign.once`).
+    `cad`, `usd` and `trajectories` are folders; `formula` is the file of the equations; `read` returns the bytes of a
+    file and opens each file once (`twin.core.foreign.once`).
     """
 
     name: str
@@ -95,7 +95,7 @@ def equations(files: RobotFiles | None, name: str) -> Path:
         raise KinematicsError(f"robot '{name}' has no equations: formula.py is missing")
     if not files.has_equations:
         raise KinematicsError(
-            f"{files.formula}: there are no equations yet, so nothing can be planned or judged. Write `inverse` or "
+            f"{files.formula}: there are no equations yet; planning and validation need them. Write `inverse` or "
             f"`forward` in this file, and delete the line `{NO_EQUATIONS}`."
         )
     return files.formula

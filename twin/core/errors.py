@@ -84,7 +84,7 @@ class TimingError(TwinError):
 
 
 class WorldError(TwinError):
-    """The blocks of a World are incompatible, a signal is not finite, or a recording is from another World."""
+    """Blocks of a World (simulation) are incompatible, a signal is not finite, or a recording is from another World."""
 
 
 class DeviceError(TwinError):

@@ -19,7 +19,7 @@ EXTRAS = {
 
 
 def require(module: str, purpose: str) -> ModuleType:
-    """Return a module of an extra; `purpose` is the start of the error message.
+    """Return the imported optional module; `purpose`, such as "the plot", begins the error message.
 
     Raises:
         TwinError: the module is not installed; the message gives the install command.

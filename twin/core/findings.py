@@ -82,9 +82,10 @@ def finding(
 
 @dataclass(frozen=True)
 class Kind:
-    """Fields that all findings with one code share. A call with the other fields returns the finding.
+    """A kind of finding: the fields that all findings with one code share. A call adds the other fields.
 
-    The suggestion of a call replaces the suggestion of the kind. For the fields see `Finding` and `finding`.
+    The call returns the finding; its suggestion, if not empty, replaces the suggestion of the kind. For the fields see
+    `Finding` and `finding`.
     """
 
     code: str

@@ -7,9 +7,12 @@ MM = 1e-3
 UM = 1e-6
 DEG = pi / 180
 
+ROUNDING = 1e-9
+"""Amount in m or rad that counts as rounding in comparisons: a path that ends at a limit is rounded there too."""
+
 SI = {"mm": MM, "deg": DEG, "mm/s": MM, "deg/s": DEG, "mm/s2": MM, "deg/s2": DEG, "g": 1e-3, "kPa": 1e3, "N mm": MM}
 SI |= {"N/mm": 1 / MM, "N s/mm": 1 / MM}
-"""Factors from units that are not coherent SI units to SI units: 5 mm is 5 * SI["mm"] in m."""
+"""Factor from each unit to the coherent SI unit: 5 mm is 5 * SI["mm"] in m. A unit that is not listed has factor 1."""
 
 LENGTH = {"m": 1.0, "cm": 1e-2, "mm": MM, "um": UM, "in": 0.0254}
 """Length units that a CAD mesh may declare, in m."""

@@ -23,7 +23,7 @@ class ClosedForm:
         source: document and equation.
         joints: names of the n joints, in the order of q.
         parameters: inertial parameters, with provenance.
-        tolerance: largest difference that the rounding of the parameters explains, in SI units of each term.
+        tolerance: largest difference of a term that can result from rounded parameters, in the SI unit of the term.
         terms: function of symbols (q (n,), qd (n,), {parameter: value}) that returns M (n, n), C (n, n) and g (n,).
     """
 
@@ -66,8 +66,8 @@ class Terms:
         C: (n, n) matrix of the Coriolis and centrifugal efforts, C qd.
         g: (n,) efforts of gravity.
         change: (n, n) dM/dt.
-        M_share: (n, n, k) derivatives of M by the k parameters.
-        g_share: (n, k) derivatives of g by the k parameters.
+        M_share: (n, n, k) derivatives of M with respect to the k parameters.
+        g_share: (n, k) derivatives of g with respect to the k parameters.
     """
 
     M: Array

@@ -25,15 +25,15 @@ from twin.formula.closed_form import ClosedForm
 Stage = Literal["inverse", "forward", "helper"]
 """Stage of an equation: the direction in which it is used.
 
-inverse: from the pose to the joints. forward: from the joints to the pose. helper: quantities that the published
-equations do not name (angles, margins, measures), computed after all other equations.
+inverse: from the pose to the joints. forward: from the joints to the pose. helper: the equation computes quantities
+that the published equations do not name (angles, margins, measures), and is evaluated after all other equations.
 """
 
 POSE_SYMBOL = "T_base_tool"
 """Symbol of the pose (4, 4). A forward flow computes this symbol, or all coordinates."""
 
 Rows = Callable[..., Any]
-"""A function whose argument names are symbols. It returns one SX, or a tuple of SX in the order of the outputs."""
+"""A function whose argument names are symbols. It returns a CasADi SX, or a tuple of SX in the order of the outputs."""
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ class Equation:
 
     Attributes:
         name: identifier, "eq1".
-        title: inputs and outputs in words, "ball centres -> carriages".
+        title: inputs and outputs as text, "ball centres -> carriages".
         source: document and equation number.
         stage: see `Stage`.
         outputs: symbols that the function returns, in order.

@@ -203,10 +203,10 @@ def _where(error: BaseException, function: Rows) -> str:
 
 
 def attach(function: ca.Function, *arguments: Array) -> tuple[Array, Callable[[], None]]:
-    """Return an array for the value of a function, and a procedure that computes the value from the arguments.
+    """Return (array, procedure): each call of the procedure (no arguments) writes the function's value to the array.
 
-    The function reads the current numbers of the arguments (contiguous arrays) from their memory. Nothing is copied or
-    checked, which suits control loops.
+    The procedure reads the current numbers of the arguments (contiguous arrays) from their memory. Nothing is copied or
+    checked; this makes it fast enough for control loops.
     """
     out = np.zeros(function.size1_out(0))
     buffer, trigger = function.buffer()

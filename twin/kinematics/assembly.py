@@ -2,8 +2,8 @@
 
 The forward kinematics of a parallel robot is the root of q(T) - q, where q(T) is the inverse equation. The root is
 searched by Newton's method from a seed pose, then by Levenberg-Marquardt, then among all assemblies that the formula
-can enumerate. The branch label of the solution is checked, because a Newton step can jump to another assembly with the
-same joint values.
+can enumerate. The branch label (the signs that identify an assembly) of the solution is checked, because a Newton step
+can jump to another assembly with the same joint values.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ FORWARD_TOL = 1e-11
 """Norm of the joint error, in m or rad, below which a forward solution is accepted."""
 
 _SAME_POSE = 1e-6
-"""Difference in m and rad below which two poses count as one assembly."""
+"""Two poses count as the same assembly if they differ by less than this value in m and rad."""
 
 _TRAVEL = 0.5
 """Maximum travel (see `Program.newton`) from the seed to the solution of Newton's method.

@@ -203,10 +203,10 @@ class Compiled(ABC):
         return self.formula.numbers(T, self.parameters) if self.formula.numbers is not None else ""
 
     def takes(self, Ts: ArrayLike) -> bool:
-        """Return whether the equations prove that poses (k, 4, 4) are within the robot's degrees of freedom.
+        """Return whether the equations prove that the robot has the degrees of freedom for the poses (k, 4, 4).
 
-        There are three proofs: the robot has six degrees of freedom; the formula has fewer than six coordinates, so
-        that other poses have no joint values; or the forward equations return the pose. False: not proved.
+        One of three proofs is sufficient: the robot has six degrees of freedom; the inverse has a solution and gives
+        NaN for poses that the robot cannot have; or the forward equations reproduce the poses. False: not proved.
         """
         Ts = poses(Ts)
         if len(self.formula.joints) >= 6:

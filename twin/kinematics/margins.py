@@ -117,7 +117,10 @@ class Margins:
         return np.where(np.isfinite(size), size, np.inf)
 
     def homogeneous(self, s: States, by: float) -> bool:
-        """Return whether all lengths in the equations are parameters, so that a scaled robot has the same angles."""
+        """Return whether all angles stay the same if all lengths of robot and states are multiplied by `by`.
+
+        False: a length in the equations is a number, not a parameter.
+        """
         kin = self._kin
         lengths = self._lengths(by)
         if not lengths:

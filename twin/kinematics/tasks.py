@@ -51,8 +51,9 @@ def Pose(T_base_tool: ArrayLike, mask: Sequence[bool] = (True,) * 6) -> Task:  #
 
     Args:
         T_base_tool: target pose.
-        mask: six flags, whether each error counts, in the axes of the target: x, y, z, and x, y, z of the rotation
-            vector. (1, 1, 1, 1, 1, 0) leaves the roll about the target's z axis free.
+        mask: six flags; an error whose flag is 0 is ignored. The errors are x, y, z of the position, then x, y, z of
+            the rotation vector, in the axes of the target. (1, 1, 1, 1, 1, 0) leaves the rotation about the target's z
+            axis free.
 
     """
     T = np.asarray(T_base_tool, float)

@@ -1,4 +1,7 @@
-"""Objects of the camera task: a grey line, fixed in the picture, and a green rectangle on a plate in the World."""
+"""Objects of the camera task: a grey line that is fixed in the picture, and a green rectangle on a plate in the scene.
+
+The user turns the camera until the upper side of the rectangle coincides with the line.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +27,7 @@ RECTANGLE = "target_rectangle"
 
 _PLATE_RGBA = (0.08, 0.085, 0.09, 1.0)
 _THICK, _BEFORE = 2e-3, 1e-4
-"""Thickness of the plate, and distance of the rectangle before it, in m, so that the plate does not show through."""
+"""Thickness of the plate, and distance of the rectangle in front of it, in m; the distance keeps the plate hidden."""
 
 
 class AlignTable(Table):

@@ -1,4 +1,4 @@
-"""Tables of a scene file on its organs: their drawing, their material, and the links that touch them."""
+"""Tables of a scene file that describe its organs: their CAD, their materials, and the links that can touch them."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ Direction = Literal["x", "-x", "y", "-y", "z", "-z"]
 
 
 class PinTable(Table):
-    """A box with corners in mm in the world frame: the nodes of the grid that are inside are fixed."""
+    """A box in the world frame, with two corners in mm; the nodes of the organ's grid inside the box are fixed."""
 
     name: Identifier
     low_mm: Vector
@@ -37,11 +37,11 @@ class PinTable(Table):
 
 
 class TissueTable(Sourced):
-    """A soft organ. Its shape is the body of the anatomy that has the name of this table.
+    """A soft organ. Its shape is the body of the same name in the file of the section [anatomy].
 
-    The organ is elastic in a grid of `cells` along its three principal axes, the longest first, or along the axes of
-    the World (`upright`), and keeps its volume. `edge_mm` is the longest edge of its triangles; `damping_s`
-    is the ratio of viscous to elastic stress.
+    The organ is an elastic solid of constant volume, simulated on a grid. `cells` are the numbers of cells along the
+    three principal axes of the organ, the longest first, or along the axes of the World (`upright`). `edge_mm` is the
+    maximum edge length of its surface triangles. `damping_s` in s is damping divided by stiffness (Rayleigh damping).
     """
 
     edge_mm: float = Field(ge=1, le=1000)
@@ -64,9 +64,10 @@ class TissueTable(Sourced):
 class AnatomyTable(Sourced):
     """The organs of a scene. `file` is a description as for props, with one body for each organ.
 
-    `touching` names the links of instruments that touch organs, each as "robot/body". If the organs are drawn in a
-    frame of their own, `axes` are the directions of its x, y and z in the world frame, such as ["-y", "x", "z"];
-    `origin_mm` is its origin in the world frame, and a length in it, times `scale`, is the length in the world.
+    `touching` names the links of instruments that can touch organs, each as "robot/body"; other links pass through
+    organs. If the organs are drawn in a frame of their own, `axes` are the directions of its x, y and z in the world
+    frame, such as ["-y", "x", "z"]; `origin_mm` is its origin in the world frame; `scale` is a length in the world
+    divided by the length in the drawing.
     """
 
     file: str
@@ -110,8 +111,8 @@ def tissues(
 ) -> tuple[Tissue, ...]:
     """Return the organs of a scene, in the World.
 
-    `whole` is the frame of the drawing; `tables` has the material of each organ, by body of the `anatomy`; `poses` has
-    T_drawing_body (4, 4) of each body. Messages name the scene file `file`.
+    `whole` gives the frame of the drawing; `tables` gives the material of each organ, by the name of its body in
+    `anatomy`; `poses` gives T_drawing_body (4, 4) of each body. Error messages name the scene file `file`.
 
     Raises:
         TwinError: a body is missing, or its surface is open, inverted or too fine.

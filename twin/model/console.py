@@ -1,4 +1,4 @@
-"""The tables of a surgeon's console in a scene: its hands, its cameras, the forces on its hands."""
+"""The tables of a surgeon's console in a scene file: robots of both hands, cameras, and forces on the hands."""
 
 from __future__ import annotations
 
@@ -17,16 +17,17 @@ from twin.schema import Identifier, Sourced, Table, at, error_at
 
 
 class StereoTable(Table):
-    """Two lenses side by side: the distance between them, and the distance at which their lines of sight meet."""
+    """Two lenses side by side: `baseline_mm` between them; their lines of sight cross at the distance `converge_mm`."""
 
     baseline_mm: float = Field(gt=0, le=200)
     converge_mm: float = Field(gt=0, le=10_000)
 
 
 class CameraTable(Sourced):
-    """A camera on a robot frame: it looks along the frame's z axis, with -y up, rotated by `roll_deg` about z.
+    """A camera on a frame of a robot: it looks along z of the frame, with -y up, and is rotated about z by `roll_deg`.
 
-    With `stereo`, it has two lenses, one on each side of the frame's origin at half the baseline.
+    `view_deg` is the angle of view. With `stereo`, the camera has two lenses, each at half the baseline from the
+    frame's origin.
     """
 
     robot: Identifier
@@ -42,7 +43,7 @@ class CameraTable(Sourced):
 
 
 class CameraRangeTable(Table):
-    """Ranges of a console's camera about its port, each (lowest, highest)."""
+    """Permitted motion of a console's camera about its port: (minimum, maximum) of each angle and of the depth."""
 
     pan_deg: tuple[float, float]
     tilt_deg: tuple[float, float]
@@ -59,12 +60,13 @@ class CameraRangeTable(Table):
 
 
 class ConsoleTable(Sourced):
-    """A surgeon's console: robots of each hand, in the order of selection by clutch taps, and the shared camera.
+    """A surgeon's console: the robots that each hand can control, and the camera of the picture.
 
-    `tip` is the frame of these robots for targets and path lengths; default: the tool frame.
-    `instrument_mm` is the length of a robot's instrument from its tip to its outer end; the hand can then control
-    either end. `through` names the robots without a mechanical RCM: the controller keeps their shaft, the z axis of the
-    tool, in the port. `camera_range` replaces the range of the da Vinci's endoscope.
+    A tap on the clutch selects the next robot in `right` or `left`. `scale` is the tool displacement divided by the
+    hand displacement. `tip` names the frame of these robots that must touch targets and whose path length is measured;
+    default: the tool frame. `instrument_mm` is the length of a robot's instrument from its tip to its outer end; if it
+    is given, the hand can control either end. `through` names the robots without a mechanical RCM: the controller keeps
+    their shaft, the z axis of the tool, in the port. `camera_range` replaces the range of the da Vinci's endoscope.
     """
 
     right: list[Identifier] = Field(min_length=1)
@@ -85,10 +87,11 @@ class ConsoleTable(Sourced):
 
 
 class HapticsTable(Sourced):
-    """Forces on the hands: stiffness and damping of all surfaces; forces are clipped at `largest_n`.
+    """Forces on the hands: stiffness and damping of all surfaces, and the maximum force `largest_n`.
 
-    `device_damping_ns_m` is the damping of the device and of the fingers on it; with this damping, a surface whose
-    forces are computed at sample times adds no energy (is passive). `on` states whether forces are on at the start.
+    `device_damping_ns_m` is the damping of the haptic device together with the fingers that hold it. It must be large
+    enough that a surface, whose force is computed at sample times only, adds no energy to the hand (passivity). `on`:
+    whether the forces are switched on at the start.
     """
 
     stiffness_n_m: float = Field(gt=0, le=10_000)
@@ -99,7 +102,7 @@ class HapticsTable(Sourced):
 
 
 def check(path: Path, console: ConsoleTable, cameras: Mapping[str, CameraTable], robots: Sequence[str]) -> None:
-    """Raise if the console names a camera or a robot that the scene does not have, or a robot twice.
+    """Raise an error if the console names a camera or robot that the scene does not have, or names a robot twice.
 
     Raises:
         DescriptionError: with file, line, key and value.
@@ -126,7 +129,7 @@ def check(path: Path, console: ConsoleTable, cameras: Mapping[str, CameraTable],
 
 
 def listed(console: ConsoleTable | None, haptics: HapticsTable | None) -> Iterator[Parameter]:
-    """Yield the numbers of a console and of its forces, with their provenance."""
+    """Yield the numbers of a console, and of the forces on its hands, with their provenance."""
     if console is not None:
         lengths = [(f"instrument {name}", v, "mm") for name, v in console.instrument_mm.items()]
         yield from console.parameters("console", [("scale", console.scale, "1"), *lengths])

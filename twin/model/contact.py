@@ -15,7 +15,7 @@ from twin.schema import Identifier, Sourced, Vector, at
 
 
 class ObjectTable(Sourced):
-    """A movable object. Instruments grasp and push it in tasks that name it.
+    """A movable object. Instruments can grasp and push it, but only during a task that names the object.
 
     `size_mm` of a ring: the radius of its wire's centre line, and the radius of the wire; of a box: its three edges; of
     a ball: its radius. At the start, its centre is at `position_mm` in the world frame, and the axis of a ring is along
@@ -49,8 +49,8 @@ class ObjectTable(Sourced):
 class ContactTable(Sourced):
     """Contact of movable objects with bodies of the props and with the instruments of the console.
 
-    `solid` names the bodies of the props. `jaw_effort_n_mm` is the maximum torque of one jaw. `friction` is the
-    coefficient of these bodies and of the instruments.
+    `solid` names the bodies of the props that objects can touch. `friction` is the friction coefficient of these bodies
+    and of the instruments. `jaw_effort_n_mm` is the maximum torque of one jaw.
     """
 
     solid: list[Identifier] = Field(min_length=1)

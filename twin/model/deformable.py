@@ -1,4 +1,4 @@
-"""A deformable: a mesh with moving vertices, pinned to a body or to the world; and its motion."""
+"""A deformable (a mesh with moving vertices that is fixed to a body or to the world), and its recorded motion."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from twin.core.units import UM
 from twin.model.body import Mesh
 
 _EXACT = 0.1 * UM
-"""Maximum error in m of a node without the shapes that are left out."""
+"""Maximum error in m of a node's position that results from the shapes omitted by `Bend.shapes`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,9 +21,9 @@ class Deformable:
     Attributes:
         name: identifier, unique among deformables, robots and props.
         mesh: triangles (constant) and vertices (n, 3) at rest.
-        owner, body: the robot or prop, and its body, to which the mesh is pinned; "": pinned to the world.
-        weights: (n, k), vertices = weights @ nodes: few nodes move many vertices, and only the nodes are recorded;
-            None: each vertex is a node.
+        owner, body: robot or prop, and its body, to which the mesh is fixed; "": fixed to the world.
+        weights: (n, k) weights of k nodes, vertices = weights @ nodes. Few nodes move many vertices, and only the nodes
+            are recorded. None: each vertex is a node.
     """
 
     name: str
@@ -34,7 +34,7 @@ class Deformable:
 
     @property
     def signal(self) -> str:
-        """Name of its signal in the World: `<name>.vertices` or `<name>.nodes`, three numbers for each in m."""
+        """Name of its signal in the World, `<name>.vertices` or `<name>.nodes`, which contains their positions in m."""
         return f"{self.name}.vertices" if self.weights is None else f"{self.name}.nodes"
 
     @property
@@ -52,8 +52,11 @@ class Deformable:
 class Bend:
     """The motion of a deformable, in the World. At the first time, the deformable has its shape at rest.
 
-    At times (k,) in s, evenly spaced from 0, nodes (k, m, 3) are in m; vertices (n, 3) = weights (n, m) @ nodes; `mesh`
-    is at rest.
+    Attributes:
+        mesh: the mesh at rest.
+        weights: (n, m) weights of the nodes: vertices (n, 3) = weights @ nodes at one time.
+        times: (k,) in s, evenly spaced from 0.
+        nodes: (k, m, 3) positions of the nodes in m.
     """
 
     mesh: Mesh
@@ -71,7 +74,7 @@ class Bend:
         return self.weights @ self.nodes[k]
 
     def changes(self) -> Index:
-        """Return the indices of the times at which nodes differ from a neighbouring time, and first and last."""
+        """Return the indices of first and last time, and of times whose nodes differ from a neighbouring time."""
         moved = np.abs(np.diff(self.nodes, axis=0)).max(axis=(1, 2)) > 0
         keep = np.ones(len(self.times), bool)
         keep[1:-1] = moved[:-1] | moved[1:]
@@ -80,8 +83,8 @@ class Bend:
     def shapes(self) -> tuple[Array, Array]:
         """Return shapes (s, n, 3) in m and factors (k, s): vertices = vertices at rest + sum of factors times shapes.
 
-        The shapes are the principal ones of the motion and their opposites, so that all factors are 0 to 1, because
-        some players clip other factors. Shapes that move no node by more than 0.1 µm are left out.
+        The shapes are the principal components of the motion and their opposites. All factors are therefore 0 to 1;
+        some players clip other factors. Shapes that move no node by more than 0.1 µm are omitted.
         """
         off = self.nodes - self.nodes[0]
         U, S, Vt = np.linalg.svd(off.reshape(len(off), -1), full_matrices=False)

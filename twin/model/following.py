@@ -1,7 +1,7 @@
-"""Joints that follow another joint through couplings; each leader follows no other joint.
+"""Joints that follow another joint (the leader) through couplings; no leader is itself a follower.
 
-File formats and engines with mimic joints do not allow chains of them. If one joint follows a second joint, which
-follows a driven joint, both are therefore stated as followers of the driven joint.
+In file formats and engines, a mimic joint must not follow another mimic joint. If joint c follows joint b, and b
+follows a driven joint a, both b and c are therefore returned as followers of a.
 """
 
 from __future__ import annotations

@@ -26,9 +26,9 @@ class GuideTable(Table):
 
     `ring` names the object, `dome` the solid body around it. The arm of hand `first` picks the ring up, which is done
     when its centre is `lifted_mm` from where it was; the arm of the other hand guides it. The wire consists of all
-    parts of solid bodies whose names begin with `wire`, in their order from the free end. The ring has passed it when
-    it is within `end_mm` of its end. A tool has left the dome when it is `outside_mm` outside the convex hull of the
-    dome.
+    parts (at least two) of solid bodies whose names begin with `wire`; the file of the props must list them in order,
+    the part with the free end first. The ring has passed the wire when it is within `end_mm` of its other end. A tool
+    has left the dome when it is `outside_mm` outside the convex hull of the dome.
     """
 
     ring: Identifier

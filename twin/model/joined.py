@@ -42,8 +42,8 @@ def joined(arms: Mapping[str, tuple[Mechanism, Array]]) -> Mechanism:
         rest |= {own(body): T_world_base @ T for body, T in mechanism.rest.items()}
         tool = mechanism.frame(mechanism.tool)
         frames = (Frame(mechanism.tool, own(tool.body), tool.T_body_frame),)
-    home = {f"{n}_{j.name}": x for n, (m, _) in arms.items() for j, x in zip(m.active, _home(m), strict=True)}
-    postures = {"home": home} if all(m.home is not None for m, _ in arms.values()) else {}
+    homes = [(n, m, m.home) for n, (m, _) in arms.items() if m.home is not None]
+    home = {f"{n}_{j.name}": x for n, m, q in homes for j, x in zip(m.active, q, strict=True)}
     last = next(reversed(list(arms.values())))[0]
     return Mechanism(
         "_".join(arms),
@@ -52,11 +52,12 @@ def joined(arms: Mapping[str, tuple[Mechanism, Array]]) -> Mechanism:
         tuple(joints),
         frames,
         rest=rest,
-        postures=postures,
+        postures={"home": home} if len(homes) == len(arms) else {},
         tool=last.tool,
         couplings=tuple(couplings),
     )
 
 
-def _home(mechanism: Mechanism) -> Array:
-    return mechanism.home if mechanism.home is not None else np.zeros(len(mechanism.active))
+def owners(arms: Mapping[str, tuple[Mechanism, Array]]) -> dict[str, str]:
+    """Return the name of the arm of each body of `joined(arms)`, by the name of the body there."""
+    return {f"{name}_{body.name}": name for name, (mechanism, _) in arms.items() for body in mechanism.bodies}

@@ -46,7 +46,7 @@ class Joint:
         limits: hard range of the coordinate in m or rad, or None.
         soft_limits: range outside which a warning is reported, in m or rad, or None.
         cone: maximum angle in rad between the two z axes of a spherical joint, or None.
-        max_speed, max_acceleration: limits of the coordinate in m/s, m/s2 or rad/s, rad/s2, or None.
+        max_speed, max_acceleration, max_jerk: limits of the coordinate in m or rad per s, s2 and s3, or None.
         drive: the position drive of an active joint that is driven directly, or None; see `Actuator`.
         mating: names of the two meshes that touch in this joint (pin and bore); they are not checked for contact.
     """
@@ -63,6 +63,7 @@ class Joint:
     cone: float | None = None
     max_speed: float | None = None
     max_acceleration: float | None = None
+    max_jerk: float | None = None
     drive: Drive | None = None
     mating: tuple[str, ...] = ()
 

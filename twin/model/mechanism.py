@@ -1,7 +1,8 @@
 """The format-neutral model: bodies, joints and loops.
 
-A joint between two bodies that the tree already contains closes a loop: it also has two frames, but no coordinate in
-the tree. All values are in SI units; all objects are immutable.
+The tree connects every body to the base by exactly one path of joints. A joint that is not in the tree closes a loop;
+it also has two frames, but its coordinate follows from the other joints. All values are in SI units; all objects are
+immutable.
 """
 
 from __future__ import annotations

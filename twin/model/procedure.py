@@ -1,4 +1,4 @@
-"""A surgical procedure as a task: removed organ, cut vessel, and limits of each stage."""
+"""A surgical procedure as a task: the organ to remove, the vessel to cut, and the limits of each stage."""
 
 from __future__ import annotations
 
@@ -10,17 +10,19 @@ from twin.schema import Identifier, Row, Table
 
 
 class ProcedureTable(Table):
-    """A procedure in five stages, with the lengths and limits of its checks.
+    """A procedure in five stages, with the requirements that are checked.
 
-    1 expose: a grasper holds `organ` and has lifted the held point by `lift_mm` when the first clip is placed.
-    2 show: `camera` has seen the fraction `seen` of `vessel` for `seen_s` before the first clip is placed.
-    3 clip: `clips_kept` clips shut the vessel on the side that stays, `clips_taken` on the side of the organ.
-    4 cut: the vessel is cut between them, and no cut end is open.
-    5 remove: cautery separated each cell of the bed with the energy `bed_j`; the organ is at most `out_mm` from a port.
+    1 expose: when the first clip is placed, a grasper holds `organ` and has lifted the held point by `lift_mm`.
+    2 show: before the first clip is placed, `camera` has seen the fraction `seen` of `vessel` for `seen_s`.
+    3 clip: `clips_kept` clips close the vessel on the side that stays in the patient, `clips_taken` clips on the side
+      of the removed organ.
+    4 cut: the vessel is cut between the clips of both sides, and both cut ends are closed by clips.
+    5 remove: each node that attaches the organ (its bed) is freed by cautery with the energy `bed_j`, and the organ is
+      moved to at most `out_mm` from a port.
 
-    During all stages, no tip goes deeper than `depth_mm` below the surface at rest of an organ in `spare`, and no other
-    vessel is clipped or cut. `start` names the first tool of each robot; a tool is changed while the tip is at most
-    `change_mm` inside the port.
+    During all stages, no tip may be deeper than `depth_mm` below the surface at rest of an organ in `spare`, and no
+    other vessel may be clipped or cut. `start` names the first tool of each robot. A tool can be changed only if the
+    tip is at most `change_mm` from the port.
     """
 
     organ: Identifier

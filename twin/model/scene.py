@@ -35,8 +35,8 @@ class PortTable(Sourced):
 class RobotTable(Sourced):
     """A robot in the scene: base position in the world frame, yaw about the vertical z axis, and ports of its trocars.
 
-    `protocol` is optional if the scene has a console. `robot` is the name of the built-in robot if `name` differs: a
-    scene may have two robots of one kind. `start` holds joint values in deg or mm at which console control starts;
+    `protocol` is optional if the scene has a console. `robot` names the built-in robot if `name` is another name, for
+    example for the second of two equal robots. `start` gives joint values in deg or mm at the start of console control;
     other joints start as in the posture home.
     """
 
@@ -57,7 +57,7 @@ class RobotTable(Sourced):
 
 
 class SceneTable(Table):
-    """The scene file. `props` is the file of a description as for robots, in the world frame, without driven joints."""
+    """The scene file. `props` is the description file of the props, in the world frame, without driven joints."""
 
     name: Identifier
     title: str
@@ -85,7 +85,7 @@ class Place:
     """A robot in a scene: T_world_base (4, 4), and its ports by trocar, each (3,) in m in the world frame.
 
     The trocar name "" means the robot's only trocar or, without trocars, the first RCM of the protocol. `robot` is the
-    name of the built-in robot; `start` holds joint values in deg or mm at which console control starts.
+    name of the built-in robot; `start` gives joint values in deg or mm at the start of console control.
     """
 
     name: str
@@ -106,9 +106,9 @@ class Place:
 class Scene:
     """A checked scene.
 
-    `clearance` is the required minimum clearance in m; `touching` has pairs of "owner/body" that touch by design;
-    `parameters` has every number with its provenance. Optional parts without a table are None or empty; `haptics` None
-    means the default forces on the hands.
+    `clearance` is the required minimum clearance in m. `touching` has pairs of bodies, each as "owner/body", that touch
+    by design and are not checked for clearance. `parameters` has every number with its provenance. An optional part
+    that the file does not describe is None or empty; if `haptics` is None, the default forces on the hands apply.
     """
 
     name: str
@@ -139,7 +139,7 @@ class Scene:
 
     @property
     def models(self) -> tuple[Place, ...]:
-        """Place of the model of each machine (see `TrainerTable`): the place of the machine, with the model's name."""
+        """The `Place` of each machine's model (see `TrainerTable`): it differs from the machine's only in the name."""
         machines = [] if self.trainer is None else self.trainer.robots
         return tuple(replace(p, name=p.name + MODEL) for p in self.places if p.name in machines)
 

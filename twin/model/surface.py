@@ -11,7 +11,7 @@ from twin.core.spatial import Array, Index
 from twin.core.units import MM
 
 VERTICES = 6000
-"""Maximum number of vertices of a simulated surface; the frames of a page contain each of them."""
+"""Maximum number of vertices of a simulated surface; each picture frame sent to a page contains all of them."""
 
 _SAME = 1e-9
 """Distance in m below which two vertices are merged: neighbouring faces of a STEP file do not share vertices."""
@@ -82,9 +82,9 @@ def inside(points: Array, vertices: Array, triangles: Index) -> np.ndarray:
 
 
 def rings(triangles: Index, start: int) -> Index:
-    """Return the level (m,) of each triangle around a touched one, -1: not connected with it.
+    """Return the level (m,) of each triangle around the triangle `start`; -1 if it is not connected with `start`.
 
-    Level 0 is the touched triangle, level 1 the triangles that share a corner with it, level 2 those that share a
+    Level 0 is the triangle `start`, level 1 are the triangles that share a corner with it, level 2 those that share a
     corner with level 1, and so on, as in figure 19 of the paper on the PA-10 virtual surgery robot.
     """
     level = np.full(len(triangles), -1)

@@ -25,7 +25,7 @@ from twin.schema import Identifier, Row, Sourced, Table, Vector, at, error_at
 
 
 class Transfer(Table):
-    """A ring to bring to a peg: names of the object and of the part of a solid body that is the peg."""
+    """A ring to bring to a peg: name of the object (ring), and name of the mesh of a solid body (peg)."""
 
     ring: Identifier
     peg: Identifier
@@ -90,7 +90,7 @@ class Target:
 
 @dataclass(frozen=True)
 class Task:
-    """A task; it has targets, transfers, a guide, an alignment or a procedure. Only a procedure needs no console.
+    """A task with targets, transfers, a guide, an alignment or a procedure; all except a procedure need a console.
 
     `tolerance` is the maximum distance in m of a tip from its point during a touch; `hold` is the time in s for which
     all tips of a target must be within the tolerance. `alignment` has rectangle and line of the camera task.
@@ -132,7 +132,9 @@ def task_of(name: str, task: TaskTable) -> Task:
 
 
 def check_rings(path: Path, name: str, task: TaskTable, objects: Mapping[str, ObjectTable], contact: bool) -> None:
-    """Raise if a ring of task `name` is not a ring of the scene, is listed twice, or nothing can touch it.
+    """Raise an error if a ring of task `name` is not a ring of the scene, is listed twice, or cannot be touched.
+
+    It cannot be touched if `contact` is False: the scene file has no section [contact].
 
     Raises:
         DescriptionError: with file, line, key and value.

@@ -1,4 +1,4 @@
-"""A soft organ: a closed surface in a grid of cells, whose nodes move; its material and its pins."""
+"""A soft organ: a closed surface that follows the moving nodes of a grid, its material, and pins that fix nodes."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from twin.model.surface import Surface
 
 @dataclass(frozen=True)
 class Pin:
-    """A box in the World, corners `low` and `high` (3,) in m; it holds the nodes of the grid that are inside."""
+    """A box in the World with the corners `low` and `high` (3,) in m; nodes of the grid inside the box are fixed."""
 
     name: str
     low: Array
@@ -27,7 +27,7 @@ class Pin:
 
 @dataclass(frozen=True)
 class Tissue:
-    """A soft organ. The nodes of its grid move; its vertices follow by trilinear interpolation in their cell.
+    """A soft organ. The nodes of its grid move; the vertices of its surface follow by trilinear interpolation.
 
     Attributes:
         name: identifier, unique among deformables, robots, props and objects.
@@ -35,7 +35,7 @@ class Tissue:
         cells: number of cells along the three axes of the grid.
         young: Young's modulus in Pa.
         poisson: Poisson's ratio.
-        damping: ratio of viscous to elastic stress in s.
+        damping: damping divided by stiffness (Rayleigh damping), in s.
         density: in kg/m3.
         friction: coefficient of sliding friction.
         pins: boxes in which nodes are fixed.
@@ -97,8 +97,8 @@ class Tissue:
     def gradients(self) -> Array:
         """Deformation gradients at the vertices as weights (3, n, k) of the nodes.
 
-        gradients[i] @ nodes is (n, 3): the derivative of the position in the World by the coordinate along axis i of
-        the grid at rest, dimensionless.
+        gradients[i] @ nodes is (n, 3), dimensionless: the derivative of the position in the World with respect to the
+        coordinate along axis i of the grid at rest.
         """
         return np.stack([self._interpolated(self.local, axis) for axis in range(3)])
 

@@ -1,6 +1,7 @@
-"""The section `[trainer]` of a scene: machines, each with its model, and the limits of their motions.
+"""The section `[trainer]` of a scene: machines, the model of each machine, and the limits of their motions.
 
-A machine is a robot in a process of software, motors and links that packets command. Its model gets the same packets.
+A machine is a robot with motors and control software that runs as a separate process and is commanded by packets. Its
+model is a simulated robot that gets the same packets; differences between both reveal faults of the machine.
 """
 
 from __future__ import annotations
@@ -24,9 +25,11 @@ _NotNegative = Annotated[float, Field(ge=0)]
 
 
 class CueTable(Table):
-    """Cue: a force on the hand, from the distance and the relative velocity of the tips of a machine and its model.
+    """Cue: a force on the hand, computed from distance and relative velocity of the tips of a machine and its model.
 
-    The force begins at a distance of `tol_mm`, has the gains `kp_n_mm` and `kd_ns_mm`, and is at most `largest_n`.
+    With the reading "corrected", the force is 0 up to a distance of `tol_mm`; above it, the gains `kp_n_mm` and
+    `kd_ns_mm` determine the force, which is at most `largest_n`, and which grows from 0 over `blend_mm`. The reading
+    "printed" is the paper's equation; see `twin.simulation.controllers.cue`.
     """
 
     reading: Literal["printed", "corrected"] = "corrected"
@@ -40,12 +43,10 @@ class CueTable(Table):
 class TrainerTable(Sourced):
     """Robots of the scene that are machines (commanded by packets), and the limits of teleoperation and rehearsal.
 
-    The model of a machine gets the same packets; the motion of both is compared.
-
-    `speed_mm_s` and `turn_deg_s` limit the speed of the tool that packets command. The replay of a rehearsed motion is
-    refused if its tip was faster than `rehearsed_mm_s`, or if the machine is farther than `start_mm` or `start_deg`
-    from its start. The replay stops above a tip speed of `replayed_mm_s` or a deviation of `deviation_mm` from the
-    model.
+    `speed_mm_s` and `turn_deg_s` limit the tool speed that packets command. A motion rehearsed with the model is not
+    replayed on the machine if its tip speed exceeded `rehearsed_mm_s`, or if the tool of the machine is more than
+    `start_mm` or `start_deg` from the start of the motion. A replay is stopped if the tip speed exceeds `replayed_mm_s`
+    or the deviation from the model exceeds `deviation_mm`.
     """
 
     robots: list[Identifier] = Field(min_length=1)
@@ -60,7 +61,7 @@ class TrainerTable(Sourced):
 
 
 def check(path: Path, trainer: TrainerTable | None, console: ConsoleTable | None, names: Sequence[str]) -> None:
-    """Raise if a machine is not a robot of a hand of the console, or if the name of its model is taken.
+    """Raise an error if no hand of the console controls a machine, or if another robot has the name of its model.
 
     Raises:
         DescriptionError: with file, line, key and value.
@@ -73,7 +74,7 @@ def check(path: Path, trainer: TrainerTable | None, console: ConsoleTable | None
         if name not in (hands := [*console.right, *console.left]):
             raise error_at(path, ("trainer", "robots", i), unknown("robot of a hand", name, hands))
         if name in console.instrument_mm:
-            text = f"'{name}' is a machine, of which a hand controls the tip only: remove it from console.instrument_mm"
+            text = f"'{name}' is a machine: a hand controls only its tip; remove it from console.instrument_mm"
             raise error_at(path, ("trainer", "robots", i), text)
         if name in trainer.robots[:i]:
             raise error_at(path, ("trainer", "robots", i), f"'{name}' is listed twice")

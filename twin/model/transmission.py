@@ -1,6 +1,6 @@
 """Motors, and linear maps from motors to joints: gears, belts, cables, lead screws, differentials.
 
-Joint values q and motor values m of a transmission are related by one matrix, q = matrix @ m; both are zero together.
+Joint values q and motor values m of a transmission are related by one matrix, q = matrix @ m, without an offset.
 Power balance gives the efforts from the transpose: tau_m = matrix.T @ tau_q.
 """
 

@@ -1,4 +1,4 @@
-"""A vessel: a thin, closed tube along a line, made of closed segments, between which it can be cut."""
+"""A vessel: a thin tube along a line, made of closed segments; a cut removes one segment."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from twin.model.deformable import Deformable
 from twin.schema import Identifier, Sourced, Vector
 
 SEGMENTS = 60
-"""Maximum number of segments of a vessel; the computing time of a step increases with it."""
+"""Maximum number of segments of a vessel; more segments increase the computing time of a step."""
 
 _SIDES = 8
 """Number of sides of a drawn segment."""
@@ -46,7 +46,7 @@ class Vessel:
     Attributes:
         name: identifier, unique among deformables, robots, props and objects.
         points: (n + 1, 3) nodes at rest in the World in m.
-        organ: organ on which the first node is; "": the first node is fixed.
+        organ: name of the organ with which the first node moves; "": the first node is fixed.
         radius: in m.
         young: Young's modulus in Pa.
         color_rgba: linear, 0..1.
@@ -77,7 +77,8 @@ class Vessel:
     def rings(self, points: Array, cut: Index, flat: Array, across: Array) -> Array:
         """Return the nodes (6 n, 3) of the deformable: three for each of the two ends of each segment.
 
-        The three nodes are the centre, and the ends of two radii. A segment that is cut away has no volume.
+        The three nodes are the centre of the end, and the ends of two of its radii. A segment that is cut away has no
+        volume.
 
         Args:
             points: (n + 1, 3) nodes of the centre line in the World in m.
@@ -132,7 +133,7 @@ def vessel(name: str, t: VesselTable, rgba: tuple[float, float, float, float]) -
     """Return the `Vessel` that a table describes, in SI units.
 
     Raises:
-        TwinError: it would have too many segments, or two points of its line are equal.
+        TwinError: the vessel would have too many segments, or two points of its line are equal.
     """
     line = np.array(t.line_mm) * MM
     ways = np.linalg.norm(np.diff(line, axis=0), axis=1)
@@ -142,8 +143,7 @@ def vessel(name: str, t: VesselTable, rgba: tuple[float, float, float, float]) -
     count = max(4, round(float(arc[-1]) / (t.segment_mm * MM)))
     if count > SEGMENTS:
         raise TwinError(
-            f"vessel '{name}' has {count} segments; at most {SEGMENTS} are allowed: "
-            f"increase segment_mm, {t.segment_mm:g}"
+            f"vessel '{name}' has {count} segments; the limit is {SEGMENTS}: increase segment_mm ({t.segment_mm:g} mm)"
         )
     at = np.linspace(0, arc[-1], count + 1)
     points = np.column_stack([np.interp(at, arc, line[:, k]) for k in range(3)])

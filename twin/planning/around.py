@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 
 from twin.core.errors import CancelledError, ProtocolError
 from twin.core.spatial import Array
-from twin.planning.costs import Cost
+from twin.planning.costs import Cost, length, total
 from twin.planning.fmt import Search, Tree
 from twin.planning.nearest import nearest_free
 from twin.planning.smooth import Smooth, fit, line
@@ -19,6 +20,9 @@ _ROUNDS = ((0.15, 60), (0.4, 200), (1.0, 600))
 
 _ROUNDS_OF_SHORTCUTS, _SHORTCUTS = 8, 12
 """Number of rounds of shortcuts, and of pairs of points in a round between which a straight path is tried."""
+
+_POLISHED = 5
+"""Number of times that shortcuts are tried again when a path is improved."""
 
 _ENCLOSED = 0.1
 """Part of the samples; if fewer are reached from an end, a message says that this end seems to be enclosed."""
@@ -48,6 +52,8 @@ def around(
     progress: Callable[[float], None] = lambda fraction: None,
     cancelled: Callable[[], bool] | None = None,
     cost: Cost | None = None,
+    straight: bool = True,
+    samples: int = 0,
     grown: Callable[[Tree], None] = lambda tree: None,
 ) -> Smooth:
     """Return a smooth collision-free path from start to goal; the same seed gives the same path.
@@ -60,8 +66,9 @@ def around(
         progress: called with the fraction done of the current search.
         cancelled: asked every few milliseconds, in the same thread; once it is true, the search ends. None: never.
         cost: what the search minimises; None: the length of the path.
-        grown: called with the tree of each search: none if the straight path is free, more than one if the first
-            search finds no path.
+        straight: whether a free straight path is returned without a search; False if its cost may not be the smallest.
+        samples: number of samples up to which the first path found is improved; 0: it is not.
+        grown: called after each search with its tree; not called if the straight path is free.
 
     Raises:
         CancelledError: `cancelled` was true.
@@ -79,22 +86,24 @@ def around(
             text = f"; the nearest free configuration found is {space.named(near)}" if near is not None else ""
             lower = ". Lower clearance_mm, or move this waypoint" if "apart" in reason else ""
             raise NoPathError(f"at its {name}, {reason}{text}", lower)
-    straight = line(start, goal)
-    if space.free_along(straight):
-        return straight
+    direct = line(start, goal)
+    if straight and space.free_along(direct):
+        return direct
     rng, drawn, reached = np.random.default_rng(seed), 0, (0, 0)
     tried = []
     still = (start == goal) & ~space.leads
-    for beyond, samples in _ROUNDS:
+    for beyond, count in _ROUNDS:
         wider = beyond * np.ptp(space.limits, axis=1)
         low, high = np.minimum(start, goal) - wider, np.maximum(start, goal) + wider
         box = np.column_stack([np.maximum(low, space.limits[:, 0]), np.minimum(high, space.limits[:, 1])])
         box[still] = start[still, None]
         search = Search(space, start, goal, box, rng, cost)
-        found, curve = searched(search, samples, rng, progress)
+        found, way = searched(search, count, rng, progress)
         grown(search.tree)
-        if curve is not None:
-            return curve
+        if way is not None:
+            if not straight and space.free_along(direct):
+                way = min(way, Way(np.array([start, goal]), direct), key=lambda w: total(search.cost, w.corners))
+            return improved(search, way, samples, rng, progress, informed=cost is None).curve
         count = search.count
         drawn += count
         if not found:
@@ -119,26 +128,69 @@ def _ending(cancelled: Callable[[], bool]) -> Callable[[], None]:
     return check
 
 
+@dataclass(frozen=True)
+class Way:
+    """Corners (k, n) of a path whose straight connections seem free, and the free path with rounded corners."""
+
+    corners: Array
+    curve: Smooth
+
+
 def searched(
     search: Search, samples: int, rng: np.random.Generator, progress: Callable[[float], None] = lambda fraction: None
-) -> tuple[bool, Smooth | None]:
-    """Return whether a search found corners, and the shortened and rounded path along them if it is free, else None.
+) -> tuple[bool, Way | None]:
+    """Return whether a search found corners, and the way along them if their path can be rounded, else None.
 
-    The first trial is the smoothest path: it usually is free, and it is tested whole itself. Only if it is not, the
-    connections of the corners are tested whole. If some are not free, the search goes on without them; if all are free,
-    less smooth paths are tried.
+    The first trial is the smoothest path with shortcuts: it usually is free, and it is tested whole itself. Only if it
+    is not, the connections of the corners are tested whole. If some are not free, the search goes on without them; if
+    all are free, less smooth paths are tried.
     """
     space = search.space
     corners = search.path(samples, progress)
     while corners is not None:
-        ways = shortened(space, corners, rng), corners
-        trials = (rounded(way, space.weights, width) for way in ways for width in _WIDTHS)
-        if space.free_along(first := next(trials)):
+        ways = shortened(space, corners, rng, search.cost), corners
+        trials = (Way(way, rounded(way, space.weights, width)) for way in ways for width in _WIDTHS)
+        if space.free_along((first := next(trials)).curve):
             return True, first
         if not search.block(corners):
-            return True, next((curve for curve in trials if space.free_along(curve)), None)
+            return True, next((way for way in trials if space.free_along(way.curve)), None)
         corners = search.path(samples, progress)
     return False, None
+
+
+def improved(
+    search: Search,
+    way: Way,
+    samples: int,
+    rng: np.random.Generator,
+    progress: Callable[[float], None] = lambda fraction: None,
+    *,
+    informed: bool,
+) -> Way:
+    """Return the best way found by a search that goes on with twice as many samples each time, up to `samples`.
+
+    Each time, shortcuts are tried `_POLISHED` times as often as for a first path. `informed`: samples through which the
+    length of the path cannot get shorter are left out (`Search.inform`).
+    """
+    count, best = search.count, way
+    while count < samples:
+        count = min(2 * count, samples)
+        if informed:
+            search.inform(best.corners)
+        for other in (searched(search, count, rng, progress)[1], best):
+            if other is not None:
+                best = min(best, _polished(search, other, rng), key=lambda w: total(search.cost, w.corners))
+    return best
+
+
+def _polished(search: Search, way: Way, rng: np.random.Generator) -> Way:
+    """Return a way with more shortcuts, or the same way if its path is then not free."""
+    corners = way.corners
+    for _ in range(_POLISHED):
+        corners = shortened(search.space, corners, rng, search.cost)
+    trials = (rounded(corners, search.space.weights, width) for width in _WIDTHS)
+    curve = next((curve for curve in trials if search.space.free_along(curve)), None)
+    return way if curve is None else Way(corners, curve)
 
 
 def _enclosed(reached: tuple[int, int], count: int) -> str:
@@ -151,13 +203,13 @@ def _enclosed(reached: tuple[int, int], count: int) -> str:
     return f"; {' and '.join(text)}" if text else ""
 
 
-def shortened(space: Space, corners: Array, rng: np.random.Generator) -> Array:
+def shortened(space: Space, corners: Array, rng: np.random.Generator, cost: Cost | None = None) -> Array:
     """Return the corners (k, n) of a path with detours replaced by straight parts where these are free.
 
-    In each round, straight paths between random pairs of points are tested together, and the one is taken that shortens
-    the path most.
+    In each round, straight paths between random pairs of points are tested together, and the one is taken that lowers
+    the cost of the path most; `cost` None: its length.
     """
-    points = np.asarray(corners)
+    points, cost = np.asarray(corners), cost or length(space.weights)
     for _ in range(_ROUNDS_OF_SHORTCUTS):
         if len(points) < 3:
             break
@@ -166,9 +218,10 @@ def shortened(space: Space, corners: Array, rng: np.random.Generator) -> Array:
         i, j = (np.searchsorted(along, s, side="right") - 1 for s in ends.T)
         ends, i, j = ends[i < j], i[i < j], np.minimum(j[i < j], len(points) - 2)
         a, b = (np.column_stack([np.interp(s, along, column) for column in points.T]) for s in ends.T)
-        gain = ends[:, 1] - ends[:, 0] - np.linalg.norm((b - a) * space.weights, axis=1)
         # all three parts are tested: the loops at a or b could be closed in another assembly mode
         parts = np.concatenate([a, points[i], b]), np.concatenate([b, a, points[j + 1]])
+        until = np.concatenate([[0.0], np.cumsum(cost(points[:-1], points[1:]))])
+        gain = until[j + 1] - until[i] - cost(*parts).reshape(3, -1).sum(axis=0)
         gain[~space.free_each(*parts).reshape(3, -1).all(axis=0)] = 0.0
         if gain.max(initial=0.0) <= 0.0:
             continue

@@ -132,10 +132,13 @@ def _gaps(trajectory: Trajectory, kinematics: PathKinematics) -> list[Finding]:
 
 def _joint_rates(trajectory: Trajectory, kinematics: PathKinematics) -> list[Finding]:
     out = []
-    for code, values, limits, per in (
+    rates = [
         ("limit.speed", trajectory.qd, kinematics.max_speed, "/s"),
         ("limit.acceleration", trajectory.qdd, kinematics.max_acceleration, "/s2"),
-    ):
+    ]
+    if kinematics.max_jerk is not None and np.isfinite(kinematics.max_jerk).any():
+        rates.append(("limit.jerk", np.diff(trajectory.qdd, axis=0) / trajectory.step, kinematics.max_jerk, "/s3"))
+    for code, values, limits, per in rates:
         for j, name in enumerate(kinematics.joint_names):
             unit, factor = kinematics.unit(j)
             k = int(np.argmax(np.abs(values[:, j])))

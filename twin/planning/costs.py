@@ -1,4 +1,4 @@
-"""Costs of straight connections for a search: length, acceleration, and both weighted.
+"""Costs of straight connections for a search: length, acceleration, both weighted, and clearance.
 
 The Raven paper's eq. (1) is eta1 c(path) + eta2 (integral of |tip acceleration|^2 dt), with eta1 = 0.1 and eta2 = 0.5.
 It gives no time law, without which a path with corners has no finite acceleration. ASSUMED: each connection is passed
@@ -6,15 +6,22 @@ from rest to rest at a constant acceleration a and the same deceleration, in the
 that the integral is 2 a^(3/2) sqrt(l); l is the weighted length in joint space. Both terms obey the triangle
 inequality. With this law, ever shorter connections cost ever more in total: the second term does not converge as the
 number of samples grows.
+
+The cost for clearance is the length, in which parts near other bodies count more: at a distance d, a length counts
+1 + 9 max(0, 1 - d / 20 mm) times (both numbers are ASSUMED: a path may be ten times as long to avoid a contact, and
+beyond 20 mm distance does not matter).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
 
 import numpy as np
 
 from twin.core.spatial import Array
+from twin.core.units import MM
+from twin.planning.space import Space
 
 Cost = Callable[[Array, Array], Array]
 """Function of joint values a (k, n) and b (k, n): the cost (k,) of the straight connections, at least 0."""
@@ -43,6 +50,45 @@ def weighted(weights: Array, eta1: float = 0.1, eta2: float = 0.5, most: float =
     """Return the cost of eq. (1): eta1 times `length` plus eta2 times `acceleration`."""
     way, bend = length(weights), acceleration(weights, most)
     return lambda a, b: eta1 * way(a, b) + eta2 * bend(a, b)
+
+
+_WIDE, _MORE = 20 * MM, 9.0
+"""Distance in m from which a connection counts its length only; additional cost per length at distance 0 (ASSUMED)."""
+
+_STEP = 20 * MM
+"""Largest weighted length in m between two states of a connection at which its distances are computed."""
+
+
+def clearance(space: Space) -> Cost:
+    """Return the cost that is the length in m, in which parts near other bodies count more (see the module).
+
+    The distances are lower bounds (`Space.clearances`) at states that are at most `_STEP` apart.
+    """
+    way = length(space.weights)
+
+    def cost(a: Array, b: Array) -> Array:
+        long = way(a, b)
+        if not len(long):
+            return long
+        counts = np.maximum(np.ceil(long / _STEP).astype(int), 1)
+        first = np.cumsum(counts) - counts
+        part = (np.arange(counts.sum()) - np.repeat(first, counts) + 0.5) / np.repeat(counts, counts)
+        a, step = (np.repeat(x, counts, axis=0) for x in (a, b - a))
+        near = 1 - np.minimum(space.clearances(a + part[:, None] * step, _WIDE) / _WIDE, 1.0)
+        return long * (1 + _MORE * np.add.reduceat(near, first) / counts)
+
+    return cost
+
+
+COSTS: Mapping[str, Callable[[Space], Cost]] = MappingProxyType(
+    {
+        "length": lambda space: length(space.weights),
+        "acceleration": lambda space: acceleration(space.weights),
+        "weighted": lambda space: weighted(space.weights),
+        "clearance": clearance,
+    }
+)
+"""Costs by the name that a protocol gives."""
 
 
 def total(cost: Cost, corners: Array) -> float:

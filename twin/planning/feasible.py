@@ -9,16 +9,13 @@ import numpy as np
 
 from twin.core.errors import ProtocolError
 from twin.core.spatial import Array
-from twin.core.units import DEG, MM
+from twin.core.units import DEG, MM, ROUNDING
 from twin.planning.phase_path import PhasePath
 from twin.planning.protocol import Insertion, Pivot, Retraction
 from twin.planning.trajectory import Cause, PathKinematics
 
 _PROBES = 401
 """Number of points of a phase that are checked; the 1 kHz samples are checked again after timing."""
-
-ROUNDING = 1e-9
-"""Amount (m, rad) by which a margin may be negative: a series that ends at a limit is rounded there too."""
 
 Margins = dict[tuple[Cause, str], Array]
 """Margins (k,) in m or rad by (cause, name); they are negative where a pose is unreachable."""

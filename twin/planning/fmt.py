@@ -95,7 +95,7 @@ class Search:
         self._q = np.array([start, goal])
         self._moving = np.ptp(box, axis=1) > 0
         self._tried = self._good = self.checks = 0
-        self._known: dict[tuple[int, int], bool] = {}
+        self._known: dict[tuple[int, int], bool] = {}  # rows (from, to) of a connection -> whether it is free
         self._graph: tuple[list[np.ndarray], list[Array]] = [], []
         self._parent = np.full(2, -1)
 
@@ -197,12 +197,12 @@ class Search:
     ) -> tuple[list[int] | None, int]:
         """Grow a tree between the samples `ends`; return the rows of the path, None if there is none, and its size.
 
-        `near` are the neighbours of each sample, `way` the costs of the connections from them; `parent` (k,), all -1,
-        receives the rows of the parents. Tests of many connections together
-        are much faster than single ones, so those that the next nodes of the front will probably need are
-        added.
+        `near` are the neighbours of each sample, `way` the costs of the connections with them; `parent` (k,), all -1,
+        receives the rows of the parents. From the goal, ends (1, 0), the tree grows against the direction of motion:
+        connections lead from a sample to its parent. Tests of many connections together are much faster than single
+        ones, so those that the next nodes of the front will probably need are added.
         """
-        count = len(near)
+        count, back = len(near), ends[0] > ends[1]
         waiting, cost = np.ones(count, bool), np.full(count, np.inf)
         front = cost.copy()  # the cost of a node of the front; infinite for all others
         root, target = ends
@@ -219,17 +219,22 @@ class Search:
                     out.append((int(near[i][k]), i))
             return out
 
+        def moved(pairs: list[tuple[int, int]]) -> list[tuple[int, int]]:
+            """Return the pairs in the direction of motion."""
+            return [(i, j) for j, i in pairs] if back else pairs
+
         while z != target:
             to = near[z][waiting[near[z]]]
             pairs = candidates(to)
-            if any(p not in self._known for p in pairs):
+            tested = moved(pairs)
+            if any(p not in self._known for p in tested):
                 coming = np.concatenate([near[i] for _, i in heapq.nsmallest(_AHEAD, heap)])
                 coming = np.unique(coming[waiting[coming]])
-                self._test([*pairs, *candidates(coming)])
+                self._test([*tested, *moved(candidates(coming))])
             front[z] = np.inf
             heapq.heappop(heap)
-            for j, i in pairs:
-                if self._known[j, i]:
+            for (j, i), pair in zip(pairs, tested, strict=True):
+                if self._known[pair]:
                     k = int(np.searchsorted(near[i], j))
                     parent[i], cost[i] = j, cost[j] + way[i][k]
                     waiting[i], front[i] = False, cost[i]
@@ -244,12 +249,12 @@ class Search:
         return rows[::-1], count - int(waiting.sum()) - 1
 
     def _test(self, pairs: list[tuple[int, int]]) -> None:
-        """Test the connections of pairs of samples, each once."""
+        """Test the connections of pairs (from, to) of samples, each once."""
         new = [p for p in dict.fromkeys(pairs) if p not in self._known]
         rows = np.array(new)
         self.checks += len(new)
         for pair, free in zip(new, self.space.free_each(self._q[rows[:, 0]], self._q[rows[:, 1]]), strict=True):
-            self._known[pair] = self._known[pair[1], pair[0]] = bool(free)
+            self._known[pair] = bool(free)
 
 
 def neighbours(x: Array, radius: float) -> list[np.ndarray]:

@@ -8,12 +8,22 @@ import numpy as np
 
 from twin.core.errors import ProtocolError, TwinError
 from twin.core.spatial import Array
-from twin.planning.feasible import ROUNDING, Anchor, margins_at, said
+from twin.core.units import ROUNDING
+from twin.planning.feasible import Anchor, margins_at, said
 from twin.planning.path import Path
 from twin.planning.protocol import Free
-from twin.planning.trajectory import PathKinematics
+from twin.planning.trajectory import Keep, PathKinematics
 
 Progress = Callable[[str], None]
+
+
+def kept(kinematics: PathKinematics, anchor: Anchor) -> Keep:
+    """Return a test of states: whether each is within all limits, and in working mode and signs of `anchor`."""
+
+    def keep(Ts: Array, q: Array) -> np.ndarray:
+        return np.all([m >= -ROUNDING for m in margins_at(kinematics, Ts, q, anchor).values()], axis=0)
+
+    return keep
 
 
 def way(
@@ -42,6 +52,7 @@ def way(
             and searches.
     """
     from twin.planning.around import around  # imports scipy, which loads slowly
+    from twin.planning.costs import COSTS
 
     if kinematics.space is None:
         raise ProtocolError(f"{where}: a free motion requires a mechanism, but there is none")
@@ -50,14 +61,20 @@ def way(
         if reason := said(kinematics, margins_at(kinematics, T[None], q[None], anchor)):
             raise ProtocolError(f"{where} cannot be carried out: at its {name}, {reason}")
 
-    def keep(Ts: Array, q: Array) -> np.ndarray:
-        return np.all([m >= -ROUNDING for m in margins_at(kinematics, Ts, q, anchor).values()], axis=0)
-
     def report(fraction: float) -> None:
         progress(f"{phase.name}: path around obstacles, {100 * fraction:.0f} %")
 
     try:
-        space = kinematics.space(phase.scene, phase.clearance, keep)
-        return around(space, *ends, seed=phase.seed, progress=report)
+        space = kinematics.space(phase.scene, phase.clearance, kept(kinematics, anchor))
+        plain = phase.cost == "length"
+        return around(
+            space,
+            *ends,
+            seed=phase.seed,
+            progress=report,
+            cost=None if plain else COSTS[phase.cost](space),
+            straight=phase.cost != "clearance",  # of all others, no path costs less than the straight one
+            samples=phase.samples,
+        )
     except TwinError as error:
         raise ProtocolError(f"{where} cannot be carried out: {error}") from error

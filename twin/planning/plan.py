@@ -11,16 +11,17 @@ from twin.core import spatial
 from twin.core.errors import ProtocolError, TimingError
 from twin.core.findings import Finding, info
 from twin.core.spatial import Array
-from twin.core.units import MM
 from twin.planning.check import check, rcm_error
+from twin.planning.demands import demands, timed
 from twin.planning.feasible import pose_margins, require_feasible
 from twin.planning.following import Follower, freed, with_auxiliary
 from twin.planning.freeing import Progress
 from twin.planning.path import Path
 from twin.planning.phase_path import PhasePath, build
-from twin.planning.protocol import Auxiliary, Free, Limits, Protocol
+from twin.planning.protocol import Free, Protocol
 from twin.planning.protocol.course import Motion
-from twin.planning.timing import Timing, time_path
+from twin.planning.proven import clearance
+from twin.planning.timing import Timing
 from twin.planning.trajectory import PathKinematics, PhaseSpan, Trajectory
 
 _LOOKED = 9
@@ -28,8 +29,8 @@ _LOOKED = 9
 
 
 @dataclass(frozen=True)
-class _Leg:
-    """A planned phase, sampled at every dt including both ends."""
+class Leg:
+    """A planned phase, sampled at every dt including both ends; see `Trajectory` for q, qd, qdd."""
 
     path: PhasePath
     timing: Timing
@@ -63,7 +64,7 @@ def plan(
     T_tool_frame = np.asarray(T_tool_frame, float)
     if T_tool_frame.shape != (4, 4) or not spatial.is_pose(T_tool_frame):
         raise ProtocolError(f"{protocol.name}: T_tool_frame of '{protocol.frame}' is not a pose")
-    legs: list[_Leg] = []
+    legs: list[Leg] = []
     findings = list(protocol.findings)
     say = progress or (lambda label: None)
     guide = _guide(protocol, kinematics, T_tool_frame, say)
@@ -75,7 +76,7 @@ def plan(
         leg, found = _leg(path, protocol, kinematics, dt)
         legs.append(leg)
         findings += found
-    trajectory = replace(_assemble(protocol, kinematics, T_tool_frame, legs, dt), followed=guide is not None)
+    trajectory = replace(assemble(protocol, kinematics, T_tool_frame, legs, dt), followed=guide is not None)
     findings += check(trajectory, protocol, kinematics)
     return replace(trajectory, findings=tuple(findings))
 
@@ -100,113 +101,34 @@ def _certified(phase: Free, kinematics: PathKinematics, joints: Path) -> list[Fi
     if kinematics.space is None:
         return []
     seen = kinematics.space(phase.scene, phase.clearance, lambda Ts, q: np.ones(len(q), bool)).certify(joints)
-    if not np.isfinite(seen.found):
-        return []
-    text = (
-        f"all bodies keep at least {seen.proven / MM:.2f} mm from each other at every moment (proven), except bodies "
-        f"of the robot that are drawn nearer than twice the clearance; the smallest distance found is "
-        f"{seen.found / MM:.2f} mm, between {' and '.join(seen.bodies)}"
-    )
-    return [Finding("clearance.proven", "info", text, phase.name, size=seen.proven / MM, unit="mm")]
+    return clearance(seen, phase.name, scene=phase.scene)
 
 
-def _leg(path: PhasePath, protocol: Protocol, kinematics: PathKinematics, dt: float) -> tuple[_Leg, list[Finding]]:
+def _leg(path: PhasePath, protocol: Protocol, kinematics: PathKinematics, dt: float) -> tuple[Leg, list[Finding]]:
     where = f"{protocol.name}: phase '{path.phase.name}' ({path.phase.type})"
     require_feasible(path, kinematics, protocol.frame, protocol.name)
     joints = path.driven(kinematics, where)
     certified = [] if not isinstance(path.phase, Free) else _certified(path.phase, kinematics, joints)
-    limits = protocol.limits[path.phase.type]
-    max_speed, max_acceleration = _joint_limits(path, protocol, kinematics)
-    fast = np.isfinite(kinematics.motors.max_speed)  # each motor with a speed limit is a further limited coordinate
-    rows, motor_speed = kinematics.motors.rows[fast], kinematics.motors.max_speed[fast]
-
-    def extra(s: Array) -> tuple[Array, Array]:
-        m = path.motion(s)
-        length, length1 = _norm_rate(m.p1, m.p2)
-        turn, turn1 = _norm_rate(m.w1, m.w2)
-        if not fast.any():
-            return np.column_stack([length, turn]), np.column_stack([length1, turn1])
-        motors, motors1 = (joints(s, order) @ rows.T for order in (1, 2))
-        return np.column_stack([length, turn, motors]), np.column_stack([length1, turn1, motors1])
-
-    def load(s: Array, sd: Array, sdd: Array) -> tuple[Array, Array]:
-        m = path.motion(s)
-        sd, sdd = sd[:, None], sdd[:, None]
-        first = joints(s, 1)
-        v = np.max(np.abs(first * sd) / max_speed, axis=1)
-        if fast.any():
-            v = np.maximum(v, np.max(np.abs(first @ rows.T * sd) / motor_speed, axis=1))
-        a = np.max(np.abs(first * sdd + joints(s, 2) * sd**2) / max_acceleration, axis=1)
-        for d1, d2, speed, acceleration in _vectors(m, limits):
-            v = np.maximum(v, np.linalg.norm(d1 * sd, axis=1) / speed)
-            a = np.maximum(a, np.linalg.norm(d1 * sdd + d2 * sd**2, axis=1) / acceleration)
-        return v, a
-
-    def jerk(s: Array, sd: Array, sdd: Array) -> float:
-        m = path.motion(s)
-        parts = ((m.p1, m.p2, limits.tip_jerk), (m.w1, m.w2, limits.rotation_jerk))
-        accelerations = [(d1 * sdd[:, None] + d2 * sd[:, None] ** 2, most) for d1, d2, most in parts]
-        return max(float(np.max(np.linalg.norm(np.diff(a, axis=0), axis=1))) / (dt * most) for a, most in accelerations)
-
     try:
-        timing = time_path(
-            joints,
-            np.concatenate([max_speed, [limits.tip_speed, limits.rotation_speed], motor_speed]),
-            np.concatenate(
-                [max_acceleration, [limits.tip_acceleration, limits.rotation_acceleration], np.full(len(rows), np.inf)]
-            ),
-            extra=extra,
-            dt=dt,
-            load=load,
-            jerk=jerk if min(limits.tip_jerk, limits.rotation_jerk) < np.inf else None,
-        )
+        timing = timed([demands(path, joints, protocol, kinematics, dt)], dt)
     except TimingError as error:
         raise TimingError(f"{where}: {error}") from error
     found = []
     if timing.solver != "passes":
         text = f"the optimal rate was found by {timing.solver}, because the built-in solver failed"
         found.append(info("trajectory.timing", "", text, when=f"phase '{path.phase.name}'"))
-    motion = path.motion(timing.s)
-    q = path.joints(timing.s, kinematics)
-    sd, sdd = timing.sd[:, None], timing.sdd[:, None]
-    first = joints(timing.s, 1)
-    return _Leg(path, timing, motion, q, first * sd, first * sdd + joints(timing.s, 2) * sd**2), [*certified, *found]
+    return sampled(path, joints, timing, kinematics), [*certified, *found]
 
 
-def _joint_limits(path: PhasePath, protocol: Protocol, kinematics: PathKinematics) -> tuple[Array, Array]:
-    """Return the maximum speeds and accelerations (n,) of the driven joints, in m or rad per s and per s2.
-
-    In a phase defined by joint values, a joint without limits of its own has those of the phase type. The tool may be
-    at rest in such a phase (a gripper's jaw moves), so that the limits of the tool would not apply.
-    """
-    speed, acceleration = kinematics.max_speed, kinematics.max_acceleration
-    waypoint = protocol.waypoints.get(path.waypoint or "")
-    by_joints = path.phase.by_joints and waypoint is not None and waypoint.joints is not None
-    if not by_joints and not isinstance(path.phase, (Auxiliary, Free)):
-        return speed, acceleration
-    limits, turns = protocol.limits[path.phase.type], np.array(kinematics.revolute, bool)
-    own_speed = np.where(turns, limits.rotation_speed, limits.tip_speed)
-    own_acceleration = np.where(turns, limits.rotation_acceleration, limits.tip_acceleration)
-    return np.where(np.isfinite(speed), speed, own_speed), np.where(
-        np.isfinite(acceleration), acceleration, own_acceleration
-    )
+def sampled(path: PhasePath, joints: Path, timing: Timing, kinematics: PathKinematics) -> Leg:
+    """Return a phase with its samples; `joints` is the path of its driven joints."""
+    first, sd, sdd = joints(timing.s, 1), timing.sd[:, None], timing.sdd[:, None]
+    qdd = first * sdd + joints(timing.s, 2) * sd**2
+    return Leg(path, timing, path.motion(timing.s), path.joints(timing.s, kinematics), first * sd, qdd)
 
 
-def _vectors(m: Motion, limits: Limits) -> tuple[tuple[Array, Array, float, float], ...]:
-    return (
-        (m.p1, m.p2, limits.tip_speed, limits.tip_acceleration),
-        (m.w1, m.w2, limits.rotation_speed, limits.rotation_acceleration),
-    )
-
-
-def _norm_rate(d1: Array, d2: Array) -> tuple[Array, Array]:
-    """Return first and second derivative (k,) of the arc length from the derivatives (k, 3) of the curve."""
-    n = np.linalg.norm(d1, axis=1)
-    return n, np.einsum("ij,ij->i", d1, d2) / np.where(n > 0, n, 1.0)
-
-
-def _assemble(
-    protocol: Protocol, kinematics: PathKinematics, T_tool_frame: Array, legs: list[_Leg], dt: float
+def assemble(
+    protocol: Protocol, kinematics: PathKinematics, T_tool_frame: Array, legs: list[Leg], dt: float
 ) -> Trajectory:
     """Join the planned phases; a sample shared by two phases is taken from the earlier phase."""
     spans: list[PhaseSpan] = []
@@ -236,7 +158,7 @@ def _assemble(
             waypoints.setdefault(p.waypoint, []).append(stop)
         start = stop
 
-    def joined(of: Callable[[_Leg], Array]) -> Array:
+    def joined(of: Callable[[Leg], Array]) -> Array:
         return np.concatenate([of(leg)[min(i, 1) :] for i, leg in enumerate(legs)])
 
     Ts = joined(lambda leg: leg.motion.Ts_base_tool)
@@ -276,5 +198,5 @@ def _assemble(
     )
 
 
-def _second(leg: _Leg, first: Array, second: Array) -> Array:
+def _second(leg: Leg, first: Array, second: Array) -> Array:
     return first * leg.timing.sdd[:, None] + second * leg.timing.sd[:, None] ** 2

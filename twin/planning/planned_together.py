@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
 
-from twin.core.findings import Finding
+from twin.core.findings import Finding, by_severity
 from twin.core.result import Part, Result, Table
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM
+from twin.planning.proven import clearance
+from twin.planning.space import Certificate
 
 
 @dataclass(frozen=True)
@@ -22,17 +24,13 @@ class CommonPhase:
     Attributes:
         name: names of the arms' phases.
         t0, t1: times in s of its start and its end.
-        proven: lower bound in m of the distance between bodies of the arms and of the scene along the whole phase.
-        found: smallest distance in m at the tested places.
-        bodies: names of the two bodies with this distance.
+        seen: distance between bodies of the arms and of the scene along the whole phase.
     """
 
     name: str
     t0: float
     t1: float
-    proven: float
-    found: float
-    bodies: tuple[str, str]
+    seen: Certificate
 
 
 @dataclass(frozen=True)
@@ -46,6 +44,7 @@ class PlannedTogether(Result):
         t: (k,) times in s, one series for all arms.
         q: (k, n) joint values of each arm in m or rad, by name of the arm.
         phases: the phases.
+        checked: findings of the check of every sample of each arm, by name of the arm.
     """
 
     kind: ClassVar[str] = "plan-together"
@@ -55,23 +54,15 @@ class PlannedTogether(Result):
     t: Array
     q: Mapping[str, Array]
     phases: Sequence[CommonPhase]
+    checked: Mapping[str, Sequence[Finding]]
 
     @property
     def findings(self) -> Sequence[Finding]:
-        """The proven clearance of each phase."""
-        return [
-            Finding(
-                "clearance.proven",
-                "info",
-                f"all bodies of {' and '.join(self.order)} keep at least {p.proven / MM:.2f} mm from each other and "
-                f"from the scene at every moment and with any timing (proven); the smallest distance found is "
-                f"{p.found / MM:.2f} mm, between {' and '.join(p.bodies)}",
-                p.name,
-                size=p.proven / MM,
-                unit="mm",
-            )
-            for p in self.phases
-            if np.isfinite(p.found)
+        """The proven clearance of each phase, and the findings of the check of every sample of each arm."""
+        who = " and ".join(self.order)
+        proven = [finding for p in self.phases for finding in clearance(p.seen, p.name, who, self.scene)]
+        return proven + [
+            replace(f, message=f"{name}: {f.message}") for name, found in self.checked.items() for f in found
         ]
 
     def content(self) -> Mapping[str, Any]:
@@ -82,21 +73,25 @@ class PlannedTogether(Result):
             "duration_s": float(self.t[-1]),
             "samples": len(self.t),
             "phases": [
-                {"name": p.name, "t0_s": p.t0, "t1_s": p.t1, "proven_mm": p.proven / MM, "found_mm": p.found / MM,
-                 "bodies": list(p.bodies)}
+                {
+                    "name": p.name,
+                    "t0_s": p.t0,
+                    "t1_s": p.t1,
+                    "proven_mm": p.seen.proven / MM,
+                    "found_mm": p.seen.found / MM,
+                    "bodies": list(p.seen.bodies),
+                }
                 for p in self.phases
             ],
-        }  # fmt: skip
+        }
 
     def text(self) -> Iterator[Part]:
         """Yield the phases and the findings."""
         yield f"{self.scene} · {', then '.join(self.order)} · {self.t[-1]:.3f} s, {len(self.t)} samples\n"
-        rows = [
-            (p.name, f"{p.t0:.3f}", f"{p.t1:.3f}", f"{p.proven / MM:.2f}", " and ".join(p.bodies)) for p in self.phases
-        ]
+        rows = [(p.name, f"{p.t0:.3f}", f"{p.t1:.3f}", *_nearest(p.seen)) for p in self.phases]
         yield Table(("phase", "from s", "to s", "clearance mm", "nearest"), rows)
         yield ""
-        yield from self.findings
+        yield from by_severity(self.findings)
         yield ""
 
     def files(self) -> list[str]:
@@ -112,3 +107,10 @@ class PlannedTogether(Result):
             table = np.column_stack([self.t, values])
             path = folder / f"{name}.csv"
             np.savetxt(path, table, fmt="%.9g", delimiter=",", header=",".join(header), comments="")
+
+
+def _nearest(seen: Certificate) -> tuple[str, str]:
+    """Return proven clearance in mm and nearest bodies as text."""
+    if not np.isfinite(seen.found):
+        return "", "no bodies to test"
+    return f"{seen.proven / MM:.2f}", " and ".join(seen.bodies)

@@ -25,6 +25,11 @@ class Certificate(Interface):
         ...
 
     @property
+    def s(self) -> float:
+        """Value of s at which this distance was found."""
+        ...
+
+    @property
     def bodies(self) -> tuple[str, str]:
         """Names of the two bodies with this distance; "" if there are none."""
         ...
@@ -58,6 +63,10 @@ class Space(Interface):
 
     def free(self, q: Array, *, exact: bool = True) -> np.ndarray:
         """Return (k,) bool: whether joint values q (k, n) are free of collisions; not `exact`: whether they seem so."""
+        ...
+
+    def clearances(self, q: Array, most: float) -> Array:
+        """Return lower bounds (k,) in m, at most `most`, of the smallest distance at joint values q (k, n)."""
         ...
 
     def steer(self, a: Array, b: Array) -> Path:

@@ -16,6 +16,7 @@ from itertools import pairwise
 import numpy as np
 
 from twin.core.spatial import Array
+from twin.core.units import ROUNDING
 from twin.planning.around import around
 from twin.planning.costs import Cost, length
 from twin.planning.path import Path
@@ -23,13 +24,10 @@ from twin.planning.smooth import line
 from twin.planning.space import Certificate, Space
 
 _SHORTEST = 0.05
-"""Length in m as which the path of the arms before counts at least, in comparisons of paths."""
+"""Smallest length in m of the path of the arms before, in the length of a connection: a shorter path counts as this."""
 
 _PARTS = 8
 """Number of straight parts that replace a connection in a search, if the path of the arms before is not straight."""
-
-_BACKWARDS = 1e-9
-"""Amount by which u may decrease: values of a series are rounded."""
 
 _SAMPLES = 513
 
@@ -63,6 +61,10 @@ class _Part:
 
     def __init__(self, path: Path, a: float, b: float) -> None:
         self._path, self._a, self._b = path, a, b
+
+    def at(self, s: float) -> float:
+        """Return the parameter of the whole path at the parameter s of the part."""
+        return self._a + (self._b - self._a) * s
 
     def __call__(self, s: Array, order: int = 0) -> Array:
         width = self._b - self._a
@@ -119,6 +121,10 @@ class Behind(Space):
         """Return (k,) bool: whether all arms are free of collisions at q (k, n + 1)."""
         return self.whole.free(self.lifted(np.asarray(q, float)), exact=exact)
 
+    def clearances(self, q: Array, most: float) -> Array:
+        """Return lower bounds (k,) in m, at most `most`, of the smallest distance of all arms at q (k, n + 1)."""
+        return self.whole.clearances(self.lifted(np.asarray(q, float)), most)
+
     def steer(self, a: Array, b: Array) -> Path:
         """Return the straight path from a (n + 1,) to b (n + 1,)."""
         return line(a, b)
@@ -127,7 +133,7 @@ class Behind(Space):
         """Return (m,) bool: whether the straight paths from a to b (m, n + 1), with free ends, seem free."""
         count = 1 if self._straight else _PARTS
         corners = [self.lifted(a + part * (b - a)) for part in np.linspace(0.0, 1.0, count + 1)]
-        ok = b[:, -1] >= a[:, -1] - _BACKWARDS
+        ok = b[:, -1] >= a[:, -1] - ROUNDING
         for start, end in pairwise(corners):
             ok[ok] = self.whole.free_each(start[ok], end[ok])
         return ok
@@ -138,16 +144,19 @@ class Behind(Space):
 
     def free_along(self, path: Path) -> bool:
         """Return whether a path is free of collisions, and the arms before never move backwards on it."""
-        if np.diff(path(np.linspace(0.0, 1.0, _SAMPLES))[:, -1]).min() < -_BACKWARDS:
+        if np.diff(path(np.linspace(0.0, 1.0, _SAMPLES))[:, -1]).min() < -ROUNDING:
             return False
         return all(self.whole.free_along(part) for part in self._parts(path))
 
     def certify(self, path: Path) -> Certificate:
         """Return a proven lower bound of the distance between bodies of all arms along a whole path that is free."""
-        seen = [self.whole.certify(part) for part in self._parts(path)]
-        return replace(min(seen, key=lambda c: c.found), proven=min(c.proven for c in seen))  # pyright: ignore
+        parts = self._parts(path)
+        seen = [self.whole.certify(part) for part in parts]
+        k = min(range(len(parts)), key=lambda i: seen[i].found)
+        proven = min(c.proven for c in seen)
+        return replace(seen[k], proven=proven, s=parts[k].at(seen[k].s))  # pyright: ignore
 
-    def _parts(self, path: Path) -> list[Path]:
+    def _parts(self, path: Path) -> list[_Part]:
         """Return parts of the path of all arms, so short that u does not grow faster on them than a parameter.
 
         The tests of paths assume that speeds change little in 1/512 of a path, as on `first`.

@@ -121,6 +121,7 @@ class PathKinematics:
         lower, upper: (n,) hard limits in m or rad, never exceeded.
         soft_lower, soft_upper: (n,) limits in m or rad; exceeding them causes a warning.
         max_speed, max_acceleration: (n,) limits in m or rad per s and per s2.
+        max_jerk: (n,) limits in m or rad per s3, infinite for joints without one; None: there are none.
         branch: T_base_tool (k, 4, 4), q (k, n) -> labels (k,) of the working mode; None: it is not checked.
         gaps: pairs of carriages on a common rail.
         motors: actuators of transmissions.
@@ -146,6 +147,7 @@ class PathKinematics:
     soft_upper: Array
     max_speed: Array
     max_acceleration: Array
+    max_jerk: Array | None = None
     branch: Callable[[Array, Array], np.ndarray] | None = None
     gaps: tuple[Gap, ...] = ()
     motors: Motors = NO_MOTORS
@@ -189,6 +191,7 @@ def without_equations(
         soft_upper=soft[:, 1],
         max_speed=np.array([j.max_speed or np.inf for j in active]),
         max_acceleration=np.array([j.max_acceleration or np.inf for j in active]),
+        max_jerk=np.array([j.max_jerk or np.inf for j in active]),
         gaps=tuple(Gap(order.index(a), order.index(b), g, f"{a}-{b}") for a, b, g in gaps),
         motors=motors_of(mechanism),
         revolute=tuple(j.is_angle for j in active),

@@ -248,7 +248,7 @@ class Bounds:
             self._cover[n] = count, count + len(cover)
             balls.append(cover + np.array([0, 0, 0, 0, count]))
             count += len(cover)
-        self._grids, self._values, self._balls = (np.concatenate(x) for x in (grids, values, balls))
+        self._grids, self._values, self._balls = np.concatenate(grids), np.concatenate(values), np.concatenate(balls)
         for pair in new:
             a, b = (int(n) for n in self._pairs[pair])
             self._table[pair] = len(self._triangles), a, b, self._grid[a], *self._cover[b]

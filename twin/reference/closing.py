@@ -3,7 +3,8 @@
 Belts, gears and cables are linear couplings, so that a matrix gives the passive coordinates. Other loops are closed by
 Newton's method for all states together, from the nearest states that are known. The determinant of the loop equations
 changes its sign at a singularity: a state whose determinant has another sign than in the rest poses is in another
-assembly mode. Mode changes without a change of this sign are found by following the path in small steps.
+assembly mode. Loops that share no coordinate have a determinant each. Mode changes without a change of these signs are
+found by following the path in small steps.
 """
 
 from __future__ import annotations
@@ -15,23 +16,26 @@ from typing import Any
 
 import numpy as np
 from scipy.linalg import qr
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from twin.core.spatial import Array
+from twin.core.units import ROUNDING
 from twin.reference.model import GAP_TOLERANCE, ReferenceModel
 from twin.reference.newton import minimise
 
 _ITERATIONS = 8
 """Maximum number of Newton steps from a guess; loops that need more steps count as open. 3 steps are usual."""
 
-_FINER = (1, 8)
-"""Factors by which such steps are smaller, in the order of trial: near a singularity, coordinates change fast."""
-
 _JUMP = 0.5
 """Largest change (m, rad) of a coordinate between stations; a larger change means another assembly mode."""
 
 _STRIDE = {True: 0.1, False: 0.02}
 """Motion of a driven joint (rad if an angle, else m) in one step from a known state, where the mode must be certain."""
+
+_FINER = (1, 8)
+"""Factors by which steps are smaller than `_STRIDE`, in the order of trial: near a singularity, motion is fast."""
 
 _COARSE = 8
 """Number of stations of a path whose loops are closed one after the other; the stations between are closed together."""
@@ -43,7 +47,7 @@ _FLOOR = 1e-12
 """Damping of the linear equations of the rates, relative to their mean diagonal; see `newton`."""
 
 _KNOWN = 20_000
-"""Maximum number of states that are kept."""
+"""Number of kept states that were not reached in small steps, above which the older half of them is dropped."""
 
 
 class Closing:
@@ -61,7 +65,7 @@ class Closing:
         self._stride = np.array([_STRIDE[j.is_angle] for j in model.mechanism.active])
         self._q, self._x = np.zeros((0, len(weights))), np.zeros((0, self._tree.model.nq))
         self._sure = np.zeros(0, bool)  # whether a state was reached in small steps
-        self._row: dict[bytes, int] = {}
+        self._row: dict[bytes, int] = {}  # rounded joint values -> row of the state
 
     def _coupled(self) -> tuple[Array, Array] | None:
         tree = self._tree
@@ -91,15 +95,17 @@ class Closing:
     def states(self, q: Array, *, thorough: bool = True) -> tuple[Array, np.ndarray]:
         """Return (configurations (k, nq), (k,) bool: whether the loops close) at joint values q (k, n).
 
-        States found are kept. Without `thorough`, each is solved in one step from the nearest known one: its loops may
-        seem open, or it may be in another mode, which is found when a path to it is followed.
+        Each state is reached in small steps from the nearest known one, and kept. Without `thorough`, it is solved in
+        one step. This is fast but not certain: loops that can close may be reported as open, and the state may be in
+        another assembly mode. The mode is tested when a path to this state is followed.
         """
         if self.linear is not None:
             return self.placed(q), np.ones(len(q), bool)
+        self._drop_old()
         if not len(self._q):
             home = self._model.home()
             self.keep(home.q[None], home.x[None])
-        rows = np.array([self._row.get(x.tobytes(), -1) for x in q], int)
+        rows = np.array([self._row.get(key, -1) for key in _keys(q)], int)
         X, good = self._x[rows], np.ones(len(q), bool)
         new = np.flatnonzero((rows < 0) | (thorough & ~self._sure[rows]))
         if not len(new):
@@ -117,15 +123,22 @@ class Closing:
 
     def keep(self, q: Array, X: Array, *, sure: bool = True) -> None:
         """Keep configurations X (k, nq) at joint values q (k, n) as known states; `sure`: reached in small steps."""
-        if len(self._q) > _KNOWN:
-            return
-        self._row |= {x.tobytes(): len(self._q) + i for i, x in enumerate(q)}
+        self._row |= {key: len(self._q) + i for i, key in enumerate(_keys(q))}
         self._q, self._x = np.concatenate([self._q, q]), np.concatenate([self._x, X])
         self._sure = np.append(self._sure, np.full(len(q), sure))
 
+    def _drop_old(self) -> None:
+        """Drop the older half of the states that were not reached in small steps, if there are too many."""
+        unsure = np.flatnonzero(~self._sure)
+        if len(unsure) <= _KNOWN:
+            return
+        left = np.setdiff1d(np.arange(len(self._q)), unsure[: len(unsure) // 2])
+        self._q, self._x, self._sure = self._q[left], self._x[left], self._sure[left]
+        self._row = {key: i for i, key in enumerate(_keys(self._q))}
+
     def known(self, q: Array) -> Array | None:
         """Return the kept configuration (nq,) at joint values q (n,); None if there is none."""
-        row = self._row.get(np.asarray(q, float).tobytes())
+        row = self._row.get(_keys(np.asarray(q, float)[None])[0])
         return None if row is None else self._x[row]
 
     def _walk(self, known: np.ndarray, q1: Array, steps: int, *, small: bool) -> tuple[Array, np.ndarray]:
@@ -134,7 +147,7 @@ class Closing:
         With `small`, no coordinate may change by more than `_JUMP` in one of the steps.
         """
         rows, of = np.unique(known, return_inverse=True)
-        gain, sign = self.rates(self._x[rows])[of], self._sign(self._x[rows])[of]
+        gain, sign = self.rates(self._x[rows])[of], self._signs(self._x[rows])[of]
         X, q0, ok = self._x[known], self._q[known], np.ones(len(known), bool)
         for i in range(1, steps + 1):
             here = np.flatnonzero(ok)
@@ -145,7 +158,7 @@ class Closing:
             new, closed = self.near(guess, q0[here] + i * ahead)
             if small:
                 closed &= self.change(X[here], new) <= _JUMP
-            closed &= self._sign(new) == sign[here]
+            closed &= (self._signs(new) == sign[here]).all(axis=1)
             X[here[closed]] = new[closed]
             ok[here[~closed]] = False
             if i < steps:
@@ -207,12 +220,29 @@ class Closing:
         full = len(size) == A.shape[1] and bool(size[-1] > 1e-6 * size[0])
         return order[: A.shape[1]] if full else np.zeros(0, int)
 
-    def _sign(self, X: Array) -> Array:
-        """Return the sign (k,) of the determinant of the loop equations at X (k, nq); 0 with an internal freedom."""
-        if not len(self._independent):
-            return np.zeros(len(X))
+    @cached_property
+    def _blocks(self) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Rows of the loop equations and passive coordinates of each group of loops that share no coordinate.
+
+        Empty if the equations do not determine the passive coordinates (an internal freedom).
+        """
+        rows, columns, tree = self._independent, self._tree.passive, self._tree
+        if not len(rows):
+            return []
+        # away from the rest poses, an entry is 0 only if its coordinate does not move the loop
+        turned = np.random.default_rng(0).uniform(-0.1, 0.1, (1, tree.model.nv))
+        A = np.abs(self._loops(tree.step(self._model.home().x[None], turned), np.zeros(1, int))[1][0])
+        linked = np.argwhere(A[rows][:, columns] > 1e-9 * A.max())
+        graph = coo_array((np.ones(len(linked)), (linked[:, 0], len(rows) + linked[:, 1])), shape=[2 * len(rows)] * 2)
+        count, group = connected_components(graph, directed=False)
+        return [(rows[group[: len(rows)] == g], columns[group[len(rows) :] == g]) for g in range(count)]
+
+    def _signs(self, X: Array) -> Array:
+        """Return the sign (k, blocks) of the determinant of the loop equations of each block at X (k, nq)."""
+        if not self._blocks:
+            return np.zeros((len(X), 0))
         A = self._loops(X, np.arange(len(X)))[1]
-        return np.linalg.slogdet(A[:, self._independent][:, :, self._tree.passive])[0]
+        return np.column_stack([np.linalg.slogdet(A[:, rows][:, :, columns])[0] for rows, columns in self._blocks])
 
     # -- paths ----------------------------------------------------------------------------------------
 
@@ -255,7 +285,7 @@ class Closing:
             if not ok.all():
                 return None
             done = np.sort(np.concatenate([done, middle]))
-        same = self._sign(X) == self._sign(x[None])
+        same = self._signs(X) == self._signs(x[None])
         return X if same.all() and (self.change(X[:-1], X[1:]) <= _JUMP).all() else None
 
     def each(self, a: Array, b: Array, stations: int) -> tuple[Array, np.ndarray]:
@@ -278,3 +308,8 @@ class Closing:
         out[ok] = found.reshape(-1, stations, X.shape[1])
         ok[ok] = good
         return out, ok
+
+
+def _keys(q: Array) -> list[bytes]:
+    """Return a key of each row of joint values q (k, n), the same for values that differ by rounding."""
+    return [row.tobytes() for row in np.rint(q / ROUNDING).astype(np.int64)]

@@ -6,9 +6,10 @@ many states at once; convex hulls; the meshes, by coal, for pairs that the bound
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from types import MappingProxyType
 
 import coal  # pyright: ignore[reportMissingImports] - installed beside site-packages
 import numpy as np
@@ -57,7 +58,11 @@ class Pairs:
     """
 
     def __init__(
-        self, model: ReferenceModel, stills: Sequence[Still], clearance: float, arms: Sequence[str] = ()
+        self,
+        model: ReferenceModel,
+        stills: Sequence[Still],
+        clearance: float,
+        arms: Mapping[str, str] = MappingProxyType({}),
     ) -> None:
         """Find the pairs.
 
@@ -66,10 +71,9 @@ class Pairs:
             stills: the obstacles.
             clearance: required distance in m; for two bodies of the mechanism at most half of their distance in the
                 rest poses.
-            arms: beginnings of the names of bodies, for a mechanism that consists of several arms: for two bodies of
-                different arms, their rest poses do not matter.
+            arms: name of the arm of each body, for a mechanism that is `twin.model.joined`: for two bodies of different
+                arms, their rest poses do not matter.
         """
-        arm = {b.name: next((a for a in arms if b.name.startswith(f"{a}_")), "") for b in model.mechanism.bodies}
         self._tree, self._clearance = model.tree, clearance
         own: dict[str, Shape] = {}
         neighbours = apart(model.mechanism)
@@ -89,7 +93,7 @@ class Pairs:
         row = {s.name: i for i, s in enumerate(self.shapes)}
         home, found = model.home().link_poses, []
         for a, b in neighbours:
-            if arm[a.name] != arm[b.name]:
+            if arms.get(a.name) != arms.get(b.name):
                 found.append((row[a.name], row[b.name], clearance))
                 continue
             drawn = distance_between(a, b, home[a.body], home[b.body])
@@ -258,10 +262,10 @@ class Pairs:
     ) -> np.ndarray:
         """Return (n,) bool: whether `pairs` (n,) in `states` (n,) seem nearer than required, for a search.
 
-        The mean of the bounds `low` and `high` (n,) decides, except where they allow a collision: the balls of large
-        bodies are large, and the mean of the bounds of two bodies that collide can exceed the required distance. There,
-        the exact distance decides, but only in states that `matter` (k,), in each until a pair is near, and not for
-        pairs that are always close.
+        The mean of the bounds `low` and `high` (n,) decides for bounds that exclude a collision, and for pairs whose
+        required distance is less than the clearance. Other pairs may collide although their mean exceeds the required
+        distance, because the balls of large bodies are large: for them, the exact distance decides. It is computed only
+        in states that `matter` (k,), and in each of these only until one pair is near.
         """
         required = self.required[pairs]
         out = (low + high) / 2 < required

@@ -11,16 +11,17 @@ distance.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
+from types import MappingProxyType
 
 import numpy as np
 
 from twin.core.errors import MechanismError
 from twin.core.spatial import Array
-from twin.core.units import DEG, MM
+from twin.core.units import DEG, MM, ROUNDING
 from twin.reference.closing import Closing
 from twin.reference.model import ReferenceModel
 from twin.reference.pairs import SEARCHED, Pairs, Still
@@ -41,9 +42,6 @@ speeds at its two ends by up to 0.3 %."""
 _BETWEEN_LOOPS = 1.5
 """Safety factor for passive joints, whose speeds are known only at stations; the value is chosen, not derived."""
 
-_ROUNDING = 1e-9
-"""Amount (m, rad) by which a path may exceed limits: a series that ends at a limit is rounded there too."""
-
 _SAME = 1 * MM
 """Two assemblies are in the same mode if each body has the same position in both, within this distance in m."""
 
@@ -55,6 +53,9 @@ _NARROW = 3.0
 
 _SEARCH = 6 * MM
 """Motion in m of two bodies from the nearest tested state that a search accepts; paths found are tested whole."""
+
+_BLOCK = 2048
+"""Number of states whose distances are computed together."""
 
 _FAR = 100 * MM
 """Distance in m up to which a certificate asks for lower bounds, as long as no exact distance is known."""
@@ -132,7 +133,7 @@ class JointSpace:
         *,
         keep: Keep | None = None,
         around: Callable[[], Sequence[Still]] | None = None,
-        arms: Sequence[str] = (),
+        arms: Mapping[str, str] = MappingProxyType({}),
     ) -> None:
         """Define the space of a mechanism; nothing is computed yet.
 
@@ -141,7 +142,7 @@ class JointSpace:
             clearance: required distance in m between bodies; see the class.
             keep: additional test of states; None: all states are allowed.
             around: function that returns the obstacles, called at first use; None: there are none.
-            arms: names of the arms of a mechanism that is `twin.model.joined`.
+            arms: name of the arm of each body of a mechanism that is `twin.model.joined`; see `joined.owners`.
         """
         self._arms = arms
         self._make, self.clearance, self._keep, self._around = make, clearance, keep, around
@@ -232,6 +233,26 @@ class JointSpace:
         ok[ok] = ~self._pairs.near(X[ok], exact=exact)
         return ok
 
+    def clearances(self, q: Array, most: float) -> Array:
+        """Return lower bounds (k,) in m, at most `most`, of the smallest distance at joint values q (k, n).
+
+        Pairs of bodies of the mechanism that are nearer than twice the clearance in the rest poses are not included.
+        Where loops do not close, the value is 0.
+        """
+        q = np.asarray(q, float).reshape(-1, len(self.weights))
+        out, pairs = np.full(len(q), most), np.flatnonzero(self._pairs.required >= self.clearance)
+        for k in range(0, len(q), _BLOCK):
+            self._check()
+            X, closed = self._closing.states(q[k : k + _BLOCK], thorough=False)
+            poses = self._pairs.poses(X)
+            states, pair = np.repeat(np.arange(len(X)), len(pairs)), np.tile(pairs, len(X))
+            near = self._pairs.gaps(poses, states, pair) < most
+            states, pair = states[near], pair[near]
+            low, _ = self._pairs.bounds(poses, states, pair, np.full(len(pair), most), fine=SEARCHED)
+            np.minimum.at(out, k + states, low)
+            out[k : k + _BLOCK][~closed] = 0.0
+        return out
+
     def steer(self, a: Array, b: Array) -> Callable[..., Array]:
         """Return the straight path from joint values a (n,) to b (n,), as a function of s from 0 to 1."""
         step = np.asarray(b, float) - a
@@ -257,7 +278,7 @@ class JointSpace:
         for joint, x, (low, high) in zip(self._model.mechanism.active, q, self.limits, strict=True):
             unit, factor = ("deg", DEG) if joint.is_angle else ("mm", MM)
             beyond = max(low - x, x - high)
-            if beyond > 0:
+            if beyond > ROUNDING:
                 return (
                     f"joint {joint.name} = {x / factor:.6g} {unit} is {beyond / factor:.4g} {unit} beyond its limits "
                     f"{low / factor:.6g} to {high / factor:.6g} {unit}"
@@ -311,7 +332,7 @@ class JointSpace:
     # -- states ---------------------------------------------------------------------------------------
 
     def _within(self, q: Array) -> np.ndarray:
-        return np.all((q >= self.limits[:, 0] - _ROUNDING) & (q <= self.limits[:, 1] + _ROUNDING), axis=1)
+        return np.all((q >= self.limits[:, 0] - ROUNDING) & (q <= self.limits[:, 1] + ROUNDING), axis=1)
 
     def _allowed(self, X: Array, q: Array) -> np.ndarray:
         """Return (k,) bool: whether `keep` allows configurations (k, nq) with driven joint values q (k, n)."""
@@ -495,7 +516,7 @@ class JointSpace:
 
     def _free_each_closed(self, a: Array, b: Array) -> np.ndarray:
         """Return the result of `free_each`, (m,) bool, for straight paths of a mechanism with loops."""
-        count = int(np.ceil((np.abs(b - a) / self._steps).max())) + 1
+        count = max(int(np.ceil((np.abs(b - a) / self._steps).max())) + 1, 2)  # 2 also if all have no length
         stations, ok = self._closing.each(a, b, count)
         ok &= self._within(a) & self._within(b)
         tree, rows = self._model.tree, np.flatnonzero(ok)
@@ -548,7 +569,7 @@ class JointSpace:
             within: accepted difference in m between the smallest distance found and the bound.
 
         Raises:
-            MechanismError: the loops of the mechanism do not close along the path.
+            MechanismError: the path exceeds joint limits, `keep` excludes a state, or loops do not close along it.
         """
         seen, pairs = self._stations(path), self._pairs
         if seen is None:

@@ -43,7 +43,8 @@ HANDS = ("right", "left")
 PEDALS, FULCRUM = "pedals", "pedals.fulcrum"
 
 ORGANS = 16e-3
-"""Time in s between two steps of the organs of a procedure, so that the World keeps real time beside a page."""
+"""Time in s between two steps of the organs of a procedure; with shorter steps, a served World lags behind real
+time."""
 
 
 @dataclass(frozen=True)
@@ -105,9 +106,9 @@ def world(
         dt: duration of one tick in s.
         records: whether every tick is recorded; see `World`.
         watch: blocks without outputs that read all signals at the end of a tick.
-        task: a task; if it has rings, the instruments touch objects and the solid bodies of the props. If it is a
-            procedure, the grippers close the jaws of tools in the organs.
-        props: mechanism of the props; only needed for such a task, and for the forces of contacts.
+        task: a task; if it has rings, the instruments touch objects and the solid bodies of the props. In a procedure,
+            the grippers of the hands close the jaws of tools, which act on the organs.
+        props: mechanism of the props; only needed for a task with rings, and for the forces of contacts.
         haptics: whether the forces on the hands are on at the start; None: the World has none. With forces, the
             instruments touch the solid bodies and each other in every task.
         organs: the organs of the scene; only needed for a procedure.
@@ -213,15 +214,15 @@ def console_of(scene: Scene) -> ConsoleTable:
 
 
 def port_in_base(place: Place) -> Array:
-    """Return the first port (3,) of a robot in m in its base."""
+    """Return the position (3,) in m of a robot's first port, in the frame of its base."""
     return (spatial.inverse(place.T_world_base) @ np.append(operating_scene.port_of(place), 1.0))[:3]
 
 
 def pivot(table: ConsoleTable, place: Place, kin: Kinematics, q: Array) -> Pivot | None:
-    """Return the pivot of an instrument at joint values q (n,) of the start; None: its length is not in the table.
+    """Return the pivot of an instrument at its start joint values q (n,); None: `table` has no length of it.
 
     Raises:
-        TwinError: the tip is in the port.
+        TwinError: the tip is less than 1 mm from the port.
     """
     if place.name not in table.instrument_mm:
         return None
@@ -378,7 +379,7 @@ def _camera(
 
 
 def picture_in_tool(camera: CameraTable, mechanism: Mechanism) -> Array:
-    """Return the frame (4, 4) of the picture in the tool of the camera's robot; both are on one body."""
+    """Return the pose (4, 4) of the picture's frame in the tool frame of the camera's robot; one body has both."""
     tool, frame = (mechanism.frame(n) for n in (mechanism.tool, camera.frame))
     return spatial.inverse(tool.T_body_frame) @ frame.T_body_frame @ camera.in_frame @ PICTURE
 

@@ -99,17 +99,25 @@ def course(scene: Scene, props: Mechanism | None, task: Task) -> Course:
     """Return the parts of a task with a ring to guide, measured on the drawn parts.
 
     Raises:
-        TwinError: wire or dome is not among the solid bodies, or the task has no ring to guide.
+        TwinError: wire or dome is not among the solid bodies, the wire has only one part, or the task has no ring to
+            guide.
     """
     from scipy.spatial import ConvexHull  # late: it takes a while
 
     if task.guide is None:
         raise TwinError(f"task '{task.name}' has no ring to guide: choose a task with a section [task.NAME.guide]")
     solids = _solids(scene, props)
-    axes = [_axis(solid, part) for solid, part in _wire(solids, scene, task)]
+    wire = _wire(solids, scene, task)
+    if len(wire) < 2:
+        raise TwinError(
+            f"{scene.file.name}: task '{task.name}': the wire has one part, '{wire[0][1].name}': its free end "
+            f"is not known. Draw the wire as two or more parts whose names begin with '{task.guide.wire}', first the "
+            "one with the free end"
+        )
+    axes = [_axis(solid, part) for solid, part in wire]
     ends = [(middle - (half - radius) * axis, middle + (half - radius) * axis) for middle, axis, half, radius in axes]
     line = [*ends[0]]
-    if len(ends) > 1 and min(_far(line[0], p) for p in ends[1]) < min(_far(line[1], p) for p in ends[1]):
+    if min(_far(line[0], p) for p in ends[1]) < min(_far(line[1], p) for p in ends[1]):
         line.reverse()
     for pair in ends[1:]:
         line.append(max(pair, key=lambda p: _far(p, line[-1])))

@@ -1,8 +1,8 @@
 """Local planes: surfaces at a tool, approximated between two updates of the simulation that finds the contacts.
 
-A simulation of contact or tissue updates a few planes whenever it steps: every 2 ms, or at 60 Hz. A plane moves with
-neither: between two updates, the depth of the tool in the plane follows from the tool's pose alone. The hand at 1 kHz
-therefore never waits for the simulation (intermediate representation; Adachi, Kumano and Ogino, IEEE VRAIS 1995).
+A simulation of contact or tissue updates a few planes whenever it steps: every 2 ms, or at 60 Hz. Between two updates,
+a plane does not move, and the depth of the tool in it depends on the tool's pose alone. The hand at 1 kHz therefore
+never waits for the simulation (intermediate representation; Adachi, Kumano and Ogino, IEEE VRAIS 1995).
 
 The planes of a robot are a signal of `SIZE` numbers, `COUNT` rows of `WIDTH`; unused rows are zero. A row is (lever
 (3), normal (3), arm (3), offset): see `LocalPlane`. Everything is in the frame of the World, except the arm.
@@ -82,13 +82,13 @@ def proxy(planes: ca.SX, T_world_tool: ca.SX, sweeps: int = 12) -> tuple[ca.SX, 
     """Return the expressions (way (3,), pull (3,)) of the nearest point outside all planes, the proxy of the tool.
 
     The way in m is from the point in contact to its proxy, the smallest displacement that leaves all planes (Zilles
-    and Salisbury, IROS 1995; solved by Hildreth's method). Two planes with the same normal count once. The pull is the
-    same for a force at the tool: it has levers instead of normals.
+    and Salisbury, IROS 1995; solved by Hildreth's method). Two planes with the same normal count once. The pull in m is
+    the same sum with levers instead of normals: the force at the tool acts along it.
 
     Args:
         planes: (k, WIDTH) rows.
         T_world_tool: (4, 4) pose of the tool.
-        sweeps: number of corrections of every plane; two planes need one if they are parallel or perpendicular.
+        sweeps: number of iterations over all planes; one is enough for two planes that are parallel or perpendicular.
     """
     p, R, count = T_world_tool[:3, 3], T_world_tool[:3, :3], planes.shape[0]
     n = [planes[i, 3:6].T for i in range(count)]

@@ -1,4 +1,4 @@
-"""The machines of a scene in a World: the trainer that writes their packets, their models, and the cue in the hands."""
+"""The machines of a scene in a World: trainers that write packets, models, and cues (forces) on the hands."""
 
 from __future__ import annotations
 
@@ -43,13 +43,13 @@ def bounds(table: TrainerTable) -> Bounds:
 
 
 def cue(table: TrainerTable) -> Cue:
-    """Return the haptic cue of a trainer: the law of the force by which a hand feels that machine and model deviate."""
+    """Return the haptic cue of a trainer: the law of the force on a hand if machine and model deviate."""
     c = table.cue
     return Cue(c.reading, c.tol_mm, c.kp_n_mm, c.kd_ns_mm, c.largest_n, c.blend_mm)
 
 
 class Arm(Protocol):
-    """What is drawn of a robot; see `twin.simulation.world.Placed`."""
+    """A drawn robot; see `twin.simulation.world.Placed`."""
 
     @property
     def mechanism(self) -> Mechanism: ...  # noqa: D102
@@ -114,7 +114,7 @@ class CueHand(Block):
         self.outputs = {self._force: np.zeros(3)}
 
     def step(self, signals: Signals, t: float, dt: float) -> dict[str, Array]:
-        """Turn the cues into the axes of the picture."""
+        """Transform the forces of the cues into the axes of the picture, and add them."""
         force = np.zeros(3)
         if signals.now["haptics.on"].item() > 0.5:
             for name, R in self._bases.items():

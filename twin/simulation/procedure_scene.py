@@ -22,7 +22,7 @@ from twin.simulation.plants.kinematic import Kinematic
 from twin.simulation.world import Block, Placed, World
 
 TICK = 4e-3
-"""Duration of a tick in s; organs step every second tick."""
+"""Duration of a tick in s; the organs are stepped in every second tick."""
 
 
 def world(

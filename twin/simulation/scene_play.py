@@ -1,4 +1,4 @@
-"""Play the protocols of all robots of a scene in a World; measure minimum clearances and errors at the ports."""
+"""Play the protocols of all robots of a scene in a World; measure minimum clearances, and distances from the ports."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ PORT_TOLERANCE = 0.1e-3
 
 @dataclass(frozen=True)
 class Actor:
-    """A robot of the scene with its trajectory; `trocars`: positions (3,) in m in its base, by the names in `place`."""
+    """A robot of the scene with its trajectory; `trocars`: positions (3,) in m in its base, by name of the trocar."""
 
     place: Place
     mechanism: Mechanism
@@ -54,7 +54,7 @@ class Played(Result):
         scene, actors, props: the scene, its robots, and its props (None: no props).
         t: (k,) times in s at which clearances are measured.
         by_pair: minimum clearances of each pair of owners (robots, props).
-        findings: findings on collisions, too small clearances, and robots that miss their port.
+        findings: findings on collisions, clearances below the required one, and robots whose RCM is not at their port.
     """
 
     scene: Scene

@@ -41,7 +41,7 @@ def links(scene: Scene, mechanisms: Mapping[str, Mechanism], q: Mapping[str, Arr
     """Return the links that touch organs, at joint values q (n,) of each robot.
 
     Raises:
-        WorldError: a robot has no such body.
+        WorldError: a robot lacks a body that should touch organs.
         TwinError: a robot of [anatomy] is not among the mechanisms.
     """
     places = {p.name: p for p in scene.places}

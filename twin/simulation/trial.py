@@ -160,8 +160,8 @@ def measure(
         goals: the goals.
         T_tool_tip: (4, 4) pose of the tip in the tool frame.
         shaft: (3,) unit vector along the shaft, out of the tip, in the tip frame.
-        contact: distance in m within which the tip counts as touching; ASSUMED: 0.5 mm, as if the goal were a hole of
-            1 mm diameter with a foil behind it.
+        contact: maximum distance in m of a tip that counts as touching; ASSUMED: 0.5 mm, for a goal like a hole of 1 mm
+            diameter with a foil behind it.
     """
     tip = (record.Ts_base_tool @ T_tool_tip)[:, :3, 3]
     pressed = np.flatnonzero(np.diff(np.concatenate([[False], record.pedal]).astype(int)) == 1)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from functools import cached_property
 from itertools import pairwise
 
@@ -14,10 +14,10 @@ from twin.core.units import DEG, MM
 from twin.kinematics import Kinematics
 from twin.model.body import Body
 from twin.model.mechanism import Mechanism
-from twin.model.movable import Movable
-from twin.model.scene import Place
+from twin.model.scene import Scene
 from twin.planning.around import around
 from twin.reference import ReferenceModel
+from twin.reference.obstacles import obstacles
 from twin.reference.pairs import Still
 from twin.reference.space import JointSpace
 
@@ -27,39 +27,29 @@ _STEP, _TURN = 8 * MM, 10 * DEG
 _FINE = 200
 """Number of places on a path between which the motion of the tool is measured."""
 
-CLEARANCE = 2 * MM
-"""Distance in m that a way usually keeps; ASSUMED."""
-
 
 class Ways:
     """Plans ways for the arms of a scene, one arm at a time, with `planning.around`."""
 
-    def __init__(
-        self,
-        arms: Mapping[str, tuple[Place, Mechanism, Kinematics]],
-        props: Mechanism | None,
-        objects: Sequence[Movable],
-    ) -> None:
+    def __init__(self, scene: Scene, arms: Mapping[str, tuple[Mechanism, Kinematics]], props: Mechanism | None) -> None:
         """Set up; nothing is computed yet.
 
         Args:
-            arms: place, mechanism and equations of every robot, by name.
+            scene: the scene.
+            arms: mechanism and equations of every robot of the World, by the name of its place.
             props: mechanism of the props.
-            objects: the movable objects.
         """
-        self._arms, self._props, self._objects = dict(arms), props, tuple(objects)
+        self._scene, self._arms, self._props = scene, dict(arms), props
+        self._places = {place.name: place for place in scene.places}
+
+    @property
+    def clearance(self) -> float:
+        """Distance in m that a way usually keeps: that of the scene."""
+        return self._scene.clearance
 
     @cached_property
     def _models(self) -> dict[str, ReferenceModel]:
-        return {name: ReferenceModel(mechanism) for name, (_, mechanism, _) in self._arms.items()}
-
-    @cached_property
-    def _fixed(self) -> list[tuple[str, Body, Array]]:
-        """Name, body and pose in the World of each body of the props."""
-        if self._props is None:
-            return []
-        poses = ReferenceModel(self._props).home().link_poses
-        return [(f"props/{b.name}", b, poses[b.name]) for b in self._props.bodies]
+        return {name: ReferenceModel(mechanism) for name, (mechanism, _) in self._arms.items()}
 
     def joints(self, robot: str, T_world_tool: Array, q: Array) -> Array:
         """Return the joint values (n,) for a pose (4, 4) of the tool; the auxiliary joints are those of q (n,).
@@ -67,15 +57,27 @@ class Ways:
         Raises:
             KinematicsError: the pose cannot be reached.
         """
-        place, _, kin = self._arms[robot]
-        found = kin.inverse(spatial.inverse(place.T_world_base) @ T_world_tool)
+        kin = self._arms[robot][1]
+        found = kin.inverse(spatial.inverse(self._places[robot].T_world_base) @ T_world_tool)
         return np.where(kin.auxiliary, q, found)
 
     def room(self, robot: str, q: Array) -> float:
         """Return the distance of joint values (n,) to the nearest limit, as a fraction of the range of that joint."""
-        _, mechanism, kin = self._arms[robot]
+        mechanism, kin = self._arms[robot]
         low, high = mechanism.limits.T
         return float((np.minimum(q - low, high - q) / (high - low))[~kin.auxiliary].min())
+
+    def obstacles(self, robot: str, q: Mapping[str, Array], objects: Mapping[str, Array]) -> list[Still]:
+        """Return what is around an arm, in its base frame: the other robots, the props and objects; see `plan`."""
+        T_world_base, poses = self._places[robot].T_world_base, {}
+        for name in q.keys() - {robot}:
+            links = self._models[name].solve(q[name]).link_poses
+            poses[name] = {body: self._places[name].T_world_base @ T for body, T in links.items()}
+        mechanisms = {name: mechanism for name, (mechanism, _) in self._arms.items()}
+        fixed = obstacles(self._scene, {robot: ""}, T_world_base, mechanisms, self._props, poses)
+        T_base_world = spatial.inverse(T_world_base)
+        moved = [(o, objects[o.name]) for o in self._scene.objects if o.name in objects]
+        return fixed + [Still(o.name, Body(o.name, (o.mesh(),)), T_base_world @ T) for o, T in moved]
 
     def plan(
         self,
@@ -83,7 +85,7 @@ class Ways:
         goal: Array,
         q: Mapping[str, Array],
         objects: Mapping[str, Array],
-        clearance: float = CLEARANCE,
+        clearance: float,
         seed: int = 0,
     ) -> list[Array]:
         """Return poses (4, 4) of the tool in the World along a way that keeps the clearance, the last one at the goal.
@@ -91,26 +93,19 @@ class Ways:
         Args:
             robot: the arm that moves.
             goal: its joint values (n,) at the end.
-            q: present joint values (n,) of all robots.
+            q: present joint values (n,) of this arm and of other robots; a robot without them is in its rest pose.
             objects: present poses (4, 4) of the objects in the World that are in the way.
-            clearance: distance in m to keep.
+            clearance: distance in m to keep from what does not touch the arm by design.
             seed: random seed of the search.
 
         Raises:
             ProtocolError: start or goal is not free, or no way was found.
         """
-        place, _, kin = self._arms[robot]
-        T_base_world = spatial.inverse(place.T_world_base)
-        bodies = list(self._fixed)
-        for name, (other, mechanism, _) in self._arms.items():
-            if name != robot:
-                links = self._models[name].solve(q[name]).link_poses
-                bodies += [(f"{name}/{b.name}", b, other.T_world_base @ links[b.name]) for b in mechanism.bodies]
-        bodies += [(o.name, Body(o.name, (o.mesh(),)), objects[o.name]) for o in self._objects if o.name in objects]
-        stills = [Still(name, body, T_base_world @ T) for name, body, T in bodies]
-        space = JointSpace(lambda: self._models[robot], clearance, around=lambda: stills)
+        T_world_base, kin = self._places[robot].T_world_base, self._arms[robot][1]
+        around_it = self.obstacles(robot, q, objects)
+        space = JointSpace(lambda: self._models[robot], clearance, around=lambda: around_it)
         path = around(space, q[robot], goal, seed=seed)
-        Ts = np.array([place.T_world_base @ kin.forward(x) for x in path(np.linspace(0.0, 1.0, _FINE))])
+        Ts = np.array([T_world_base @ kin.forward(x) for x in path(np.linspace(0.0, 1.0, _FINE))])
         return [Ts[k] for k in _stations(Ts)]
 
 

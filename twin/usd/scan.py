@@ -1,7 +1,7 @@
-"""Unchecked content of a UsdPhysics stage: rigid bodies, joints, poses.
+"""Extract rigid bodies, joints and poses from a UsdPhysics stage, without checking them.
 
-The reader and the checker use this module. For any unit and up axis of the stage, lengths are converted to metres and
-poses to world z up; joint frames are rotated so that z is the axis. Invalid data are also returned: the reader
+The reader and the checker use this module. Lengths are converted to metres and poses to world z up, whatever the unit
+and up axis of the stage; joint frames are rotated so that z is the axis. Invalid data are also returned: the reader
 rejects them, and the checker reports them.
 """
 
@@ -61,7 +61,7 @@ class RawJoint:
         ends: its sides on body0 and body1.
         instance: name of its drive and joint state ("angular", "linear", "rotX", ...); "" without a coordinate.
         limits: (lower, upper) in units of the stage (degrees for angles); None if unlimited.
-        unit: degrees (angles) or metres per unit of limits, states and targets.
+        unit: factor that converts limits, states and targets of the stage to degrees (angles) or metres.
         excluded: whether it is excluded from the articulation, because it closes a loop.
         enabled: False for a disabled joint.
         problem: why no joint type matches; "" if one matches.
@@ -85,7 +85,7 @@ class RawJoint:
 
     @property
     def is_angle(self) -> bool:
-        """Whether the coordinate is an angle, in degrees in the stage."""
+        """Whether the coordinate is an angle, which a stage stores in degrees."""
         return self.type == "revolute"
 
 

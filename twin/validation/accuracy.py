@@ -18,7 +18,8 @@ _REPEATS = 100
 """Number of repetitions of the test, for the long-run standard deviation."""
 
 _REACH, _WAY, _ASIDE = 50 * MM, (20 * MM, 60 * MM), 1 * MM
-"""(range of start positions, range of displacements, sideways motion of the hand), in m; ASSUMED: not published."""
+"""In m, ASSUMED because they are not published: maximum distance of a start position from 0 along each axis, (minimum,
+maximum) displacement, and maximum additional motion along each axis."""
 
 
 class Mover(Protocol):
@@ -42,7 +43,8 @@ def measure(
 ) -> tuple[Mapping[str, Any], list[float]]:
     """Simulate the test; return (plain data, standard deviation of the error along each axis in mm).
 
-    The console moves at motion scale 1; `resolution` in m is the resolution of the pen's position.
+    `displacements` is the number of displacements along each axis, `resolution` in m is the resolution of the pen's
+    position. The motion scale is 1.
     """
     rng = np.random.default_rng(seed)
     T = np.eye(4)

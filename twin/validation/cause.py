@@ -31,7 +31,7 @@ _FAMILIES: dict[str, Side] = {
 """Side of a finding, by the first word of its code; findings with other codes belong to the side "protocol"."""
 
 _SAME = 0.999
-"""Fraction of the largest size from which a finding counts as equally large; the first such finding becomes `head`."""
+"""Findings of at least this fraction of the largest size count as equally large; the first of them becomes `head`."""
 
 
 @dataclass(frozen=True)
@@ -87,7 +87,7 @@ class Cause:
 
 
 def causes(findings: Iterable[Finding]) -> tuple[Cause, ...]:
-    """Return the causes of all errors and disagreements; a cause that may explain others is listed before them."""
+    """Return the causes of all errors and disagreements; a cause that may explain other causes is listed first."""
     ordered = by_severity(findings)
     groups: dict[tuple[Side, str], list[Finding]] = {}
     for f in ordered:

@@ -2,9 +2,9 @@
 
 Each element of the mass matrix, and the Coriolis and centrifugal effort and the effort of gravity of each joint, are
 compared at random states of the published joints; all other joints are at zero and at rest. Rotors and friction are not
-part of the published equations and are left out of B. Two properties are judged on A alone: M is symmetric and positive
-definite, and dM/dt - 2 C is skew-symmetric, so that the power balance holds (R. M. Murray, Z. Li, S. S. Sastry, A
-Mathematical Introduction to Robotic Manipulation, CRC Press 1994, lemma 4.2).
+part of the published equations and are omitted in B. Two properties of A are checked without B: M is positive definite,
+and qd^T (dM/dt - 2 C) qd = 0, the power balance (R. M. Murray, Z. Li, S. S. Sastry, A Mathematical Introduction to
+Robotic Manipulation, CRC Press 1994, lemma 4.2).
 
 If terms differ, single edits are tried as their cause: one inertial parameter, the sign of a term, the direction of
 gravity. An edit is reported only if it explains all differences.
@@ -25,9 +25,9 @@ from twin.formula.closed_form import ClosedForm, Terms
 from twin.reference.dynamics import Dynamics
 
 _EXPLAINED = 1e-2
-"""Maximum ratio of the differences after an edit to the differences before it, at which the edit explains them.
+"""An edit explains the differences if it reduces them to at most this fraction.
 
-Rounded parameters leave smaller differences.
+The differences that rounded parameters leave are smaller.
 """
 
 _RATES = (1.0, 0.2)
@@ -42,7 +42,7 @@ _BROKEN = Kind("motion.inconsistent", "disagreement", "derive C from M, by the C
 
 @dataclass(frozen=True)
 class Row:
-    """Largest difference `worst` of one term, in the SI unit `unit`, and its limit; `term` is the name of the term."""
+    """Comparison of one term: its name, its largest difference `worst` in the SI unit `unit`, and the tolerance."""
 
     term: str
     worst: float
@@ -62,7 +62,7 @@ class Judged:
     Attributes:
         rows: largest difference of each term.
         cause: the single edit that explains all differences; "" without differences or without such an edit.
-        balance: largest error of the power balance of the published equations, relative to the largest power.
+        balance: largest |qd^T (dM/dt - 2 C) qd| of the published equations, divided by the largest term.
         least: smallest eigenvalue of the published mass matrix, in SI.
         findings: terms that differ.
     """
@@ -75,7 +75,7 @@ class Judged:
 
 
 def judge(form: ClosedForm, dynamics: Dynamics, count: int = 200, seed: int = 0) -> Judged:
-    """Compare published equations of motion with the dynamics of a mechanism at random states.
+    """Compare published equations of motion with the dynamics of a mechanism at `count` random states.
 
     Raises:
         KinematicsError: the mechanism does not have one of the published joints.
@@ -140,7 +140,7 @@ def _consistent(states: list[_State], out: Judged) -> None:
         out.findings.append(
             _BROKEN(
                 "Coriolis term",
-                "the power of dM/dt - 2 C does not vanish, relative to the largest term",
+                "qd^T (dM/dt - 2 C) qd is not zero; size relative to the largest term",
                 Quantity(out.balance, ""),
                 _BALANCE,
             )

@@ -79,7 +79,7 @@ def compare(
     """Compare the equations `kin` with the independent mechanism along a trajectory; return rows and findings.
 
     If `kin` is None, the joint values of the trajectory drive the mechanism, and only its loops and rates are judged.
-    The same applies if `kin` has only forward equations and the path was computed with the mechanism.
+    This also applies if `kin` has only forward equations and the path was computed with the mechanism.
     """
     out = Comparison(coarse=_coarse_rows(trajectory))
     asked = kin if kin is not None and (kin.closed_inverse or not trajectory.followed) else None
@@ -325,9 +325,7 @@ class _Check:
             return
         limits = self.tolerances.position, self.tolerances.rotation
         for r in pose_rows("A-B", "tool, forward", self.posed.Ts_base_tool, Ts, limits, self.coarse, note=by):
-            what = (
-                f"at the mechanism's joint values, the tool pose of the forward equations ({by}) is not the mechanism's"
-            )
+            what = f"at the same joint values, the forward equations ({by}) and the mechanism give different tool poses"
             self.out.judge(r, _FORWARD, what, "tool", cause=by)
 
     def passive(self, kin: Kinematics, blamed: _Blame) -> None:

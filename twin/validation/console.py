@@ -2,7 +2,8 @@
 
 Each clause applies a motion of the hands and compares the result with the geometrically required one. Rotations are
 computed by SciPy, independently of the equations. Frames: {H} of the hand, {RB} of the robot base. Poses: T of {H} in
-{RB}, W of the handle in {H}, P of the tool in {RB}.
+{RB}, W of the handle in {H}, P of the tool in {RB}; R_T is the rotation of T. Messages use the paper's numbers of the
+equations and the symbols p, R (tool), h, R_H (hand); d means a change, s is the motion scale.
 """
 
 from __future__ import annotations
@@ -71,7 +72,10 @@ class Laws(Protocol):
         ...
 
     def force(self, depth: float, rate: float) -> float:
-        """Return the force in N of a surface at a depth in m and rate in m/s, positive inwards; negative pushes out."""
+        """Return the force in N of a surface on the tool at a depth in m that changes by `rate` in m/s.
+
+        A positive force pulls the tool into the surface, a negative force pushes the tool out.
+        """
         ...
 
     def error(self, P_0: Array, P_1: Array, W_0: Array, W_1: Array, T: Array, scale: float) -> Array:
@@ -105,11 +109,11 @@ def _still(c: Laws) -> Iterator[Clause]:
         yield _point(
             name,
             "eq2",
-            f"a still hand leaves the tool at rest, {place}",
+            f"while the hand is at rest, the tool is at rest ({place})",
             moved,
-            f"the hand is still, {place}, and the tool moves {moved / _MM:.3f} mm and turns {turned:.3f} deg: with "
-            "W1 = W0 eq. (2) gives T, not the identity",
-            "complete the change of frame, T (W1 W0^-1) T^-1, or transform increments by R_T alone",
+            f"the hand is at rest ({place}), and the tool moves {moved / _MM:.3f} mm and turns {turned:.3f} deg: with "
+            "W1 = W0, eq. (2) gives T, not the identity",
+            "complete the change of frame, T (W1 W0^-1) T^-1, or transform increments by R_T, the rotation of T",
         )
 
 
@@ -169,7 +173,7 @@ def _clutch(c: Laws) -> Iterator[Clause]:
         "the tool stays at rest when the hand releases the clutch, moves and engages it again (re-grip)",
         at_once,
         f"after a re-grip 37 mm away the tool jumps {at_once / _MM:.3f} mm",
-        "measure increments from the hand pose at re-grip, and transform them by R_T alone",
+        "measure increments from the hand pose at re-grip, and transform them by R_T, the rotation of T",
     )
     step = np.array([0, 0, 10 * _MM])
     went = c.tool(after, gripped, _shifted(gripped, step), T, 1.0)[:3, 3] - after[:3, 3]
@@ -311,7 +315,7 @@ def _roll(c: Laws) -> Iterator[Clause]:
     yield _within(
         "roll.angle",
         "eq4",
-        "the size of the turn is an angle, 3 deg",
+        "for a turn of 3 deg, the result is the angle 3 deg",
         off,
         unit,
         1e-9,
@@ -403,18 +407,18 @@ def _force(c: Laws) -> Iterator[Clause]:
         "N",
         0.0,
         f"at a depth of 0.1 mm, while it moves outwards at 100 mm/s, the tool is pulled inwards by {pulls:.2f} N",
-        "limit the force along the surface normal to the outward direction",
+        "set a force that points inwards to 0",
     )
     most = max(abs(c.force(depth * _MM, rate)) for depth in (1, 5, 10, 20) for rate in (-0.1, 0.0, 0.1))
     yield _within(
         "force.largest",
         "eq5",
-        "no force exceeds the maximum of a pen",
+        "no force exceeds the maximum force of the haptic pen",
         most,
         "N",
         _PEN,
         f"down to 20 mm depth the force reaches {most:.1f} N; a pen can apply {_PEN:g} N (ASSUMED)",
-        f"clip the force at {_PEN:g} N, the saturation of the device",
+        f"limit the force to {_PEN:g} N, the maximum of the device",
     )
     off = max(abs(rest - 0.6), abs(moving - 0.1))
     yield _within(

@@ -101,6 +101,7 @@ def _joint(a: Joint, b: Joint) -> Iterator[Finding]:
     pairs: list[tuple[str, float | None, float | None, str, float]] = [
         ("largest speed", a.max_speed, b.max_speed, f"{unit}/s", scale),
         ("largest acceleration", a.max_acceleration, b.max_acceleration, f"{unit}/s2", scale),
+        ("largest jerk", a.max_jerk, b.max_jerk, f"{unit}/s3", scale),
         ("cone", a.cone, b.cone, "deg", DEG),
     ]
     for i, end in enumerate(("lower", "upper")):

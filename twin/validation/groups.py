@@ -43,7 +43,7 @@ class Pair(Table):
 
 
 class Outcome(Table):
-    """Mean and standard deviation of one measure, per group.
+    """Printed mean and standard deviation of one measure, per group.
 
     `items` is the number of integers whose sum is a user's value; 0 if values are not integers.
     """
@@ -58,7 +58,7 @@ class Outcome(Table):
 
 
 class Span(Table):
-    """Mean, standard deviation, minimum and maximum per group."""
+    """Printed mean and standard deviation of one measure per group, and its printed range (minimum, maximum)."""
 
     name: str
     unit: str
@@ -82,8 +82,8 @@ class Accuracy(Table):
 class Chain(Table):
     """Accuracy test of the paper's console.
 
-    `displacements` is the number of displacements per axis, `resolution_mm` the resolution of the haptic pen,
-    and `of` the name of the accuracy section with the printed results.
+    `displacements` is the number of displacements per axis, `resolution_mm` is the resolution of the haptic pen, and
+    `of` names the [[accuracy]] section with the printed results.
     """
 
     displacements: int = Field(ge=2)
@@ -244,8 +244,8 @@ def _integers(o: Outcome, users: Mapping[str, int]) -> Iterator[Finding]:
         yield disagreement(
             "study.integers",
             o.name,
-            f"{o.name}, {group}: the printed mean {mean:.{o.decimals}f} {o.unit} is impossible for {n} integers of "
-            f"{users[group]} users; the nearest possible mean is {near / n:.{o.decimals + 1}f}",
+            f"{o.name}, {group}: the printed mean {mean:.{o.decimals}f} {o.unit} is not the mean of any {n} integers "
+            f"from {users[group]} users; the nearest possible mean is {near / n:.{o.decimals + 1}f}",
             Quantity(abs(near / n - mean), o.unit),
             half,
             "check how many users were counted",
@@ -420,7 +420,7 @@ def _chain(c: Chain, printed: Accuracy, measured: Mapping[str, Any], stds: Seque
         yield disagreement(
             "study.chain",
             "chain",
-            "even with an exact pen (no quantisation) the equations have an error: largest error",
+            "the equations have an error even with an exact pen (no quantisation): largest error",
             Quantity(exact, "mm"),
             1e-6,
             "judge the equations of the console: twin console davinci",
@@ -443,9 +443,9 @@ def _chain(c: Chain, printed: Accuracy, measured: Mapping[str, Any], stds: Seque
         yield warning(
             "study.quantised",
             printed.name,
-            f"a pen with a resolution of {c.resolution_mm:g} mm explains a std up to {high * max(stds):.3f} mm in "
-            f"{c.displacements} displacements (99th percentile), {max(stds):.4f} mm on average; "
-            f"printed: {', '.join(beyond)} mm",
+            f"in {c.displacements} displacements, a pen with a resolution of {c.resolution_mm:g} mm causes a standard "
+            f"deviation of {max(stds):.4f} mm on average, and of at most {high * max(stds):.3f} mm (99th percentile); "
+            f"the paper prints {', '.join(beyond)} mm",
             Quantity(max(printed.std), "mm"),
             float(high * max(stds)),
             "look for other sources of error than the resolution of the pen",

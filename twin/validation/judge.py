@@ -1,4 +1,4 @@
-"""Complete validation of a robot along a trajectory: equations, mechanism, stage, motion, RCM, clearance."""
+"""Validate a robot completely along a trajectory: equations, mechanism, stage, motion, RCM, clearance."""
 
 from __future__ import annotations
 

@@ -16,7 +16,7 @@ from twin.reference.loops import LENGTH_SCALE
 from twin.validation.rows import Clock
 
 SINGULAR = 1e-6
-"""Conditioning below which a Jacobian of the mechanism counts as singular in double precision."""
+"""Conditioning (0: singular, 1: best) below which a Jacobian of the mechanism counts as singular."""
 
 _SINGULAR = Kind(
     "singularity.mechanism",
@@ -75,7 +75,7 @@ def margins(trajectory: Trajectory, mechanism: Mechanism, paths: PathKinematics,
 def of_mechanism(
     model: ReferenceModel, posed: Run, rows: Index, clock: Clock
 ) -> tuple[dict[str, str], list[Finding], dict[str, Array]]:
-    """Return (facts as text, findings, curves) on the mechanism's distance from singularities.
+    """Return (facts as text, findings, curves) on the mechanism's distance from singularities, without the equations.
 
     While the Jacobians have full rank, the coordinates follow the driven joints continuously and the assembly mode
     cannot change. Full rank at every compared sample and coordinates without jumps therefore exclude a change of the
@@ -94,7 +94,7 @@ def of_mechanism(
             findings.append(
                 _SINGULAR(
                     model.mechanism.name,
-                    f"the mechanism becomes singular ({words}): conditioning",
+                    f"the mechanism becomes singular ({words}): conditioning (0: singular, 1: best)",
                     Quantity(values[k]),
                     SINGULAR,
                     when=at.when(k),

@@ -34,7 +34,7 @@ CLEARANCE_RATE = 5.0
 """Rate in Hz at which clearances are measured."""
 
 MIDDLE = 4
-"""Every fourth interval between keys is checked in its middle."""
+"""Number n: the middle of every n-th interval between keys is checked."""
 
 TIME = 1e-6
 """Tolerance in s of time codes."""
@@ -67,7 +67,7 @@ class Samples:
     followed: bool = False
 
     def links(self, model: ReferenceModel, Ts: Array, q: Array) -> dict[str, Array]:
-        """Return T_base_body (k, 4, 4) of every body at tool poses, or at joint values if `followed`."""
+        """Return T_base_body (k, 4, 4) of every body at tool poses Ts or, if `followed`, at joint values q."""
         run = model.run(q) if self.followed else model.run_poses(Ts, near=q)
         return model.link_poses(run.x)
 
@@ -154,7 +154,7 @@ def measure(mechanism: Mechanism, samples: Samples, written: Path | None = None)
 
 
 def written_motion(root: Path | None, keys: Array, links: Mapping[str, Array]) -> Written | None:
-    """Compare a stage's baked motion with link poses (k, 4, 4) at times `keys` (k,) in s; None without a stage."""
+    """Compare the baked motion of a stage with link poses (k, 4, 4) at times `keys` (k,) in s; None without a stage."""
     if root is None:
         return None
     try:

@@ -1,4 +1,4 @@
-"""Checks of the mechanism along a trajectory: RCM, limits of all joints, timing."""
+"""Check the mechanism along a trajectory: distance from the RCM, limits of all joints, timing."""
 
 from __future__ import annotations
 

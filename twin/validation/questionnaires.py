@@ -41,8 +41,9 @@ class Total(Table):
 class Key(Table):
     """The key of a questionnaire.
 
-    An answer from `low` to `high` counts as its difference from `zero`. A scale is the sum or the mean of its items,
-    times its factor in the section `scale`. Columns of a table of users are named <name>_1, <name>_2, ...
+    An answer is a number from `low` to `high`; its value is answer - `zero`, or `zero` - answer for a reversed item. A
+    scale is the sum or the mean of the values of its items, times its factor in the section `scale`. The answers of
+    users are in table columns named <name>_1, <name>_2, ...
     """
 
     name: Identifier

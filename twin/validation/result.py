@@ -71,7 +71,7 @@ class Residual:
 
 
 _SAME = 0.999
-"""Fraction of the largest deviation from which a row counts as equally bad; the first such row is shown."""
+"""Rows of at least this fraction of the largest deviation count as equally bad; the first of them is shown."""
 
 
 def headline(rows: Sequence[Residual]) -> Residual:

@@ -1,4 +1,4 @@
-"""Convert arrays of differences to rows of the residual matrix."""
+"""Convert arrays of differences to rows of the residual matrix, and state the tolerances for these differences."""
 
 from __future__ import annotations
 
@@ -19,7 +19,8 @@ class Tolerances:
     The defaults are for geometry in double precision. They are far below drawing errors and far above rounding errors.
 
     Attributes:
-        position, rotation: between equations and mechanism, in m and rad; prismatic joints use `position`.
+        position, rotation: between equations and mechanism, in m and rad; values of prismatic joints use `position`,
+            those of revolute joints `rotation`.
         loop: gap of a closed loop, in m.
         stage_position, stage_rotation: between mechanism and stage, in m and rad (UsdPhysics frames are float32).
         baked_position, baked_rotation: of baked link poses at their time codes, in m and rad.
@@ -87,7 +88,7 @@ def row(
     clock: Clock,
     **more: str,
 ) -> Residual:
-    """Return a row from differences: scalars (k,), or vectors (k, 3), whose lengths are compared."""
+    """Return a row of the residual matrix from differences: scalars (k,), or vectors (k, 3), whose norms are used."""
     values = np.linalg.norm(differences, axis=-1) if differences.ndim > 1 else np.abs(differences)
     i = int(np.argmax(np.where(np.isnan(values), -1.0, values))) if len(values) else 0
     component = ""

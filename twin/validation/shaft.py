@@ -35,7 +35,7 @@ _INSIDE = np.linspace(0.0, 1.0, 9)[1:-1]
 _BETWEEN = Kind(
     "rcm.between",
     "disagreement",
-    "use a shorter time step, or let the joints follow the shaft between samples",
+    "use a shorter time step, or a controller that computes joint values between samples from the shaft pose",
     word="tolerance",
 )
 
@@ -75,7 +75,7 @@ def offset(Ts: Array, axis: Array, rcm: Array) -> Array:
 
 
 def passages(model: ReferenceModel, trajectory: Trajectory) -> list[Passage]:
-    """Return the distances for each phase with an RCM."""
+    """Return the distances of the shaft from the RCM, for each phase with an RCM."""
     spans = [s for s in trajectory.phases if s.rcm is not None and s.stop > s.start]
     at = [_suspects(trajectory, s) for s in spans]
     if not spans:

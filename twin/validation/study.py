@@ -23,7 +23,7 @@ _HALF_DIGIT = 0.005
 
 
 class Measure(Table):
-    """One measure: per-user means in both environments, and the printed row for all users."""
+    """One measure: the mean of each user in both environments, and the printed mean and p-value of all users."""
 
     name: str
     unit: str
@@ -43,7 +43,7 @@ class Measure(Table):
 
 
 class Rating(Table):
-    """One questionnaire item: mean and standard deviation in both environments."""
+    """One questionnaire item: mean and standard deviation of the ratings of both environments."""
 
     name: str
     physical: tuple[float, float]

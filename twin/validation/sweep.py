@@ -79,7 +79,7 @@ class Sweep:
         joint: the moved joint.
         angle: whether its coordinate is an angle.
         q: (k,) values of the joint in m or rad; the other joints are at their home values.
-        stroke: the joint's limits; `q` covers the part around home that is reachable.
+        stroke: the joint's limits in m or rad; `q` covers only the reachable part of this range around home.
         gap: largest loop gap, in m.
         formula: error of the equations.
         standins: errors of the simplified models, by name.

@@ -23,13 +23,13 @@ from twin.planning.protocol import Protocol
 from twin.planning.trajectory import PhaseSpan, Trajectory
 
 OVER = 2e-3
-"""Accepted relative excess of a mean value: one half for the planner's tolerance, one half for rounding."""
+"""Accepted relative excess of a mean value over its limit: 1e-3 for the planner's tolerance and 1e-3 for rounding."""
 
 _CLOCK = 1e-9
 """Tolerance in s of sample times."""
 
 _ROUNDING = 8 * np.finfo(float).eps
-"""Relative rounding error of a sample; a difference quotient divides it by the time step."""
+"""Relative rounding error of a sample; in a difference quotient, the error is divided by the time step."""
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,7 @@ class Load:
 
 
 def timing(trajectory: Trajectory, mechanism: Mechanism, protocol: Protocol) -> tuple[dict[str, str], list[Finding]]:
-    """Check speeds and accelerations against their limits: (maximum of each quantity as text, findings).
+    """Compare speeds and accelerations with their limits; return (maximum of each quantity as text, findings).
 
     The stated speeds (`qd`, tip) of the trajectory are also checked. Joint limits come from the mechanism, limits of
     the tip from the protocol.
@@ -160,7 +160,7 @@ def _joints(trajectory: Trajectory, mechanism: Mechanism) -> list[_Moving]:
     for j, joint in enumerate(mechanism.active):
         q, qd = trajectory.q[:, j : j + 1], trajectory.qd[:, j : j + 1]
         unit, factor = ("deg", DEG) if joint.is_angle else ("mm", MM)
-        limits = tuple(np.inf if x is None else x for x in (joint.max_speed, joint.max_acceleration, None))
+        limits = tuple(np.inf if x is None else x for x in (joint.max_speed, joint.max_acceleration, joint.max_jerk))
         what, steps = f"joint {joint.name}", np.diff(q, axis=0)
         names = [what] * 3
         size = float(np.abs(q).max())
@@ -262,7 +262,7 @@ def _facts(loads: list[Load], trajectory: Trajectory) -> dict[str, str]:
             for unit in dict.fromkeys(x.unit for x in alike):
                 most = max((x for x in alike if x.unit == unit), key=lambda x: x.size)
                 note = " (no limit is given; the jerk is not continuous)" if "jerk" in code else ""
-                out[f"{code.removeprefix('timing.')}, most in {unit}"] = f"{most.what}: {most.text}{note}"
+                out[f"{code.removeprefix('timing.')}, maximum in {unit}"] = f"{most.what}: {most.text}{note}"
             continue
         out[code.removeprefix("timing.").replace("_", " ")] = f"{most.what}: {most.text}"
     return out

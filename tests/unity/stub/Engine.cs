@@ -53,6 +53,7 @@ namespace UnityEngine
 
     public static class Application
     {
+        public static bool isPlaying { get { return false; } }
         public static string unityVersion { get { return "none (stub)"; } }
         public static RuntimePlatform platform { get { return RuntimePlatform.LinuxEditor; } }
         public static string dataPath { get { return Environment.GetEnvironmentVariable("TWIN_ASSETS"); } }

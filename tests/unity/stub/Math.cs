@@ -106,5 +106,12 @@ namespace UnityEngine
         public float r, g, b, a;
 
         public Color(float r, float g, float b, float a) { this.r = r; this.g = g; this.b = b; this.a = a; }
+
+        public Color gamma { get { return new Color(Shown(r), Shown(g), Shown(b), a); } }
+
+        private static float Shown(float x)
+        {
+            return x <= 0.0031308f ? 12.92f * x : (float)(1.055 * Math.Pow(x, 1 / 2.4) - 0.055);
+        }
     }
 }

@@ -179,8 +179,14 @@ namespace UnityEngine
         public void RecalculateBounds() { }
     }
 
+    public class Shader : Object
+    {
+        public static Shader Find(string name) { return new Shader { name = name }; }
+    }
+
     public class Material : Object
     {
+        public Material(Shader shader) { }
         public Material(Material other) { color = other.color; }
 
         public Color color { get; set; }
@@ -193,7 +199,7 @@ namespace UnityEngine
 
     public class MeshRenderer : Renderer
     {
-        public Material material { get; set; }
+        public Material sharedMaterial { get; set; }
     }
 
     public class Renderer : Component

@@ -108,7 +108,7 @@ class Bench:
 
     @cached_property
     def correct(self) -> Report:
-        """Report on the correct robot from all parts of the validator."""
+        """Validation report of the correct robot, by all parts of the validator."""
         return judge(self.case(), known=Known(measured=self.measured), parts=PARTS)
 
     @cached_property

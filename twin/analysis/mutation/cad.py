@@ -1,6 +1,6 @@
 """Seed faults into the CAD: moved or rotated joint frames, exchanged axes and bodies, wrong limits and meshes.
 
-The mechanism with the fault is assembled again, so that its parts meet as far as possible.
+The mechanism with the fault is assembled again, with gaps at its joints as small as possible.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Decide, independently of the validator, whether a missed fault has any effect.
 
-Two formulas are compared by all their values at poses around the motion and beyond it. Two mechanisms are compared by
-the poses of the tool and of every body with meshes; these are computed with plain matrices, and SciPy closes the loops.
-Two stages are compared by the text of all layers.
+Two formulas are compared by all their values, at poses near the motion and at poses farther away. Two mechanisms are
+compared by the poses of the tool and of every body with meshes; these poses are computed with plain matrices, and SciPy
+closes the loops. Two stages are compared by the text of all layers.
 """
 
 from __future__ import annotations
@@ -138,11 +138,12 @@ class Chain:
 def same_motion(a: Mechanism, b: Mechanism, trajectory: Trajectory, places: int = 5) -> str:
     """Return the reason why two mechanisms are equivalent (limits, meshes, body poses); "" if they are not."""
     for one, two in zip(a.joints, b.joints, strict=True):
-        if (one.limits, one.cone, one.max_speed, one.max_acceleration) != (
+        if (one.limits, one.cone, one.max_speed, one.max_acceleration, one.max_jerk) != (
             two.limits,
             two.cone,
             two.max_speed,
             two.max_acceleration,
+            two.max_jerk,
         ):
             return ""
     for one, two in zip(a.bodies, b.bodies, strict=True):

@@ -18,10 +18,10 @@ FAMILIES: tuple[Family, ...] = ("formula", "cad", "usd", "units", "timing")
 
 MEANING: dict[Family, str] = {
     "formula": "one edit of the source of an equation",
-    "cad": "a joint frame moved or turned, a limit, a shape",
+    "cad": "a moved or rotated joint frame, a wrong limit, or a wrong shape",
     "usd": "one changed attribute of the written stage or motion",
     "units": "a value in the wrong unit, such as metres instead of millimetres",
-    "timing": "samples too fast, too late, or away from the RCM",
+    "timing": "motion too fast or too late, or shaft away from the RCM",
 }
 
 State = Literal["caught", "warned", "missed", "equivalent"]

@@ -35,8 +35,9 @@ def selftest(
 ) -> Score:
     """Return the mutation score of the validator on a robot.
 
-    `robot` is the name or folder of a robot with equations, CAD and a protocol; the default protocol is that robot's
-    default. `count` is the total number of faults. The same seed draws the same faults.
+    `robot` is the name or folder of a robot with equations, CAD and a protocol. `protocol` is the name of the protocol;
+    None: the default protocol of the robot. `count` is the total number of faults. The same `seed` gives the same
+    faults.
 
     Raises:
         TwinError: the robot has no equations, or its protocol cannot be planned.

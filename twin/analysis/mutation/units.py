@@ -1,4 +1,4 @@
-"""Seed unit faults: a parameter of the equations, or numbers of the protocol, in the wrong unit."""
+"""Seed unit faults: one parameter of the equations, or numbers of the protocol, are given in a wrong unit."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Seed faults into a written stage and its motion: each changes one attribute, on the layer that has its value."""
+"""Seed faults into a written stage and its motion: each fault changes one attribute, on the layer with its value."""
 
 from __future__ import annotations
 

@@ -21,7 +21,7 @@ class Budget:
         depth: maximum nesting of its parts.
         count: maximum number of its parts: elements of XML, objects and lists of JSON, nodes of glTF, prims of USD,
             rows of PLY.
-        numbers: maximum number of values or vertices; triangles of a part that is used n times count n times.
+        numbers: maximum number of values or vertices; the triangles of a part that is used n times are counted n times.
         seconds, seconds_per_mb: processor time of the native parser in s, plus the time for each MB of the file.
         memory, memory_per_byte: memory of the native parser in bytes, plus the memory for each byte of the file.
     """
@@ -61,13 +61,13 @@ BUDGETS = {
 """Limits by format. Normal files need at most a tenth of a limit; the error message suggests how to reduce a file."""
 
 BODIES = 1000
-"""Maximum number of bodies, of joints and of shapes in one mechanism."""
+"""Maximum number of bodies in one mechanism; the limits for joints and for shapes are the same."""
 
 INCLUDES = 300
 """Maximum number of included files on all levels."""
 
 FREEDOMS = 200
-"""Maximum total degrees of freedom of all joints; the memory of the dynamics grows with the cube of this number."""
+"""Maximum sum of the joints' degrees of freedom; the memory for the dynamics grows with the cube of this sum."""
 
 _WAYS = {
     "TOML": "remove unused parts",

@@ -49,13 +49,13 @@ def check_gltf(path: Path) -> None:
     while level:  # a node with several parents is counted several times
         depth, placed = depth + 1, placed + len(level)
         if depth > limits.depth:
-            over(path, "GLTF", "depth of the nodes, at least", depth, limits.depth)
+            over(path, "GLTF", "depth of the nodes so far", depth, limits.depth)
         if placed > limits.count:
-            over(path, "GLTF", "nodes, at least", placed, limits.count)
+            over(path, "GLTF", "nodes so far", placed, limits.count)
         meshes = [nodes[i].get("mesh") for i in level]
         numbers += sum(weights[m] for m in meshes if isinstance(m, int) and 0 <= m < len(weights))
         if numbers > limits.numbers:
-            over(path, "GLTF", "numbers in the meshes, at least", numbers, limits.numbers)
+            over(path, "GLTF", "numbers in the meshes so far", numbers, limits.numbers)
         level = [c for i in level for c in below[i]]
 
 

@@ -66,13 +66,13 @@ class _Counted(ElementTree.TreeBuilder):
         self._depth += 1
         self._count += 1
         if self._depth > self._budget.depth:
-            over(self._path, self._kind, "depth of the elements, at least", self._depth, self._budget.depth)
+            over(self._path, self._kind, "depth of the elements so far", self._depth, self._budget.depth)
         if self._count > self._budget.count:
-            over(self._path, self._kind, "elements, at least", self._count, self._budget.count)
+            over(self._path, self._kind, "elements so far", self._count, self._budget.count)
         if tag in self._parts:
             self._parts[tag] += 1
             if self._parts[tag] > BODIES:
-                over(self._path, self._kind, f"<{tag}>, at least", self._parts[tag], BODIES)
+                over(self._path, self._kind, f"<{tag}> so far", self._parts[tag], BODIES)
         return super().start(tag, attrs)
 
     def end(self, tag: Any) -> Any:

@@ -238,7 +238,7 @@ def check_poses(ledger: Ledger, clip: Clip, code: str) -> None:
     """Report poses that are not finite, and links far from the origin, which suggests lengths in mm."""
     for name, T in clip.links.items():
         if not np.all(np.isfinite(T)):
-            ledger.wrong(f"{code}.finite", f"clip '{clip.name}': link '{name}' is not finite.", name)
+            ledger.wrong(f"{code}.finite", f"clip '{clip.name}': the pose of link '{name}' is not finite.", name)
             continue
         away = np.linalg.norm(T[:, :3, 3], axis=1)
         if len(away) and np.max(away) > FAR:

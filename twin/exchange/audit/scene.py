@@ -135,7 +135,9 @@ def _audit_stage(path: Path, robots: Mapping[str, Shown]) -> Ledger:
     )
     if not worst <= POSITION_TOL:
         text = f"{where}: " + (
-            f"it differs from its robot's files by {quantity(worst, 'm')}." if np.isfinite(worst) else "it is missing."
+            f"the pose differs from the robot's files by {quantity(worst, 'm')}."
+            if np.isfinite(worst)
+            else "it is missing."
         )
         ledger.wrong("scene.link", text, where, size=Measured(worst, POSITION_TOL, "m"), when=when)
     return ledger

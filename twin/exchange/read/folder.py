@@ -212,6 +212,7 @@ def _limit(joint: Joint, cited: Mapping[str, str]) -> list[str]:
         f"soft_limits_{unit}": joint.soft_limits and np.divide(joint.soft_limits, scale),
         f"max_speed_{unit}_s": joint.max_speed and joint.max_speed / scale,
         f"max_acceleration_{unit}_s2": joint.max_acceleration and joint.max_acceleration / scale,
+        f"max_jerk_{unit}_s3": joint.max_jerk and joint.max_jerk / scale,
         "cone_deg": joint.cone and joint.cone / DEG,
     }
     return table("[[limit]]", joints=[joint.name], **values, **cited) if rows(values) else []

@@ -159,7 +159,7 @@ class _Mjcf:
                 for k in range(m.njnt)
                 if m.jnt_type[k] in (_SLIDE, _HINGE) and m.jnt_bodyid[k] in kept
             }
-            self.findings.note("key", f"key '{self._name('KEY', i)}' becomes posture '{label}'.", label)
+            self.findings.note("key", f"key frame '{self._name('KEY', i)}' becomes posture '{label}'.", label)
         return out
 
     def _hang(self, i: int, extra: list[Body]) -> Iterator[Joint]:

@@ -13,11 +13,12 @@ Told = Mapping[str, Callable[[Joint], object]]
 SOFT_LIMITS: Told = {"soft limits": lambda j: j.soft_limits}
 MAX_SPEEDS: Told = {"maximum speeds": lambda j: j.max_speed}
 MAX_ACCELERATIONS: Told = {"maximum accelerations": lambda j: j.max_acceleration}
+MAX_JERKS: Told = {"maximum jerks": lambda j: j.max_jerk}
 CONES: Told = {"cones": lambda j: j.cone}
 
 
 def left_out(mechanism: Mechanism, file: str, told: Told) -> Iterator[Finding]:
-    """Yield a finding for each kind of joint data in `told`, if a joint has such data: the format cannot hold it."""
+    """Yield a finding for each kind of joint data in `told` that a joint has and the format cannot hold."""
     for what, of in told.items():
         names = ", ".join(j.name for j in mechanism.joints if of(j) is not None)
         if names:
@@ -25,7 +26,7 @@ def left_out(mechanism: Mechanism, file: str, told: Told) -> Iterator[Finding]:
 
 
 def motors_left_out(mechanism: Mechanism, file: str, *fields: str) -> Iterator[Finding]:
-    """Yield a finding for each given field of `Actuator`, if an actuator has a value: the format cannot hold it."""
+    """Yield a finding for each given field of `Actuator` that has a value and that the format cannot hold."""
     for field in fields:
         if names := ", ".join(a.name for a in mechanism.actuators if getattr(a, field) is not None):
             what = f"{field.replace('_', ' ')} of the actuators {names}"

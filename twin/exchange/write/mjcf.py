@@ -26,7 +26,15 @@ import numpy as np
 from twin.core import spatial
 from twin.core.findings import Finding
 from twin.core.spatial import Array
-from twin.exchange.write.left_out import CONES, MAX_ACCELERATIONS, MAX_SPEEDS, SOFT_LIMITS, left_out, motors_left_out
+from twin.exchange.write.left_out import (
+    CONES,
+    MAX_ACCELERATIONS,
+    MAX_JERKS,
+    MAX_SPEEDS,
+    SOFT_LIMITS,
+    left_out,
+    motors_left_out,
+)
 from twin.exchange.write.masses import inertia_of, unweighed
 from twin.exchange.write.meshes import SCALE, mesh_file, write_meshes
 from twin.exchange.write.xml import numbers, srgb, write_xml, xml_text
@@ -100,7 +108,10 @@ def mjcf_findings(mechanism: Mechanism) -> list[Finding]:
     file = f"{mechanism.name}.xml"
     found = [*unweighed(mechanism, file), *motors_left_out(mechanism, file, "max_speed")]
     # MJCF can limit the rotation angle of a ball joint, but not the cone of its axis.
-    return [*found, *left_out(mechanism, file, {**SOFT_LIMITS, **MAX_SPEEDS, **MAX_ACCELERATIONS, **CONES})]
+    return [
+        *found,
+        *left_out(mechanism, file, {**SOFT_LIMITS, **MAX_SPEEDS, **MAX_ACCELERATIONS, **MAX_JERKS, **CONES}),
+    ]
 
 
 class _Writer:

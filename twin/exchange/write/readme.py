@@ -34,7 +34,7 @@ _CONVENTIONS = [
     "- Metres, kilograms, seconds, radians. UsdPhysics angles are degrees, as the format requires.",
     "- The robot's own world is z up, right-handed; it is the frame of the base. Link poses in every file and in the "
     "stream of `twin serve` are poses in that world.",
-    "- GLB and USDZ are y up: their root node turns the robot once, -90 degrees about x. Links below the root keep "
+    "- GLB and USDZ are y up: their root node rotates the robot by -90 degrees about x. Links below the root keep "
     "their z-up poses, so that a pose of the tracks can be assigned to a node unchanged.",
     "- Quaternions are x y z w (USD: w x y z); their signs do not change from key to key.",
     "- Unity is left-handed. A glTF importer mirrors x: (x, y, z) becomes (-x, y, z), the quaternion (x, -y, -z, w). "

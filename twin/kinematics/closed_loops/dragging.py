@@ -1,10 +1,11 @@
 """Interactive motion of a mechanism: move a point of a body, or the active joints, along a straight line.
 
 The line to the target is followed in steps of fixed length, independent of speed. If the last step is shorter, the next
-call computes this step again. Each step continues in the assembly of the previous step and slides along limits; a step
-is halved if the loops do not close after it. An assembly ends at two kinds of singularity: the loops no longer
-determine their passive joints (type II), or the active joints no longer determine the tool (type I). A dragged point
-stops before either singularity. A moved joint passes through type I, as a drive would.
+call computes it again, so that the result does not depend on the number of calls. Each step stays in the assembly of
+the previous step and slides along limits; a step is halved if the loops do not close after it. An assembly ends at two
+kinds of singularity: the loops no longer determine their passive joints (type II), or the active joints no longer
+determine the tool (type I). A dragged point stops before both kinds. The motion of an active joint (`Dragger.joints`)
+passes through type I, as with a real drive.
 """
 
 from __future__ import annotations
@@ -46,7 +47,8 @@ _DAMPINGS = (1e-8, 1e-6, 1e-4, 1e-2, 1.0, 1e2)
 """Damping values relative to the squared norm of the Jacobian, in the order of trial; the first success is used."""
 
 _WEAK = 0.05
-"""Minimum singular value (motion of the point per motion of the joints) of the directions that are used."""
+"""Minimum singular value (motion of the point per motion of the joints); the point is not moved in directions with a
+smaller value."""
 
 _HALVINGS = 7
 """Maximum number of halvings of a step, if the loops do not close or the step reaches another assembly."""
@@ -87,10 +89,10 @@ class Dragged:
     """Result of a motion.
 
     Attributes:
-        q, u: active joints (n,) and loop unknowns (m,) that were reached; see `Closed.states`.
+        q, u: active joints (n,) and loop unknowns (m,) after the motion; see `Closed.states`.
         stops: bounds that block the motion.
         singular: name of the part that is singular, such as "loop r13" or "tool"; "" if there is none.
-        more: whether time ran out before the target was reached.
+        more: whether the motion stopped only because its processor time was used up.
     """
 
     q: Array

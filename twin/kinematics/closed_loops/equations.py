@@ -79,8 +79,9 @@ class Equations:
         offset, tilt: norms over all loops of the offsets in m and the misalignments in rad; an inverted joint
             counts as 1 rad.
         T_base_tool: (4, 4) pose of the tool.
-        errors: (6,) error of a joint frame by (joint, "parent" or "child"), in the frame's own axes: shift in m, then
-            rotation in rad, to second order. Empty if not requested.
+        errors: symbols (6,) of the error of a joint frame, by (joint, "parent" or "child"), in the frame's own axes:
+            shift in m, then rotation in rad. The equations are accurate to second order in the rotation. Empty if not
+            requested.
     """
 
     def __init__(self, mechanism: Mechanism, *, with_errors: bool = False) -> None:

@@ -8,14 +8,14 @@ import numpy as np
 from twin.core.spatial import Array
 
 _FLOOR = 1e-13
-"""Damping relative to the diagonal; it selects the shortest step of undetermined unknowns, without effect on others."""
+"""Damping relative to the diagonal; undetermined unknowns take the shortest step, other unknowns are not affected."""
 
 _PIVOT = 0.2
 """Minimum size of a pivot relative to the largest entry of its row."""
 
 
 def square(J: ca.SX, b: ca.SX, pattern: np.ndarray, sample: Array) -> tuple[ca.SX, ca.SX]:
-    """Return the solution (n,) of J x = b by elimination, and the determinant of J except for a constant sign.
+    """Return the solution x (n,) of J x = b by elimination, and the determinant of J up to a constant sign.
 
     `pattern` (n, n) marks the entries of J (n, n) that can differ from 0. `sample` (n, n) is J in one state, used to
     choose a stable pivot order with few fill-ins.

@@ -25,8 +25,8 @@ class Look:
         q, u: active joints (n,) and loop unknowns (m,); `Closed.states` has the unknowns in the same order.
         p: position (3,) of the point in base, in m.
         J: (3, n) velocity of the point per rate of each active joint.
-        answers: (steps, n) rates of the loop unknowns (one row for each step, see `Equations`) per rate of each active
-            joint.
+        answers: (steps, n) rates of the loop unknowns per rate of each active joint. A row is one coordinate of a step
+            of the unknowns, see `Equations`.
         loops: Jacobian of each loop with respect to its unknowns; with full rank, the loop determines these unknowns.
         tool: (6, n) tool twist per rate of each active joint, rotations times `LENGTH_SCALE`.
     """

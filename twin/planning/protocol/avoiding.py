@@ -27,7 +27,9 @@ def avoiding(protocol: Protocol, scene: str = "", clearance: float = 0.005, seed
         ProtocolError: the clearance is not a positive number, the seed is negative, or the protocol has no such phase.
     """
     if not 0 < clearance < float("inf"):
-        raise ProtocolError(f"{protocol.name}: the clearance to avoid obstacles is {clearance:g} m; give more than 0")
+        raise ProtocolError(
+            f"{protocol.name}: the clearance to avoid obstacles is {clearance:g} m; give a finite number above 0"
+        )
     if seed < 0:
         raise ProtocolError(f"{protocol.name}: the seed of the search is {seed}; give at least 0")
     changed = [p for p in protocol.phases if isinstance(p, (Joints, Positioning, Home))]

@@ -41,7 +41,7 @@ equation = Equations(PAPER, variant="decoupled")
     why="rotations change frame by R_T alone, translations by R_T and scale; each body rotates about its own origin",
 )
 def eq2(W_0, W_1, T, scale):
-    """Return the rotation and translation of the tool in {RB}, (4, 4), for eq. (1) in the same reading."""
+    """Return the tool motion (4, 4) in {RB}: rotation, and translation in m; eq. (1) applies it to the tool pose."""
     R = T[:3, :3]
     dW = pose(R @ W_1[:3, :3] @ W_0[:3, :3].T @ R.T, scale * R @ (W_1[:3, 3] - W_0[:3, 3]))
     return dW
@@ -69,7 +69,7 @@ def eq2_conjugate(W_0, W_1, T):
     why="the tool rotates about its own origin",
 )
 def eq1(dW, P_0):
-    """Return the tool pose (4, 4) in {RB} after the motion."""
+    """Return the tool pose (4, 4) in {RB} after the motion dW (4, 4) from the pose P_0 (4, 4)."""
     P_1 = pose(dW[:3, :3] @ P_0[:3, :3], dW[:3, 3] + P_0[:3, 3])
     return P_1
 
@@ -96,7 +96,7 @@ def eq1_conjugate(dW, P_0):
     variant="paper",
 )
 def eq3(p_R0, p_R1, p_L0, p_L1):
-    """Return the displacements (3,) of both hands in m."""
+    """Return the displacements (3,) of the right and the left hand in m."""
     d_R = p_R1 - p_R0
     d_L = p_L1 - p_L0
     return d_R, d_L
@@ -111,7 +111,7 @@ def eq3(p_R0, p_R1, p_L0, p_L1):
     why="the rotation of the line between the hands about the line of sight, which does not depend on the origin",
 )
 def eq4(p_R0, p_L0, d_R, d_L, n):
-    """Return the rotations about n in rad, counter-clockwise positive; corrected: equal for both hands."""
+    """Return the camera roll about n in rad, counter-clockwise positive, twice: for the right and the left hand."""
     v = p_R0 - p_L0
     w = v + d_R - d_L
     turn_R = arctan2(cross(v, w) @ n, v @ w - (v @ n) * (w @ n))
@@ -121,7 +121,7 @@ def eq4(p_R0, p_L0, d_R, d_L, n):
 
 @equation.variant("paper", of=eq4, why="as printed: p_1 x p_0 of each hand, in m^2, about the origin of the frame")
 def eq4_paper(p_R0, p_L0, d_R, d_L, n):
-    """Return the components of the cross products along n for both hands, as printed."""
+    """Return the component along n of the cross product of each hand, as printed: (right, left), in m2."""
     turn_R = cross(p_R0 + d_R, p_R0) @ n
     turn_L = cross(p_L0 + d_L, p_L0) @ n
     return turn_R, turn_L
@@ -145,7 +145,7 @@ def eq5(x, v, stiffness=STIFFNESS, damping=DAMPING, largest=LARGEST):
 
 @equation.variant("paper", of=eq5, why="as printed: 0.6 and 0.01 without units; read as N/mm, the only plausible units")
 def eq5_paper(x, v):
-    """Return the force by the printed equation."""
+    """Return the force in N by the printed equation; x in m and v in m/s, positive inwards."""
     F = -STIFFNESS * x - DAMPING * v
     return F
 
@@ -158,7 +158,7 @@ def eq5_paper(x, v):
     why="displacements are compared with the motion of the hand, not with eq. (2)",
 )
 def eq7(P_0, P_1, W_0, W_1, T, scale):
-    """Return the error (4, 4) of the console: rotation, and translation in m."""
+    """Return the error (4, 4) of a tool motion from P_0 to P_1: rotation, and translation in m."""
     R = T[:3, :3]
     wanted = R @ W_1[:3, :3] @ W_0[:3, :3].T @ R.T
     off = P_1[:3, 3] - P_0[:3, 3] - scale * R @ (W_1[:3, 3] - W_0[:3, 3])

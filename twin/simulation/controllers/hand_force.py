@@ -1,4 +1,4 @@
-"""The force on one hand in one tick, as one compiled function.
+"""Compute the force on one hand in one tick by one compiled function.
 
 Eq. (5) of `console` acts along the line from the tool to its proxy, the nearest point outside of all planes that the
 tool touches; the energy observer of the hand bounds the force (`passive`).
@@ -27,7 +27,7 @@ STATE = 9
 tick; energy in J; depth in m and its filtered rate in m/s."""
 
 _AT_LIMIT = 1e-6
-"""Distance in rad or m from its limit at which a joint is at the limit."""
+"""Maximum distance in rad or m of a joint from its limit at which it counts as being at the limit."""
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""One tick of the control law that moves a tool by a hand, as one compiled function."""
+"""Compute one tick of the control law that moves a tool by a hand, by one compiled function."""
 
 from __future__ import annotations
 

@@ -30,7 +30,7 @@ not pulse several times."""
 
 @dataclass(frozen=True)
 class FeltArm:
-    """An arm whose contacts a hand feels.
+    """An arm whose contacts cause forces on a hand.
 
     Attributes:
         robot: name of the robot in the World.
@@ -61,12 +61,12 @@ class HapticSwitch(Block):
 
 
 class HapticHand(Block):
-    """Computes the force on one hand; a plant behind those that move the robots and find the contacts.
+    """Computes the force on one hand; a plant that runs after the plants that move robots and find contacts.
 
     Reads `haptics.on`, `console.taps`, `<device>.scale`, `<hand>.pose`, `<camera>.view`; of the arm that the hand
     controls `<robot>.follows`, `<robot>.goal`, `<robot>.encoder` and the planes in `<robot>.<source>`; and
     `<object>.holder`. Writes `<hand>.force` (3,) in N in {H}, whose axes are those of the picture; and `<hand>.energy`
-    in J, a lower bound of what the hand and the device have put in, which is never negative (`passive`).
+    in J, the energy that the observer of the hand has counted (`passive`), which is never negative.
     """
 
     def __init__(
@@ -91,11 +91,12 @@ class HapticHand(Block):
             camera: name of the camera's arm.
             arms: the arms of this hand, in the order in which taps select them.
             sources: last parts of the names of signals with planes, such as "planes"; see `local_plane`.
-            objects: names of objects whose grasp is felt.
+            objects: names of objects whose grasp causes a pulse of the force.
             surface: parameters of the forces; None: the defaults.
             dt: duration of a tick in s.
             laws: equations of the console; None: the correct reading.
-            bounds: whether the observed energy bounds the force; without the bound, the surface may be active.
+            bounds: whether the observed energy limits the force; without this limit, the force may feed energy to the
+                hand.
 
         Raises:
             WorldError: a parameter of the surface is out of range, or the surface is not passive on the device.

@@ -5,7 +5,7 @@ energy that the hand has put in: E += b |dh|^2 / T - F . dh in every tick. Here 
 N the held force, T in s the tick, and b in N s/m the damping of the device with the fingers that hold it. The first
 term is a lower bound of the energy that the damping dissipates (exact at constant speed). In one tick, a force F
 reduces E by at most |F|^2 T / (4 b), for any dh. Therefore a force of at most sqrt(4 b E / T) never makes E negative,
-for any motion of the hand and any age of the surface.
+for any motion of the hand and any delay of the surface data.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ def needed_damping(stiffness: float, damping: float, dt: float) -> float:
 
 
 def require_passive(stiffness: float, damping: float, largest: float, device_damping: float, dt: float) -> None:
-    """Check the numbers of a surface.
+    """Check that the parameters of a surface are in range, and that the surface is passive on the device.
 
     Args:
         stiffness: of the surface in N/m.

@@ -1,4 +1,4 @@
-"""An instrument that passes a port: the hand controls its tip, or its outer end, which moves the tip the other way.
+"""An instrument that passes a port: a hand controls its tip, or its outer end, so that the port inverts the motion.
 
 The port is the fulcrum of a lever. If the hand controls the outer end ("direct"), as a hand outside the patient does, a
 motion to the right moves the tip to the left by inner / outer length times the motion. If the hand controls the tip
@@ -45,7 +45,7 @@ class Pivot:
     guided: bool
 
     def outer(self, T: Array) -> Array:
-        """Return the pose (4, 4) of the outer end for a tool pose T (4, 4), both in base, of equal attitude."""
+        """Return the pose (4, 4) of the outer end for a tool pose T (4, 4), both in base, with the same orientation."""
         way = T[:3, 3] - self.p_port
         depth = max(float(np.linalg.norm(way)), 1e-9)
         return spatial.pose(T[:3, :3], self.p_port - way * ((self.length - depth) / depth))

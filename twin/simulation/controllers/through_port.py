@@ -1,4 +1,4 @@
-"""Joint values of an arm that keeps its shaft in a port by its motion alone, within joint and speed limits.
+"""Compute joint values that keep the shaft of an arm in a port, within joint and speed limits.
 
 At every intermediate pose, the shaft is in the port. If the limits allow only a part of the motion of a tick, the arm
 makes this part. If a limit blocks the whole motion, the arm makes the components that are still possible: direction,
@@ -25,7 +25,7 @@ _TRIES, _SAFE = 4, 0.98
 """Maximum number of inverse solutions for one motion; factor on the part of the motion that the limits allow."""
 
 _STUCK = 0.02
-"""Part of a motion below which its components (direction, depth, roll) are tried one by one."""
+"""If less than this fraction of a motion is possible, its components (direction, depth, roll) are tried separately."""
 
 _STILL = 1e-12
 """Size of a motion in m and rad that counts as zero."""

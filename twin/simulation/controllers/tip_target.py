@@ -11,14 +11,14 @@ from twin.core.units import MM
 from twin.simulation.world import Block, Signals
 
 _INSIDE = 10 * MM
-"""Smallest distance in m of the tip from the port: nearer, the direction of the shaft is not determined."""
+"""Minimum distance in m of the tip from the port; nearer, the direction of the shaft is not determined."""
 
 
 class TipTarget(Block):
     """Reads `<robot>.target` (3,), a place in the World in m; writes `<robot>.goal` (16,), the tool in base.
 
-    The shaft is along the line from the port to the tip, without a bend of the wrist. It turns about itself as little
-    as possible from its direction at the start.
+    The wrist stays straight, so that the shaft is on the line from the port to the tip. The roll about the shaft
+    changes as little as possible from the start.
     """
 
     def __init__(self, robot: str, T_world_base: Array, port: Array, T_world_tool: Array) -> None:
@@ -38,7 +38,7 @@ class TipTarget(Block):
         self.outputs = {self._goal: self._last.ravel()}
 
     def step(self, signals: Signals, t: float, dt: float) -> dict[str, Array]:
-        """Turn the target into a pose; a target too near to the port, or outside, is not followed."""
+        """Compute the tool pose for the target; ignore a target too near to the port, or not below it."""
         p = signals.now[self._target]
         if p.tobytes() != self._given:
             self._given = p.tobytes()

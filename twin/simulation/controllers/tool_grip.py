@@ -1,4 +1,4 @@
-"""Open and close the jaws of a tool by a gripper, or switch its energy on, without a jump after use of the clutch."""
+"""Open and close the jaws of a tool, or switch its cautery, by a gripper, without a jump after use of the clutch."""
 
 from __future__ import annotations
 

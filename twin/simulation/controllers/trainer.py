@@ -1,4 +1,4 @@
-"""Control a machine and its model from a console: together, the model alone, or both by a rehearsed record.
+"""Control a machine and its model from a console: the hands move both, or the model alone, or a record moves both.
 
 The goal of the console becomes packets: increments that follow it by a critically damped filter within limits of speed,
 because a jump would stop the machine. While a motion is rehearsed, the machine is at rest with its pedal up; the model
@@ -27,7 +27,7 @@ from twin.simulation.machine.levels import Level
 from twin.simulation.world import Block, Signals
 
 MODE, VIEW = "pedals.training", "console.view"
-"""Setting of the device: what the trainer is asked for, see `asked`. Signal: 0 the machine is solid, 1 its model is."""
+"""Setting of the device: requested mode, see `asked`. Signal: 0 draws the machine as solid, 1 its model."""
 
 FIELDS = 9
 """Number of values of a packet; see `twin.simulation.machine.itp.FIELDS`."""
@@ -44,10 +44,10 @@ _JAW = 2.0
 _UM, _STILL = 1e-6, np.array([0, 0, 0, 1, 0, 0, 0, 0, 0.0])
 
 _READY, _SETTLE = 1.0, 0.5
-"""Largest time in s until both are in PEDAL_DN; time in s in which the machine comes to rest after the last packet."""
+"""Maximum time in s until both are in PEDAL_DN; time in s after the last packet until the machine is at rest."""
 
 _SILENCE = 1.0
-"""Silence of the hands in s that stops a replay (ASSUMED); longer than their own limit, as they do not move it."""
+"""Time in s without states of the hands after which a replay stops (ASSUMED). The hands do not move a replay."""
 
 
 class Mode(IntEnum):
@@ -117,12 +117,12 @@ def told(why: Why, value: float, bounds: Bounds, robot: str) -> str:
     return {
         Why.NOTHING: "",
         Why.NO_RECORD: f"there is no record of {robot}: rehearse first",
-        Why.NOT_JUDGED: f"the record of {robot} was not judged good: rehearse again",
+        Why.NOT_JUDGED: f"the record of {robot} has not passed its check: rehearse again",
         Why.NOT_READY: f"{robot} is not ready (run level {Level(int(value)).name if 0 <= value <= 3 else value}): "
         "press its start button, and wait for PEDAL_UP",
         Why.TOO_FAST: f"the rehearsed tip moved at {value / MM:.0f} mm/s (limit {bounds.rehearsed / MM:.0f}): "
         f"{again} more slowly",
-        Why.OUT_OF_REACH: f"{value:.0f} packets asked for a pose out of reach (limit 0): {again} within the ranges",
+        Why.OUT_OF_REACH: f"{value:.0f} packets had a target out of reach (limit 0): {again} within the ranges",
         Why.MODEL_STOPPED: f"the model stopped in the rehearsal: {again} more slowly",
         Why.START: f"{robot} is {value / MM:.1f} mm from where the record begins (limit {bounds.start / MM:g}): move "
         f"it to the start by teleoperation, or {again} from here",
@@ -162,7 +162,7 @@ class Smooth:
     """Increments of packets that follow a goal.
 
     Attributes:
-        sent: (4, 4) pose to which all increments so far lead.
+        sent: (4, 4) pose after all increments sent so far.
     """
 
     def __init__(self, bounds: Bounds, step: float, dt: float) -> None:
@@ -211,7 +211,7 @@ def _chased(v: Array, way: Array, most: float, dt: float) -> Array:
 
 
 class Tips:
-    """Compares joint values of one arm at its tip."""
+    """Compares two joint configurations of one arm by the positions of its tip."""
 
     def __init__(self, kin: Kinematics, angles: Array) -> None:
         """Prepare for an arm with equations; `angles` (n,) marks the joints that are angles."""
@@ -219,15 +219,15 @@ class Tips:
         self._auxiliary = np.flatnonzero(kin.auxiliary)[:1]
 
     def apart(self, q: Array, other: Array) -> float:
-        """Return the distance of the tips in m at joint values (n,)."""
+        """Return the distance in m between the tips at the joint values q and `other` (n,)."""
         return float(np.linalg.norm(self.tip(q) - self.tip(other)))
 
     def tip(self, q: Array) -> Array:
-        """Return the tip (3,) in base."""
+        """Return the position of the tip (3,) in m in base."""
         return self._kin.forward(q)[:3, 3]
 
     def turned(self, q: Array, other: Array) -> float:
-        """Return the largest difference in rad of a joint that turns the tool."""
+        """Return the largest difference in rad between q and `other` of the joints that turn the tool."""
         return float(np.abs(q - other)[self._turns].max(initial=0.0))
 
     def opening(self, q: Array) -> float:
@@ -276,7 +276,7 @@ class Trainer(Block):
         }
 
     def step(self, signals: Signals, t: float, dt: float) -> Mapping[str, Array]:
-        """Make the packets of this tick."""
+        """Compute the packets of this tick."""
         now = signals.now
         s = {n: now[name] for n, name in self._names.items()}
         ready = s["run"][ANSWERS] > 0.5 and s["run"][LEVEL] >= Level.PEDAL_UP

@@ -1,7 +1,7 @@
 """A simulated surgeon, with a random seed, who aligns the endoscope with a rectangle, with both hands at the pedal.
 
 The surgeon looks at the ends of the rectangle's upper side in the picture, presses the camera pedal, and moves both
-hands: together to move the scene across the picture and towards the lens, against each other to roll it. After each
+hands: in the same direction to move the scene, in opposite directions to roll it. After each
 press, the surgeon looks again. How the hands move: `devices.surgeon_hands`; all habits are ASSUMED.
 """
 

@@ -1,4 +1,4 @@
-"""Two hands and pedals with states from outside the World; the newest state is used, and silence stops the hands.
+"""Two hands and pedals with states from outside the World; the newest state is used; without new states, nothing moves.
 
 The owner of a network connection or web page passes states to `give`; this module does not depend on their origin.
 """

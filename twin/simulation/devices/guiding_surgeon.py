@@ -22,11 +22,11 @@ from twin.model.movable import Movable
 from twin.simulation.contact_scene import Course
 from twin.simulation.devices.hand import Hand
 from twin.simulation.devices.surgeon_hands import Eye, Habits, SurgeonHands
-from twin.simulation.ways import CLEARANCE, Ways
+from twin.simulation.ways import Ways
 
 Mistake = Literal["", "dropped", "not_handed_over", "stopped_short", "wire_touched", "wall_hit", "left_inside"]
 """Mistakes on request: the first hand opens before the second arm holds the ring; the first arm guides the ring itself;
-the ring is released in the middle of the wire; it is laid on the wire for half of it; an instrument is led into the
+the ring is released in the middle of the wire; it is laid on the wire for half of it; an instrument is moved into the
 wall of the dome; the instruments stay in the dome."""
 
 _TRIES = 3
@@ -73,7 +73,7 @@ class GuidingSurgeon(SurgeonHands):
     each arm is that of its closed jaws: z out of the tips, y along the closing direction.
 
     Attributes:
-        missed: name of the step that the surgeon gave up; empty if none.
+        missed: what the surgeon gave up: names of steps, or "way of", the robot and why there is none.
     """
 
     def __init__(
@@ -303,23 +303,26 @@ class GuidingSurgeon(SurgeonHands):
             yield from self._out(hand)
 
     def _out(self, hand: str) -> Iterator[None]:
-        """Lead an arm back to where it began."""
+        """Move an arm back to where it began."""
         eye = self.arms[hand]
         T = eye.T_world_base @ eye.kin.forward(self._rests[hand])
         yield from self._follow(hand, T, self._rests[hand])
 
     def _follow(self, hand: str, T: Array, q: Array | None = None) -> Iterator[None]:
         """Plan a way of an arm to a pose (4, 4) of its tool, or to joint values q (n,) there, and follow it."""
-        robot = self.arms[hand].robot
+        eye, robot = self.arms[hand], self.arms[hand].robot
         now = {
             name: self._signals[f"{name}.q"].copy() for name in (*(e.robot for e in self.arms.values()), self.camera)
         }
         things = {self.ring.name: self._pose().copy()}
         for trial in range(_TRIES):
             try:
-                goal = self._ways.joints(robot, T, now[robot]) if q is None else np.append(q[:-1], now[robot][-1])
-                # an arm that let the ring go beside the wall begins nearer to it than it is led otherwise
-                way = self._ways.plan(robot, goal, now, things, CLEARANCE / 2**trial, _TRIES * self._seed + trial)
+                if q is None:
+                    goal = self._ways.joints(robot, T, now[robot])
+                else:
+                    goal = np.where(eye.kin.auxiliary, now[robot], q)
+                clearance = self._ways.clearance / 2**trial  # an arm that let the ring go may be near the wall
+                way = self._ways.plan(robot, goal, now, things, clearance, _TRIES * self._seed + trial)
             except (ProtocolError, KinematicsError) as error:
                 problem = error
                 continue

@@ -78,7 +78,7 @@ class Tremor:
         return self._amplitude * np.sin(self._rate * t[:, None, None] + self._phase).sum(axis=1)
 
     def output(self, k: int) -> Array:
-        """Return the displacement (3,) of output k, which is due at k periods; outputs are computed in blocks."""
+        """Return the displacement (3,) of output k, at k periods after the start; outputs are computed in blocks."""
         if not 0 <= k - self._first < _BLOCK:
             self._first = k
             self._next = self.at(np.arange(k, k + _BLOCK, dtype=float) * self._period)

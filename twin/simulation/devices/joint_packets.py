@@ -67,7 +67,7 @@ def unpack(data: bytes, n: int) -> tuple[int, float, Array, Array | None]:
         raise DeviceError(f"the length is {len(data)} bytes; it must be {HEAD.size + 8 * rows * n}")
     values = np.frombuffer(data, "<f8", rows * n, HEAD.size).astype(float).reshape(rows, n)
     if not (np.isfinite(values).all() and np.isfinite(t)):
-        raise DeviceError(f"a number of packet {number} is not finite")
+        raise DeviceError(f"a value in packet {number} is not finite")
     return number, t, values[0], values[1] if rows == 2 else None
 
 
@@ -102,7 +102,7 @@ class JointPackets:
         self._state: State | None = None
 
     def read(self, data: bytes, sender: Any, now: float) -> None:
-        """Take a packet that has come at `now` in s.
+        """Read a packet that has arrived at `now` in s.
 
         Raises:
             DeviceError: the packet is refused; it has no effect.
@@ -126,7 +126,7 @@ class JointPackets:
 
     @property
     def newest(self) -> State | None:
-        """The newest state, after reading all packets that have come; None before the first one."""
+        """The newest state, after reading all packets that have arrived; None before the first one."""
         with contextlib.suppress(BlockingIOError):
             for _ in range(_MOST):
                 data, sender = self._socket.recvfrom(1 << 16)
@@ -138,12 +138,12 @@ class JointPackets:
 
     @property
     def answers(self) -> bool:
-        """Whether a packet has come within `PATIENCE`."""
+        """Whether a packet has been accepted within the last `PATIENCE` seconds."""
         return time.monotonic() - self._heard < PATIENCE
 
     @property
     def problem(self) -> str:
-        """Why the last packet was refused, while none is accepted; "" if none was refused."""
+        """Reason why the last packet was refused, if no packet is accepted at present; else ""."""
         return f"packets are refused: {self.reason}" if self.reason and not self.answers else ""
 
     def close(self) -> None:

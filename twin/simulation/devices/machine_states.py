@@ -1,4 +1,4 @@
-"""The states of a machine as signals of a World: a device, so that its session can be replayed without the machine."""
+"""A device that writes the states of a machine as signals, so that a session can be replayed without the machine."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from twin.simulation.machine.states import State
 from twin.simulation.world import Block, Signals
 
 ANSWERS, LEVEL, SEQUENCE, TICK = range(4)
-"""Places in `<robot>.run`: 1 if the machine answers; its run level; last packet and tick as in its state."""
+"""Indices in `<robot>.run`: whether the machine answers (0 or 1), run level, last packet, number of the tick."""
 
 
 class MachineStates(Block):
@@ -23,7 +23,7 @@ class MachineStates(Block):
         self.outputs = {self._measured: q, self._desired: q, self._run: np.zeros(4)}
 
     def give(self, state: State | None) -> None:
-        """Take the newest state, for the next tick; None: the machine does not answer, and its last state stays."""
+        """Set the newest state for the next tick; None: the machine does not answer, and its last state is kept."""
         self._state = state
 
     def step(self, signals: Signals, t: float, dt: float) -> dict[str, ArrayLike]:

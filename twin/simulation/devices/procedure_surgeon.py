@@ -1,4 +1,4 @@
-"""A simulated surgeon who takes out an organ in five stages, with an assistant at the grasper and one at the endoscope.
+"""A simulated surgeon who removes an organ in five stages, with assistants who hold the grasper and the endoscope.
 
 The hands move along straight lines with minimum jerk, aim with an error, and tremble. The surgeon sees the organ, its
 bed and the vessels at the start of each movement, and repeats what did not succeed. All habits are ASSUMED.
@@ -24,7 +24,7 @@ from twin.simulation.devices.hand import Hand, Tremor, minimum_jerk
 from twin.simulation.world import Block, Signals
 
 Mistake = Literal["", "clip_missed", "wrong_vessel", "organ_punctured", "cut_outside", "bed_left"]
-"""Mistakes on request: a clip beside the vessel; a clip on another vessel; a tip pushed into an organ that is to be
+"""Mistakes on request: a clip beside the vessel; a clip on another vessel; a tip pushed into an organ that must be
 spared; a cut outside the clips; a cell of the bed that is not freed."""
 
 _TRIES = 3
@@ -44,9 +44,9 @@ class Manner:
         peel: (3,) by which it is lifted further for each freed cell of the bed, in m.
         view: distance of the endoscope from the vessel in m.
         press: time in s for which jaws stay closed.
-        taken, cut, kept: where the vessel is clipped and cut, as fractions of its length from the organ: the clips of
-            the side that is taken out begin at `taken` and go towards the organ, those that are kept begin at `kept`
-            and go away from it, `apart` in m from each other.
+        taken, cut, kept: positions along the vessel, as fractions of its length from the organ: of the first clip on
+            the organ's side (further clips are nearer to the organ), of the cut, and of the first clip on the other
+            side (further clips are farther from the organ). Clips are `apart` m from each other.
     """
 
     hand: Hand = field(default_factory=lambda: Hand(tremor=0.1e-3))
@@ -66,7 +66,7 @@ class Manner:
 
 @dataclass(frozen=True)
 class Arm:
-    """A robot in the surgeon's hands: its name, its port (3,) in the World in m, and the tip (3,) at the start."""
+    """A robot that the surgeon moves: its name; its port (3,) and the tip (3,) at the start, in m in the World."""
 
     robot: str
     port: Array
@@ -93,7 +93,7 @@ class ProcedureSurgeon(Block):
         mistake: Mistake = "",
         manner: Manner | None = None,
     ) -> None:
-        """Take the instruments.
+        """Prepare the work.
 
         Args:
             arms: the robots with tools.
@@ -259,7 +259,7 @@ class ProcedureSurgeon(Block):
         yield from self._move({holder: self._at[holder] + self.manner.lift}, self.manner.slow)
 
     def _show(self) -> Iterator[None]:
-        """Bring the endoscope to the vessel, and look."""
+        """Move the endoscope to the vessel, and hold it there."""
         vessel = self._vessels[self.procedure.vessel]
         p, _ = self._place(vessel.name, vessel.arc[-1] / 2)
         name = self._camera.robot
@@ -288,7 +288,7 @@ class ProcedureSurgeon(Block):
                 self.missed.append(f"clip {k + 1}")
 
     def _shut(self) -> int:
-        """Return the number of clips that shut a vessel."""
+        """Return the number of clips that close a vessel."""
         names = [n for n in self._now if n.endswith(".cover")]
         return sum(float(self._now[n][0]) >= 1 - 1e-9 for n in names)
 

@@ -8,7 +8,7 @@ from twin.simulation.world import Block, Recording, Signals
 
 
 class Recorded(Block):
-    """Writes recorded signals tick by tick, as they were before hazards changed them, until the recording ends."""
+    """Writes recorded signals tick by tick until the recording ends; their values are those before any hazard."""
 
     def __init__(self, recording: Recording, *signals: str) -> None:
         """Select signals by name; `hand` selects all signals whose names begin with `hand.`.

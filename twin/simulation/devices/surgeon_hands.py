@@ -244,7 +244,7 @@ class SurgeonHands(Block):
     ) -> Generator[None, None, bool]:
         """Move the tools to poses (4, 4) in the World by strokes; return whether the poses are reached.
 
-        `near` and `near_turn` are the remaining distance in m and angle in rad at the end.
+        A pose is reached if at most `near` in m and `near_turn` in rad remain.
         """
         best, stalled = np.inf, 0
         while goals and stalled < _STALLED:

@@ -1,4 +1,4 @@
-"""A simulated trainee at the console of machines: teleoperates, rehearses, judges, and replays on the machines."""
+"""A simulated trainee at a console with machines: teleoperates, rehearses a motion, and replays it on the machines."""
 
 from __future__ import annotations
 
@@ -20,20 +20,21 @@ _WAIT, _REST = 150.0, 0.6
 
 
 class Trainee(SurgeonHands):
-    """Both hands make the same strokes; a device that also writes `pedals.training`.
+    """A device whose hands both make the same strokes, and which also writes `pedals.training`.
 
-    The exercise: closed triangles by teleoperation; an open motion in the model alone; its judgement; its replay on the
-    machines; and a second replay from where the first has ended, which has to be refused. It ends with teleoperation.
+    The trainee moves the tips along closed triangles by teleoperation, rehearses an open motion with the model alone,
+    has the record checked, and replays it on the machines. The trainee then requests a second replay from the end of
+    the first, which must be refused, and ends with teleoperation.
 
     Attributes:
-        doing, done: what the trainee does now, and the fraction of the exercise.
+        doing, done: current step of the exercise, and completed fraction of the exercise.
     """
 
     def __init__(self, machines: Iterable[str], triangles: int, **console: Any) -> None:
         """Prepare the exercise.
 
         Args:
-            machines: names of the machines, whose phases the trainee sees.
+            machines: names of the machines.
             triangles: number of triangles by teleoperation.
             console: arguments of `SurgeonHands`.
         """

@@ -24,19 +24,19 @@ from twin.simulation.machine.machine import Machine, Parts
 from twin.simulation.machine.plant import TICK, Physics
 
 _HOMED = 100
-"""Tick at which the operator presses the pedal; homing from home takes fewer."""
+"""Tick at which the operator presses the pedal; an arm that starts at home completes homing earlier."""
 
 _FOLLOWS = 10
-"""Packets after which the arm follows the pedal at the beginning."""
+"""Number of the packet from which the arm is expected to be in PEDAL_DN."""
 
 _AFTER = 300
-"""Packets after a fault, in which its consequences are watched."""
+"""Number of packets after a fault in which its consequences are recorded."""
 
 _SETTLED = 100
-"""Ticks after a stop, after which the brakes have brought the arm to rest: the outcome no longer changes."""
+"""Number of ticks after a stop in which the brakes bring the arm to rest; then the outcome no longer changes."""
 
 _ROUND = 2000
-"""The model runs for a multiple of this number of packets, so that it is seldom asked for more."""
+"""The run of the model is extended to a multiple of this number of packets, so that few extensions are needed."""
 
 _LONGEST = 12.0
 """Longest time in s of a session with a trainee."""
@@ -44,15 +44,15 @@ _LONGEST = 12.0
 _MM = 1e3
 
 HARM = 1.0
-"""Deviation of the true tip in mm that counts as harm if no check has stopped the arm before."""
+"""Distance in mm between the tips of machine and model above which the fault has caused harm."""
 
 
 @dataclass(frozen=True)
 class Session:
-    """What a session is made of.
+    """Inputs of a session: faults, plant and motion scale.
 
     Attributes:
-        faults: makes the faults of the machine, which are used once.
+        faults: function that creates the faults of the machine; a fault can be used only once.
         start: packet with which the fault begins.
         length: duration of the fault in packets.
         mass, friction: factors of all masses and of all friction of the machine.
@@ -69,22 +69,24 @@ class Session:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a session without a response showed; times are in ms from the start of the fault, None: never.
+    """Outcome of a session without a response of the operator; times in ms after the start of the fault, None: never.
 
     Attributes:
-        peak: largest distance in mm of the machine's true tip from the model's, which is at rest once a check has
-            stopped the machine.
-        harm: time at which this distance exceeds `HARM`.
-        jump: time at which the tip is more than `HARM` from the whole path of the model: it has not only stayed behind.
-        beyond: time at which it exceeds the limit of the cue.
+        peak: largest distance in mm between the true tips of machine and model; after a stop of the machine, the
+            model's tip at the time of the stop is used.
+        harm: time at which the distance exceeds `HARM`.
+        jump: time at which the tip is more than `HARM` from every point of the model's path, so that it does not only
+            lag.
+        beyond: time at which the distance of the true tips exceeds the limit of the cue (force that warns the
+            operator).
         cue: time of the first force on the operator's hand.
         adaptive: time at which the measured distance exceeds the adaptive limit.
-        stop, check: time at which a check has stopped the arm, and which one ("" if none).
-        held, refused: packets with a target out of reach, and packets refused.
-        residual, ratio: before the fault, the largest measured distance in mm, and the largest quotient of it and the
-            adaptive limit.
-        seen, seen_ratio: the same from the start of the fault until harm or stop.
-        noticeable: whether there was a force, or the arm did not follow while the pedal was down.
+        stop, check: time at which a check of the software stopped the arm, and the reason ("" without a stop).
+        held, refused: number of packets with a target out of reach, and number of refused packets.
+        residual, ratio: largest measured distance of the tips in mm before the fault, and largest ratio of this
+            distance to the adaptive limit before the fault.
+        seen, seen_ratio: as residual and ratio, from the start of the fault until harm or stop.
+        noticeable: whether there was a force on the hand, or the arm did not follow while the pedal was down.
     """
 
     peak: float
@@ -106,15 +108,15 @@ class Outcome:
 
 @dataclass(frozen=True)
 class Response:
-    """What the trainee did; times are in ms from the start of the fault.
+    """Responses of the trainee in one session; times are in ms from the start of the fault.
 
     Attributes:
-        noticed: time of the first force or stop that he could notice.
-        acted: time of his first response.
-        responses: his responses in their order.
-        response_peak: largest deviation of the true tip in mm, as long as the arm is not braked.
-        response_harm: whether it exceeded `HARM`.
-        works: whether the arm followed him at the end.
+        noticed: time of the first force or stop that the trainee could notice.
+        acted: time of the first response.
+        responses: the responses, in order of time.
+        response_peak: largest distance in mm between the true tips of machine and model while the arm is not braked.
+        response_harm: whether `response_peak` exceeded `HARM`.
+        works: whether the arm followed the trainee's hand at the end.
     """
 
     noticed: int
@@ -127,7 +129,7 @@ class Response:
 
 @dataclass(frozen=True)
 class Trace:
-    """From the first packet on: joint values (k, n), true and measured, run levels of PLC and software; the machine."""
+    """Record from the first packet on: true and measured joint values (k, n); run levels (k,) of PLC and software."""
 
     q: Array
     measured: Array
@@ -144,7 +146,7 @@ class Arena:
     """
 
     def __init__(self, parts: Parts, adaptive: Adaptive) -> None:
-        """Take what machine and model are made of, and the adaptive limit."""
+        """Prepare sessions of a robot with compiled parts; `adaptive`: speed-dependent limit of the deviation."""
         self._parts, self._adaptive, self.cue = parts, adaptive, Cue()
         self._models: dict[float, tuple[Run, Trace]] = {}
 
@@ -188,7 +190,7 @@ class Arena:
         )
 
     def respond(self, session: Session, reaction: Reaction) -> Response | None:
-        """Return what a trainee does in a session; None if there was nothing that he could notice."""
+        """Return the trainee's responses in a session; None if there was no force and no stop to notice."""
         pair = Beside(Machine(self._parts, physics=self._physics(session), faults=session.faults()), self.cue)
         hand, trainee = Hand(self._parts.settings, session.scale), Trainee(reaction)
         last, restarted = session.start + session.length + _AFTER, False
@@ -250,7 +252,7 @@ class Arena:
 
 
 class Run:
-    """A machine under a hand, from the first packet on; it can go on where it is.
+    """A machine that receives the packets of a hand; `go` continues the run.
 
     Attributes:
         machine: the machine.
@@ -260,8 +262,8 @@ class Run:
         """Switch the machine on and let it home.
 
         Args:
-            parts: what the machine is made of.
-            hand: makes the packets.
+            parts: compiled parts of the machine.
+            hand: creates the packets.
             physics: parameters of the plant; None: those of the model.
             faults: faults of the machine.
         """
@@ -276,7 +278,7 @@ class Run:
         return len(self._rows[0])
 
     def go(self, packets: int, settled: int) -> None:
-        """Go on to a number of packets, or until a stop has settled the outcome, from packet `settled` on."""
+        """Continue to a total of `packets`; after a stop that settles the outcome, end at packet `settled` or later."""
         m, (q, measured, levels, read) = self.machine, self._rows
         for number in range(len(self) + 1, packets + 1):
             m.step((_HOMED + number) * TICK, [(self._hand.packet(number), "operator")])
@@ -290,7 +292,7 @@ class Run:
 
     @property
     def trace(self) -> Trace:
-        """What the machine did so far."""
+        """Record of the run so far."""
         q, measured, levels, read = map(np.array, self._rows)
         return Trace(q, measured, levels, read, self.machine)
 
@@ -298,7 +300,7 @@ class Run:
 def trace(
     parts: Parts, hand: Hand, packets: int, settled: int, physics: Physics | None = None, faults: Sequence[Fault] = ()
 ) -> Trace:
-    """Run a machine under a hand for a number of packets, or until its outcome is settled; see `Run`."""
+    """Run a machine with the packets of a hand; return its record. For `packets` and `settled`, see `Run.go`."""
     run = Run(parts, hand, physics, faults)
     run.go(packets, settled)
     return run.trace

@@ -1,4 +1,4 @@
-"""A campaign: classes of faults with ranges, read from TOML, from which sessions are drawn by a seed."""
+"""A campaign: classes of faults with parameter ranges, read from TOML; its sessions are drawn from a random seed."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class Quantity(Table):
 
 
 class TraineeTable(Table):
-    """Times in s of the scripted trainee, see `trainee.Reaction`; each session draws them."""
+    """Reaction times in s of the simulated trainee, drawn for each session; see `trainee.Reaction`."""
 
     haptic: Quantity
     visual: Quantity
@@ -48,7 +48,7 @@ class TraineeTable(Table):
 
 
 class DetectionTable(Table):
-    """The adaptive limit, see `detection.Adaptive`: mm at rest, and ms of the model's motion."""
+    """Parameters of `detection.Adaptive`: limit in mm at rest, and increase of the limit per speed in ms."""
 
     floor_mm: Quantity
     lead_ms: Quantity
@@ -58,13 +58,13 @@ class Scenario(Table):
     """A scenario of the paper's Table 1.
 
     Attributes:
-        name: the hazard, as a name of the classes.
+        name: name of the hazard, which the classes of faults use.
         action: unsafe control action.
         causes: possible causes.
-        module: module of the robot's software, and its variables.
-        impact: what happened in the incidents.
-        incidents: numbers of reports.
-        responses: responses that are trained.
+        module: affected module of the robot's software, with its variables.
+        impact: consequences in the reported incidents.
+        incidents: numbers of the incident reports.
+        responses: responses that the training teaches.
     """
 
     name: str = Field(min_length=1)
@@ -77,14 +77,15 @@ class Scenario(Table):
 
 
 class Class(Table):
-    """Faults of one kind; one target, operation, length and value is drawn for each fault.
+    """Faults of one kind; target, operation, length and value of each fault are drawn at random.
 
     Attributes:
-        scenario: name of its scenario; "": not of the table.
-        targets: each a list of names that are hit together; []: all numbers of the signal.
-        value: range of the value, of which each number of a target gets the same; `whole`: whole numbers only.
-        length: lengths in packets (signal packet) or ms.
-        weight: share of this class, relative to the others.
+        scenario: name of its scenario; "": it belongs to no scenario.
+        targets: possible targets; each is a list of numbers of the signal that a fault changes together; []: all
+            numbers.
+        value: range of the value, which is the same for all numbers of a target; `whole`: whole numbers only.
+        length: possible lengths in packets; one packet per ms.
+        weight: relative frequency of this class.
     """
 
     name: str = Field(min_length=1)
@@ -124,8 +125,8 @@ class Drawn:
     Attributes:
         index: number of the session.
         kind: class of its fault; `FREE`: no fault.
-        target, operation, value, start, length: of its fault; start and length in packets (one per ms).
-        mass, friction: factors of the machine's plant.
+        target, operation, value, start, length: data of the fault; start and length in packets (one per ms).
+        mass, friction: factors of masses and of friction of the machine's plant.
         scale: motion scale of the operator.
     """
 
@@ -143,17 +144,17 @@ class Drawn:
 
 
 class Campaign:
-    """The classes of a file with the places of their targets."""
+    """The classes of faults of a file, and the indices of their targets."""
 
     def __init__(self, table: CampaignTable, places: dict[str, tuple[str, ...]]) -> None:
-        """Take a table of `load` and, by signal, the names of its numbers."""
+        """Store the campaign file, and the names of each signal's numbers, by signal."""
         self.table, self._places = table, places
 
     def __len__(self) -> int:
         return self.table.faults + self.table.free
 
     def draw(self, index: int) -> Drawn:
-        """Return a session; it depends on seed and index only."""
+        """Return a session, which depends only on the campaign's seed and the index."""
         t = self.table
         rng = np.random.default_rng([t.seed, index])
         mass, friction = float(rng.uniform(*t.mass)), float(rng.uniform(*t.friction))
@@ -177,21 +178,21 @@ class Campaign:
         return Adaptive(d.floor_mm.value * MM, d.lead_ms.value * MM)
 
     def parameters(self) -> list[Parameter]:
-        """Return the numbers of trainee and detection with their provenance."""
+        """Return the parameters of trainee and detection with their provenance."""
         t, d = self.table.trainee, self.table.detection
         known = {f"trainee.{n}": (getattr(t, n), "s", 1.0) for n in ("haptic", "visual", "troubleshoot")}
         known |= {"detection.floor_mm": (d.floor_mm, "mm", MM), "detection.lead_ms": (d.lead_ms, "ms", MM)}
         return [Parameter(n, q.value * si, u, q.value, q.provenance, q.note) for n, (q, u, si) in known.items()]
 
     def reaction(self, index: int) -> Reaction:
-        """Return the times of the trainee of a session; they depend on seed and index only."""
+        """Return the trainee's reaction times in a session; they depend only on the campaign's seed and the index."""
         t = self.table.trainee
         rng = np.random.default_rng([self.table.seed, index, 1])
         times = (t.haptic, t.visual, t.troubleshoot)
         return trainee.drawn(rng, [q.value for q in times], [q.spread for q in times])
 
     def faults(self, drawn: Drawn) -> list[Fault]:
-        """Return the faults of a session, for use in one machine; triggers count packets."""
+        """Return new faults of a session, for one machine; their start and end are packet numbers."""
         if drawn.kind == FREE:
             return []
         target = [self._places[drawn.signal].index(n) for n in drawn.target.split()] or None
@@ -204,10 +205,10 @@ def load(path: Path, places: dict[str, tuple[str, ...]]) -> Campaign:
 
     Args:
         path: the file.
-        places: by signal of the machine, the names of its numbers.
+        places: names of each signal's numbers, by signal of the machine.
 
     Raises:
-        DescriptionError: the file does not exist or is invalid, a target is unknown, or a class is there twice; the
+        DescriptionError: the file does not exist or is invalid, a target is unknown, or a class is defined twice; the
             message has file, line, key and value.
     """
     if not path.is_file():
@@ -222,7 +223,7 @@ def load(path: Path, places: dict[str, tuple[str, ...]]) -> Campaign:
                     wrong = unknown(f"target of {c.signal}", name, places[c.signal])
                     raise error_at(path, ("class", i, "targets", k), wrong)
         if c.name in [other.name for other in table.class_[:i]] or c.name == FREE:
-            raise error_at(path, ("class", i, "name"), f"class '{c.name}' is there twice, or its name is '{FREE}'")
+            raise error_at(path, ("class", i, "name"), f"class '{c.name}' is defined twice, or its name is '{FREE}'")
         if c.scenario and c.scenario not in scenarios:
             raise error_at(path, ("class", i, "scenario"), unknown("scenario", c.scenario, scenarios))
         if c.value[0] > c.value[1]:

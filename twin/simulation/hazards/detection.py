@@ -1,4 +1,4 @@
-"""Detection of faults by the distance between machine and model: a fixed limit, and one that follows the motion.
+"""Detection of faults by the distance between machine and model: a fixed limit, and one that depends on the speed.
 
 A machine whose masses and friction differ from the model's lags behind it in proportion to the speed, so the adaptive
 limit is floor + lead |v|, with v the low-passed speed of the model's tip. Released software checks only the DAC and
@@ -21,7 +21,7 @@ _SMOOTH = 0.02
 
 @dataclass(frozen=True)
 class Adaptive:
-    """The limit that follows the motion.
+    """Limit of the distance that grows with the speed of the model's tip.
 
     Attributes:
         floor: limit at rest in m.

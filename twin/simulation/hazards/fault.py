@@ -1,4 +1,4 @@
-"""A fault: it changes one number, or all, of a signal while its trigger says so."""
+"""A fault: changes one number, or several, of a signal from a start time to an end time."""
 
 from __future__ import annotations
 
@@ -14,21 +14,21 @@ from twin.core.spatial import Array
 from twin.simulation.world import Hazard
 
 Operation = Literal["hold", "overwrite", "add", "add_once", "delay", "skip", "duplicate"]
-"""hold: the last value before the fault; overwrite: `value`; add: plus `value`; add_once: as add, and it stays after
-the fault; delay: what was written `value` steps before; skip: no value at all, a packet is lost; duplicate: a packet
-comes twice."""
+"""How a fault changes a signal. hold: the last value before the fault; overwrite: `value`; add: the sum with `value`;
+add_once: as add, but the change remains after the fault's end; delay: the signal `value` steps earlier; skip: a packet
+is lost; duplicate: a packet arrives twice."""
 
 
 @dataclass
 class Fault(Hazard):
-    """A fault of a signal in a World or in a machine; it is used once.
+    """A fault of a signal in a World or in a machine; each fault can be used only once.
 
     Attributes:
         signal: name of the signal.
-        start, stop: the trigger, from `start` until before `stop`: times in s, or with `counts`, packet numbers.
-        operation, value: see `Operation`; value is one number, or one for each of the signal.
-        target: place of the number in the signal, or places; None: all.
-        counts: whether the trigger counts packets.
+        start, stop: the fault acts at start <= t < stop; both are times in s or, with `counts`, packet numbers.
+        operation, value: see `Operation`; `value` is one number, or one for each number of the signal.
+        target: index or indices of the changed numbers in the signal; None: all.
+        counts: whether `start` and `stop` are packet numbers.
     """
 
     signal: str
@@ -51,12 +51,12 @@ class Fault(Hazard):
             raise WorldError(f"fault of {self.signal}: a delay of {self.value} steps; give a whole number above 0")
 
     def copies(self, t: float) -> int:
-        """Return how often the value at t arrives: 0 it is lost, 1, or 2."""
+        """Return how many times the value at t arrives: 0 (lost), 1 or 2."""
         now = self.start <= t < self.stop
         return {"skip": 0, "duplicate": 2}.get(self.operation, 1) if now else 1
 
     def change(self, t: float, value: Array) -> Array:
-        """Return what the readers of the signal get at t instead of `value` (n,)."""
+        """Return the value that readers of the signal get at t instead of `value` (n,)."""
         now = self.start <= t < self.stop
         if self.operation == "delay":
             self._past.append(value.copy())

@@ -1,4 +1,4 @@
-"""The scripted hand of an operator: it moves the tool along a motion, scaled down, by packets of whole micrometres."""
+"""Simulated hand of an operator: sends a motion, multiplied by the motion scale, in steps of whole micrometres."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from twin.simulation.machine.plant import TICK
 from twin.simulation.machine.settings import Settings
 
 _RADIUS, _RADIAN = 0.012, 0.2
-"""Radius of the circle in m, and time in s for one radian: 60 mm/s. ASSUMED."""
+"""Radius of the circle in m, and time in s for one radian; the speed is 60 mm/s. ASSUMED."""
 
 _REACH = 0.06
 """Amplitude of the wandering hand in m. ASSUMED."""
@@ -24,13 +24,13 @@ Motion = Callable[[float], Array]
 
 
 def circle(t: float) -> Array:
-    """Return the position of a hand that moves in a circle at 60 mm/s."""
+    """Return the position (3,) in m, at t in s, of a hand that moves in a circle at 60 mm/s."""
     a = t / _RADIAN
     return _RADIUS * np.array([np.sin(a), 1 - np.cos(a), 0.0])
 
 
 def wander(seed: int) -> Motion:
-    """Return a motion along all three axes, each a sum of three sines of 0.05 to 0.4 Hz with drawn phases."""
+    """Return a random motion: each coordinate is a sum of three sines of 0.05 to 0.4 Hz."""
     rng = np.random.default_rng(seed)
     rates, phases = 2 * np.pi * rng.uniform(0.05, 0.4, (3, 3)), rng.uniform(0, 2 * np.pi, (3, 3))
 
@@ -41,16 +41,16 @@ def wander(seed: int) -> Motion:
 
 
 class Hand:
-    """Makes one packet a tick; what is rounded in one packet is sent in the next."""
+    """Creates one packet per tick; the rounding error of a packet is added to the next one."""
 
     def __init__(self, settings: Settings, scale: float, motion: Motion = circle) -> None:
-        """Define the machine's side of the network, the motion scale from hand to tool, and the motion."""
+        """Prepare packets for a machine; `scale`: tool motion divided by hand motion, `motion`: motion of the hand."""
         self._arm, self._version = settings.arm, settings.packet_version
         self._scale, self._motion, self._t = scale, motion, 0.0
         self._sent = np.zeros(3)
 
     def packet(self, sequence: int, pace: float = 1.0, pedal: bool = True) -> bytes:
-        """Return the next packet; `pace` 1 is the normal speed, and the hand stands while the pedal is up."""
+        """Return the next packet; `pace` multiplies the speed of the hand, which is at rest while the pedal is up."""
         self._t += pace * TICK if pedal else 0.0
         step = np.round(self._scale / _MICRO * self._motion(self._t) - self._sent)
         self._sent += step

@@ -1,4 +1,4 @@
-"""Log of a campaign: one line of JSON for each session, so that a campaign that was interrupted goes on."""
+"""Log of a campaign: one line of JSON for each session, so that an interrupted campaign can be resumed."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from twin.core.errors import OutputError
 
 
 class Log:
-    """Lines of a campaign in a file; the first line says of which.
+    """The log file of a campaign; its first line identifies the campaign.
 
     Attributes:
-        rows: lines by the index of their session.
+        rows: result of each session in the log, by the index of the session.
     """
 
     def __init__(self, path: Path, head: Mapping[str, Any]) -> None:
-        """Open or create a log; a last line that was not written whole is removed.
+        """Open or create a log; an incomplete last line is removed.
 
         Raises:
             OutputError: the file is the log of another campaign, or not a log.
@@ -46,7 +46,7 @@ class Log:
             self._write(head)
 
     def add(self, row: dict[str, Any]) -> None:
-        """Append the line of a session; it is on the disk when this returns."""
+        """Append the line of a session; when this function returns, the line is on the disk."""
         self.rows[int(row["index"])] = row
         self._write(row)
 

@@ -1,9 +1,9 @@
-"""How well limits of the measured distance tell dangerous sessions from others: ROC curves over a campaign.
+"""ROC curves of a campaign: how well limits of the measured distance detect dangerous sessions.
 
-A session is dangerous if its fault led to harm, or a check of the software stopped the arm before. Each session has a
-score, the largest distance (or its quotient with the adaptive limit) from the start of the fault until harm or stop.
-If it is above the limit, the fault is detected in time; "or checks" counts the stops before harm too. False alarms are
-counted over all sessions before their fault, and over the sessions without one.
+A session is dangerous if its fault caused harm, or if a check of the software stopped the arm. The score of a session
+is the largest distance (or its ratio to the adaptive limit) from the start of the fault until harm or stop. If the
+score exceeds the limit, the fault is detected in time. Detectors named "... or checks" also count stops before harm as
+detected. False alarms are counted in all sessions: before the fault, or during the whole session if it has no fault.
 """
 
 from __future__ import annotations
@@ -20,16 +20,16 @@ from twin.simulation.hazards.campaign import FREE
 
 @dataclass(frozen=True)
 class Roc:
-    """The curve of one detector.
+    """ROC curve of one detector.
 
     Attributes:
         name: detector.
         unit: unit of its limit.
-        limits: (k,) limits, falling.
-        detected: (k,) share of the dangerous sessions that is detected in time.
-        false: (k,) share of false alarms.
+        limits: (k,) limits in descending order.
+        detected: (k,) fraction of the dangerous sessions that is detected in time, for each limit.
+        false: (k,) fraction of all sessions with a false alarm, for each limit.
         area: area below the curve.
-        limit: the limit that is used.
+        limit: the limit that the detector uses.
     """
 
     name: str
@@ -41,13 +41,13 @@ class Roc:
     limit: float
 
     def at(self, limit: float) -> tuple[float, float]:
-        """Return the shares (detected, false) for a limit."""
+        """Return the fractions (detected, false) for a limit."""
         k = int(np.argmax(self.limits <= limit))  # scores above a limit are those above the next score below it
         return float(self.detected[k]), float(self.false[k])
 
 
 def dangerous(row: Mapping[str, Any]) -> bool:
-    """Return whether the fault of a session caused harm, or a stop."""
+    """Return whether a session had a fault that caused harm or a stop."""
     return row["kind"] != FREE and (row["harm"] is not None or row["stop"] is not None)
 
 
@@ -57,9 +57,9 @@ def in_time(row: Mapping[str, Any]) -> bool:
 
 
 def curves(rows: Sequence[Mapping[str, Any]], cue: float) -> list[Roc]:
-    """Return the curves of the fixed limit, used at `cue` in mm, and of the adaptive one, without and with the checks.
+    """Return ROC curves of the fixed limit (`cue` in mm) and the adaptive limit, without and with the checks.
 
-    Without a dangerous session there is no curve.
+    The list is empty if no session is dangerous.
     """
     danger = [r for r in rows if dangerous(r)]
     if not danger:

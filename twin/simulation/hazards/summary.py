@@ -1,4 +1,4 @@
-"""What a campaign showed, by class of faults: outcome, detection, and the trainee's responses."""
+"""Results of a campaign by class of faults: outcome, detection, and the trainee's responses."""
 
 from __future__ import annotations
 
@@ -22,23 +22,23 @@ Row = Mapping[str, Any]
 
 @dataclass(frozen=True)
 class ClassRow:
-    """Sessions of one class; each number counts sessions, except the peaks (mm) and the delay (ms).
+    """Results of one class of faults; numbers count sessions, except the peaks in mm and the delay in ms.
 
     Attributes:
-        kind, scenario, location: class, its scenario in the paper's table ("": none), and where its faults act.
-        sessions: sessions done.
+        kind, scenario, location: the class, its scenario in the paper's table ("": none), and where its faults act.
+        sessions: completed sessions.
         harmed: the tip deviated more than `HARM` before a check had stopped the arm, or without a stop.
-        beyond: it deviated more than 3 mm.
-        felt: the operator felt the cue.
+        beyond: the tip deviated more than 3 mm.
+        felt: there was a force (cue) on the operator's hand.
         stopped: a check stopped the arm.
         peak_p50, peak_max: median and largest peak deviation in mm.
-        delay: 95th percentile of the time in ms from 3 mm to the cue; None: no session has both.
-        jumped: the tip was more than `HARM` away from the path, not only behind.
-        unseen_checks, unseen_fixed, unseen_adaptive: it jumped before the checks of the software, the fixed limit, and
-            the adaptive limit saw it.
-        danger: harmed, or stopped before; in_time: stopped before harm.
-        seen_adaptive: dangerous ones that the adaptive limit saw before harm or stop.
-        early: those beyond 3 mm that the adaptive limit saw before 3 mm.
+        delay: 95th percentile of the time in ms from a deviation of 3 mm to the cue; None: no session has both.
+        jumped: the tip was more than `HARM` from every point of the model's path.
+        unseen_checks, unseen_fixed, unseen_adaptive: the tip jumped before a check of the software stopped the arm;
+            before the fixed limit was exceeded; before the adaptive limit was exceeded.
+        danger: dangerous sessions, see `roc.dangerous`; in_time: a check stopped the arm before harm.
+        seen_adaptive: dangerous sessions in which the adaptive limit was exceeded before harm or stop.
+        early: sessions with a deviation above 3 mm in which the adaptive limit was exceeded before 3 mm.
     """
 
     kind: str
@@ -64,17 +64,19 @@ class ClassRow:
 
 @dataclass(frozen=True)
 class ResponseRow:
-    """The trainee in the sessions of one class in which there was something to notice.
+    """Results of the trainee in those sessions of one class that had a force or a stop to notice.
 
     Attributes:
         kind: class.
         sessions: number of sessions.
-        noticed, acted: median times in ms from the start of the fault until he could notice it, and until he acted.
-        peak, peak_alone: median peak deviation in mm with his responses, and without.
-        harmed: sessions with more than `HARM` with his responses, before the arm was braked.
-        trained: mean share of the scenario's responses that he performed; None: the class has no scenario.
-        works: sessions in which the arm followed him at the end.
-        converted: sessions that he converted.
+        noticed, acted: median times in ms from the start of the fault to the first force or stop, and to the first
+            response.
+        peak, peak_alone: median peak deviation in mm with the responses, and without a response.
+        harmed: number of sessions in which the deviation exceeded `HARM` despite the responses, before the arm was
+            braked.
+        trained: mean fraction of the scenario's responses that the trainee performed; None: the class has no scenario.
+        works: number of sessions in which the arm followed the hand at the end.
+        converted: number of sessions in which the trainee converted the procedure (continued without the robot).
     """
 
     kind: str
@@ -97,8 +99,8 @@ class Hazards(Result):
         robot: name.
         table: the campaign file.
         expected: number of sessions of the campaign.
-        rows: one mapping per session that was done, as in the log, in the order of its index.
-        assumed: a line for each ASSUMED number of machine, trainee or detection, with reason.
+        rows: result of each completed session, as in the log, in the order of the index.
+        assumed: a line for each ASSUMED number of machine, trainee or detection, with its reason.
     """
 
     kind = "hazards"
@@ -123,7 +125,7 @@ class Hazards(Result):
 
     @cached_property
     def responses(self) -> list[ResponseRow]:
-        """One row for each class with sessions in which there was something to notice."""
+        """One row for each class with sessions that had a force or a stop to notice."""
         scenarios = {s.name: s for s in self.table.scenario}
         of = {c.name: scenarios.get(c.scenario) for c in self.table.class_}
         found = ((n, [r for r in rows if r["response"] is not None]) for n, rows in self.by_class.items())
@@ -136,7 +138,7 @@ class Hazards(Result):
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """False cues, and sessions that were not done."""
+        """Findings on cues without a fault, and on missing sessions."""
         out = []
         false = [r["index"] for r in self.rows if r["kind"] == FREE and r["cue"] is not None]
         if false:
@@ -144,7 +146,7 @@ class Hazards(Result):
         if len(self.rows) < self.expected:
             done = f"{len(self.rows)} of {self.expected} sessions are done"
             out.append(
-                warning("hazards.unfinished", self.robot, done, suggestion="run the same command again: it goes on")
+                warning("hazards.unfinished", self.robot, done, suggestion="run the same command again to resume")
             )
         return tuple(out)
 

@@ -1,9 +1,10 @@
-"""A scripted trainee: what he feels and sees, after which time he acts, and in which order he responds.
+"""A simulated trainee, who reacts to a force or to a stop of the arm after a reaction time, in a fixed order of steps.
 
-The responses are those of the second paper's Table 1 and section 3.2.1. If there is a force in his hand, he slows down;
-if it stays, he releases the pedal. If the arm does not follow, he releases the pedal. Then he troubleshoots, restarts
-the system, and presses the pedal again. If the arm fails a second time, or does not come back, he converts the
-procedure. He reports at the end. This order is ASSUMED; the times are those of the campaign file.
+The responses are those of the second paper's Table 1 and section 3.2.1. If there is a force on the hand, the trainee
+slows down; if the force remains, the trainee releases the pedal. If the arm does not follow, the trainee releases the
+pedal. Then the trainee troubleshoots, restarts the system, and presses the pedal again. If the arm fails a second time,
+or does not restart, the trainee converts the procedure (continues without the robot). At the end, the trainee reports.
+This order is ASSUMED; the reaction times are those of the campaign file.
 """
 
 from __future__ import annotations
@@ -19,21 +20,21 @@ from twin.simulation.machine.levels import Level
 Response = Literal["slow down", "release pedal", "troubleshoot", "restart", "convert", "report"]
 
 _SLOW = 0.25
-"""Pace after slowing down, of the normal one. ASSUMED."""
+"""Speed after slowing down, as a fraction of the normal speed. ASSUMED."""
 
 _HOMING = 3.0
-"""Longest time in s that he waits for the arm after a restart. ASSUMED."""
+"""Maximum time in s that the trainee waits for the arm after a restart. ASSUMED."""
 
 _WATCH = 0.5
-"""Time in s without a new event after which he is content. ASSUMED."""
+"""Time in s without a new event after which the trainee ends the session. ASSUMED."""
 
 _LATENCY = 0.1
-"""Time in s after pressing the pedal within which he does not expect the arm to follow. ASSUMED."""
+"""Time in s after pressing the pedal in which the trainee does not expect the arm to follow. ASSUMED."""
 
 
 @dataclass(frozen=True)
 class Reaction:
-    """Times in s of one trainee: from a force to the hand's action, from a picture to it, and to find the error."""
+    """Reaction times of one trainee in s: response to a force; response to something seen; time to find the error."""
 
     haptic: float
     visual: float
@@ -41,13 +42,13 @@ class Reaction:
 
 
 class Trainee:
-    """Acts on what the machine shows, tick by tick.
+    """Reacts to the force and the run level of the machine, tick by tick.
 
     Attributes:
-        pace, pedal: of his hand, see `Hand.packet`.
-        restarts: whether he presses the stop and start buttons in this tick.
+        pace, pedal: relative speed of the hand, and whether the pedal is down; see `Hand.packet`.
+        restarts: whether the trainee presses the stop and start buttons in this tick.
         done: whether the session is over.
-        noticed: time in s of the first force, or of the first stop, that he can notice; None: there was none.
+        noticed: time in s of the first force or stop that the trainee can notice; None: there was none.
         responses: time in s of the first response of each kind.
     """
 
@@ -62,7 +63,7 @@ class Trainee:
         self._quiet = float("inf")  # when the session ends if nothing happens
 
     def step(self, t: float, felt: bool, level: Level) -> None:
-        """Look at the machine at t in s: whether there is a force, and the run level that it shows."""
+        """React at t in s; `felt`: whether there is a force on the hand, `level`: run level that the machine shows."""
         self.restarts = False
         if self._next is not None:
             if t >= self._next[0]:
@@ -115,6 +116,6 @@ class Trainee:
 
 
 def drawn(rng: np.random.Generator, means: Sequence[float], spreads: Sequence[float]) -> Reaction:
-    """Return the times of one trainee: normal distributions, cut at a tenth of their means; see `Reaction`."""
+    """Return random reaction times: normally distributed, but at least a tenth of the mean; see `Reaction`."""
     times = [max(float(rng.normal(m, s)), m / 10) for m, s in zip(means, spreads, strict=True)]
     return Reaction(*times)

@@ -1,8 +1,9 @@
 """The experiments of the second paper (sections 3.1 and 3.2.1) with a plant that differs from its model as ASSUMED.
 
-Without a fault: the deviation of machine and model by motion scale. With one: every 8 s after the pedal, the command of
-the first motor is stuck for 300 cycles, four times. The paper's robot, its gains, motion and stuck value are not
-published: trends can be compared, numbers cannot. The experiments are data: cad/raven_left/campaigns/trends.toml.
+First experiment, without a fault: the deviation between machine and model at each motion scale. Second experiment:
+every 8 s, the command of the first motor is stuck for 300 cycles, four times. The paper does not publish gains, motion
+and stuck value of its robot; therefore trends can be compared, but not numbers. The experiments are defined in
+cad/raven_left/campaigns/trends.toml.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ from twin.simulation.machine.machine import Parts
 from twin.simulation.machine.plant import TICK
 
 PUBLISHED = (2.43, 1.72)
-"""Mean and spread of the paper's fault-free error over its motion scales; the unit, mm, follows from its 3 mm limit."""
+"""Mean and spread of the paper's error without faults over its motion scales, in mm, as follows from its 3 mm limit."""
 
 _NUMBERS = {2: "two", 3: "three", 4: "four", 5: "five"}
 
@@ -42,14 +43,14 @@ _Scale = Annotated[float, Field(gt=0, le=1)]
 
 
 class HandTable(Table):
-    """Runs with one motion of the hand: its seed, and stuck values as shares of the motor's limit."""
+    """Runs with one motion of the hand: seed of the motion, and stuck values as fractions of the motor's limit."""
 
     seed: Annotated[int, Field(ge=0)]
     shares: list[_Share] = Field(min_length=1)
 
 
 class StuckTable(Table):
-    """The first motor is stuck for `cycles`, every `every` packets after the pedal, `times` times."""
+    """The stuck command: `times` faults of `cycles` packets each, at intervals of `every` packets."""
 
     scale: _Scale
     every: _Count
@@ -60,7 +61,7 @@ class StuckTable(Table):
 
 
 class TrendsTable(Table):
-    """The file of the experiments: see cad/raven_left/campaigns/trends.toml."""
+    """File of the experiments, such as cad/raven_left/campaigns/trends.toml."""
 
     title: str
     source: str
@@ -80,7 +81,7 @@ def load(path: Path) -> TrendsTable:
             file, line, key and value.
     """
     if not path.is_file():
-        raise DescriptionError(f"{path}: the file does not exist; cad/raven_left/campaigns/trends.toml is one")
+        raise DescriptionError(f"{path}: the file does not exist; cad/raven_left/campaigns/trends.toml is an example")
     table = load_toml(path, TrendsTable)
     if table.stuck.cycles >= table.stuck.every:
         text = f"{table.stuck.cycles} cycles are not shorter than the period, {table.stuck.every} packets"
@@ -90,7 +91,7 @@ def load(path: Path) -> TrendsTable:
 
 @dataclass(frozen=True)
 class ScaleRow:
-    """Deviation of the true tips in mm without a fault, at one motion scale; peak is the largest one."""
+    """Mean, spread and peak in mm of the distance between the true tips without a fault, at one motion scale."""
 
     scale: float
     mean: float
@@ -100,15 +101,15 @@ class ScaleRow:
 
 @dataclass(frozen=True)
 class StuckRow:
-    """What a stuck command did.
+    """Consequences of a stuck command in one run.
 
     Attributes:
         hand: seed of the motion of the hand.
-        counts: the stuck command.
-        peaks: largest deviation in mm during each fault and the second after it, until the arm was stopped.
-        jumps: how many of them are more than `HARM`.
-        stopped: number of the fault, from 1, in or after which a check stopped the arm; None: none.
-        check: which one.
+        counts: the stuck command in counts of the DAC.
+        peaks: largest deviation in mm during and shortly after each fault, until the arm was stopped.
+        jumps: number of peaks above `HARM`.
+        stopped: number of the fault, from 1, in or after which a check stopped the arm; None: no stop.
+        check: reason of the stop; "" without a stop.
     """
 
     hand: int
@@ -121,7 +122,7 @@ class StuckRow:
 
 @dataclass(frozen=True)
 class Trends(Result):
-    """Both experiments.
+    """Results of both experiments.
 
     Attributes:
         robot, motor: names of the robot and of its first motor.
@@ -141,7 +142,7 @@ class Trends(Result):
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """None: the paper's numbers belong to another plant."""
+        """No findings, because the paper's numbers belong to another plant."""
         return ()
 
     @property
@@ -151,7 +152,7 @@ class Trends(Result):
 
     @property
     def as_published(self) -> list[StuckRow]:
-        """Runs with a jump in each fault and a stop at the last, as in the paper."""
+        """Runs with a jump in each fault and a stop at the last fault, as in the paper."""
         times = self.table.stuck.times
         return [r for r in self.stuck if r.jumps == times and r.stopped == times]
 
@@ -199,7 +200,7 @@ class Trends(Result):
 
 
 def trends(robot: str, parts: Parts, table: TrendsTable, progress: Callable[[str, float], None]) -> Trends:
-    """Run both experiments; it takes some 30 s of processor time."""
+    """Run both experiments, which takes about 30 s of processor time."""
     settings, t = parts.settings, table.stuck
     steps = len(table.scales) + sum(len(hand.shares) for hand in t.hand)
     physics = parts.plant.physics.changed(table.mass.value, table.friction.value)

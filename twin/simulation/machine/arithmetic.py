@@ -1,4 +1,4 @@
-"""Arithmetic of the control software in every tick, compiled, for n motors and joints.
+"""Compiled arithmetic of one tick of the control software, for n motors and joints.
 
     low-pass    v' = v + c ((x - x_before) / h - v), c its share of a difference in one tick, h the tick
     sense       m = counts times angle of a count; w' = low-pass of m
@@ -29,12 +29,12 @@ class Arithmetic:
     """The functions of one robot with one set of gains.
 
     Attributes:
-        share: share of a difference that the low-pass takes over in one tick.
-        angle: motor value of one count of the encoder, as the software computes it, rad or m.
+        share: fraction of a difference that the low-pass filter corrects in one tick.
+        angle: motor value in rad or m of one count of the encoder, as the software computes it.
         counts: (n,) counts of the DAC for one N m or N of a motor.
         sense: function (counts, m, w) -> (2 n,): m, w'.
         aim: function (q_desired, q_desired before, r, q, qd) -> (3 n,): r' and both errors of the joints.
-        drive: function (e, de, efforts of the joints, s) -> (2 n,): s', counts of the DAC before any check.
+        drive: function (e, de, efforts of the joints, s) -> (2 n,): s', counts of the DAC before the software's checks.
     """
 
     share: float

@@ -1,4 +1,4 @@
-"""Machine and model side by side: both get the same packets; what separates them is felt as a cue."""
+"""Machine and model get the same packets; their deviation causes the cue, a force on the operator's hand."""
 
 from __future__ import annotations
 
@@ -14,27 +14,27 @@ from twin.simulation.machine.machine import Machine
 
 
 class Beside:
-    """A machine, and a model of it: a machine with the physics of the robot's files and without faults.
+    """A machine and its model: the model has the physics of the robot's files, and no faults.
 
     Attributes:
-        machine, model: both.
-        compared: both as their encoders measure them.
-        force: (3,) force of the cue in base, N; 0 unless both are in PEDAL_DN.
+        machine, model: the machine and its model.
+        compared: comparison of machine and model at the joint values that their encoders measure.
+        force: (3,) force of the cue in N in base; 0 unless machine and model are in PEDAL_DN.
     """
 
     def __init__(self, machine: Machine, cue: Cue | None = None) -> None:
-        """Start at the machine's joint values, in E_STOP; without a cue, one with its default parameters."""
+        """Start at the machine's joint values, in E_STOP; `cue` None: the default parameters."""
         self.machine = machine
         self.model = Machine(machine.parts, q=machine.plant.q)
         self.compared, self.force = Comparison(machine.parts, cue or Cue(), machine.q), np.zeros(3)
 
     def start(self) -> None:
-        """Press the start button of both."""
+        """Press the start buttons of machine and model."""
         self.machine.start()
         self.model.start()
 
     def step(self, t: float, packets: Iterable[tuple[bytes, Any]] = ()) -> list[tuple[bytes, Any]]:
-        """Run one tick of both at t in s; return the machine's packets to send back."""
+        """Run one tick of machine and model at t in s; return the packets that the machine sends back."""
         packets = list(packets)
         back = self.machine.step(t, packets)
         self.model.step(t, packets)
@@ -45,5 +45,5 @@ class Beside:
 
     @property
     def deviation(self) -> float:
-        """Distance of both tips in m."""
+        """Distance in m between the tips of machine and model."""
         return self.compared.deviation

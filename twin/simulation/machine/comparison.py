@@ -1,4 +1,4 @@
-"""How far a machine is from its model: tips, their speeds through the software's low-pass, and the force of the cue."""
+"""Compare a machine with its model: deviation of the tips, their filtered velocities, and the force of the cue."""
 
 from __future__ import annotations
 
@@ -15,23 +15,23 @@ class Comparison:
 
     Attributes:
         cue: the equation of the force.
-        tips: (2, 3) tips of machine and model in base, m.
-        speeds: (2, 3) their velocities in m/s, through the low-pass.
+        tips: (2, 3) positions of the tips of machine and model in m in base.
+        speeds: (2, 3) velocities of the tips in m/s, after the low-pass filter of the control software.
         joints: (n,) joint values of the model minus those of the machine, rad or m.
     """
 
     def __init__(self, parts: Parts, cue: Cue, q: Array) -> None:
-        """Begin with both at rest at joint values q (n,)."""
+        """Start with machine and model at rest at joint values q (n,)."""
         self.cue, self._forward, self._share = cue, parts.kin.forward, parts.arithmetic.share
         self.rest(q, q)
 
     def rest(self, machine: Array, model: Array) -> None:
-        """Take joint values (n,) of both, at rest."""
+        """Set the joint values (n,) of machine and model, at rest."""
         self.tips, self.speeds = self._tips(machine, model), np.zeros((2, 3))
         self.joints = model - machine
 
     def step(self, machine: Array, model: Array, ticks: int = 1) -> None:
-        """Take joint values (n,) of both, a number of ticks after the last ones."""
+        """Update the joint values (n,) of machine and model, `ticks` ticks after the previous update."""
         before, self.tips = self.tips, self._tips(machine, model)
         share = self._share if ticks == 1 else 1 - (1 - self._share) ** ticks
         self.speeds = self.speeds + share * ((self.tips - before) / (ticks * TICK) - self.speeds)
@@ -39,12 +39,12 @@ class Comparison:
 
     @property
     def deviation(self) -> float:
-        """Distance of both tips in m."""
+        """Distance in m between the tips of machine and model."""
         return float(np.linalg.norm(self.tips[1] - self.tips[0]))
 
     @property
     def force(self) -> Array:
-        """Force of the cue (3,) in base, N."""
+        """Force of the cue (3,) in N in base."""
         return self.cue.force(self.tips[1] - self.tips[0], self.speeds[1] - self.speeds[0])
 
     def _tips(self, machine: Array, model: Array) -> Array:

@@ -1,4 +1,4 @@
-"""What passes between a World and its machines, outside of the World: states into it, packets out of it."""
+"""Pass the states of the machines to their World, and the World's packets to the machines."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ class Exchange:
     """
 
     def __init__(self, links: Mapping[str, MachineLink], states: Mapping[str, MachineStates], outbox: Outbox) -> None:
-        """Connect the device of the states of each machine, and the last block of the World."""
+        """Connect the links with the World's devices that receive states, and with its block that keeps packets."""
         self.links, self._states, self._outbox = links, states, outbox
 
     def receive(self) -> None:

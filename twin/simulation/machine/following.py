@@ -1,4 +1,4 @@
-"""A planned motion followed by a robot's motors: its dynamics and its own controller, every millisecond."""
+"""Simulate how a robot's motors follow a planned motion: dynamics and controller of the robot, every millisecond."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from twin.simulation.machine.servo import Servo, compensation
 from twin.simulation.machine.settings import Settings
 
 _AFTER = 200
-"""Number of ticks after the end of the motion, in which the arm comes to rest."""
+"""Number of simulated ticks after the end of the motion, while the arm comes to rest."""
 
 
 @dataclass(frozen=True)
 class Followed:
-    """Where the robot was.
+    """Result of `follow`.
 
     Attributes:
         q: (k, n) joint values at every tick, in rad or m.
-        error: (n,) largest difference of each joint from the plan.
-        stop: why the controller stopped the arm; "" if it did not.
+        error: (n,) largest difference of each joint from the plan, in rad or m.
+        stop: reason why the controller stopped the arm; "" without a stop.
     """
 
     q: Array

@@ -6,7 +6,7 @@ A packet has 124 bytes, little-endian, without gaps; of two numbers, the first i
 |---|---|---|
 | 0, 4, 8 | uint32 | sequence number, packet type, version |
 | 12, 20, 28 | 2 int32 each | increments of the tool's position along x, y, z of base, µm |
-| 36, 52, 68, 84 | 2 float64 each | x, y, z, w of the quaternion that turns the tool further, in base; all 0: no turn |
+| 36, 52, 68, 84 | 2 float64 each | x, y, z, w of the quaternion by which the tool turns, in base; all 0: no turn |
 | 100 | 2 int32 | buttons, not used |
 | 108 | 2 int32 | increments of the opening of the jaws |
 | 116 | int32 | surgeon mode: 1 pedal down, 0 up |
@@ -77,13 +77,13 @@ def sequence_of(data: bytes) -> int:
 
 
 def renumbered(data: bytes, sequence: int) -> bytes:
-    """Return a packet with another sequence number (modulo 2^32) and the checksum that fits to it."""
+    """Return the packet with another sequence number (modulo 2^32) and the matching checksum."""
     numbers = (sequence % 2**32, *PACKET.unpack(data)[1:22])
     return PACKET.pack(*numbers, checksum(numbers))
 
 
 def unpack(data: bytes, arm: int, version: int) -> Packet:
-    """Return what a packet says to one arm (0 or 1).
+    """Return the part of a packet for one arm (0 or 1).
 
     Raises:
         DeviceError: length, version, checksum, pedal or a quaternion is wrong; the message has value and limit.

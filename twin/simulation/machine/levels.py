@@ -1,4 +1,4 @@
-"""Run levels: what the PLC allows, and how the control software reads it (as in uw-biorobotics/raven2)."""
+"""Run levels that the PLC allows, and how the control software reads them (as in uw-biorobotics/raven2)."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from enum import IntEnum
 
 
 class Level(IntEnum):
-    """Run levels; a number is what the PLC says in its two bits."""
+    """Run levels; the numbers are those that the PLC sends in two bits."""
 
     E_STOP = 0
     INIT = 1
@@ -18,12 +18,13 @@ class Level(IntEnum):
 class Plc:
     """The controller of power and brakes, which is independent of the software.
 
-    The stop button, and a watchdog bit that the software has not changed for `timeout` s, lead to E_STOP. The start
-    button leads from there to INIT. When the software has initialised the arm, the pedal decides.
+    The PLC goes to E_STOP if the stop button is pressed, or if the software has not changed the watchdog bit for
+    `timeout` s. In E_STOP, the start button changes the level to INIT. When the software has initialised the arm, the
+    pedal selects PEDAL_UP or PEDAL_DN.
 
     Attributes:
         level: the level that the PLC allows.
-        reason: why it stopped; "" after a start.
+        reason: reason of the last stop; "" after a start.
     """
 
     def __init__(self, timeout: float) -> None:
@@ -46,7 +47,7 @@ class Plc:
             self.level, self.reason = Level.E_STOP, reason
 
     def step(self, t: float, bit: bool, initialised: bool, pedal: bool) -> Level:
-        """Return the level at t in s for the software's watchdog bit, and for whether it has initialised the arm."""
+        """Return the level at t in s; `bit`: watchdog bit, `initialised`: whether the arm is initialised."""
         if bit != self._bit:
             self._bit, self._changed = bit, t
         if self.level != Level.E_STOP and t - self._changed > self._timeout:
@@ -64,7 +65,7 @@ class Reader:
         self.level, self._cycles, self._read, self._count = Level.E_STOP, cycles, Level.E_STOP, 0
 
     def hold(self, level: Level) -> None:
-        """Take a level as read already."""
+        """Set the level that counts as read."""
         self.level, self._read, self._count = level, level, self._cycles
 
     def read(self, levels: Sequence[Level]) -> Level:

@@ -1,6 +1,6 @@
-"""The other side of a machine: packets go to it by UDP, one each millisecond; its states come by TCP.
+"""Connection to a machine: sends packets by UDP, one per millisecond, and receives states by TCP.
 
-Two threads do the work, so that the pace of the packets does not depend on the program that makes them: packets that
+Two threads send and receive, so that the packets have equal intervals even if the calling program is late: packets that
 arrive together would make the machine jump.
 """
 
@@ -20,24 +20,24 @@ from twin.simulation.machine.server import HOST
 from twin.simulation.machine.states import State, size, unpack
 
 PATIENCE = 0.5
-"""Time in s without a new state after which the machine counts as gone (ASSUMED)."""
+"""Time in s without a new state after which the machine counts as disconnected (ASSUMED)."""
 
 _CONNECT = 5.0
-"""Time in s for the connection."""
+"""Maximum time in s to connect."""
 
 _WAITING = 200
-"""Largest number of packets that wait to be sent; of more, the oldest is dropped."""
+"""Maximum number of packets that wait to be sent; if there are more, the oldest are dropped."""
 
 _BEHIND = 20
 """Number of waiting packets above which two are sent each millisecond."""
 
 _REFUSED = 50
-"""Number of refused packets without an accepted one after which another master is reported."""
+"""Number of successive refused packets after which another master (sender of packets) is reported."""
 
 
 @dataclass(frozen=True)
 class Address:
-    """Where a machine is: host, port of packets (UDP) and port of states (TCP)."""
+    """Address of a machine: host, port of packets (UDP) and port of states (TCP)."""
 
     host: str
     port: int
@@ -53,7 +53,7 @@ class Address:
         *host, port, states = [""] * (1 - text.count(":")) + text.rsplit(":", 2)
         if not (port.isdigit() and states.isdigit() and all(host)):
             raise DeviceError(
-                f"'{text}' is no address of a machine: give HOST:PORT:STATEPORT, as 127.0.0.1:36000:36001"
+                f"'{text}' is not the address of a machine: give HOST:PORT:STATEPORT, such as 127.0.0.1:36000:36001"
             )
         for p in (int(port), int(states)):
             if not 0 < p < 65536:
@@ -66,11 +66,11 @@ class StateReader:
 
     Attributes:
         newest: the newest state; None before the first one.
-        problem: why no more states are read; "" while they are.
+        problem: reason why no more states are read; "": states are read.
     """
 
     def __init__(self, host: str, port: int, n: int, arrived: Callable[[State], object] = lambda state: None) -> None:
-        """Connect to the states of a machine of n joints; `arrived` is called with each, in the thread of the reader.
+        """Connect to the states of a machine of n joints; the reader's thread calls `arrived` with each state.
 
         Raises:
             DeviceError: nothing answers there.
@@ -136,7 +136,7 @@ class StateReader:
 
 
 class MachineLink:
-    """A master of a machine: sends packets, one each millisecond, and has its newest state.
+    """A master (sender of packets) of a machine; it also has the machine's newest state.
 
     Attributes:
         reader: the states of the machine, and its buttons.
@@ -160,7 +160,7 @@ class MachineLink:
         self._thread.start()
 
     def send(self, packet: bytes) -> None:
-        """Put a packet into the queue of packets."""
+        """Add a packet to the queue; one is sent per millisecond."""
         if len(self._waiting) >= _WAITING:
             self._waiting.popleft()
             self.dropped += 1
@@ -173,7 +173,7 @@ class MachineLink:
 
     @property
     def problem(self) -> str:
-        """Why the machine cannot be moved; "" if it can."""
+        """Reason why the machine cannot be controlled; "" if it can."""
         if self.reader.problem:
             return self.reader.problem
         if (state := self.state) is None:
@@ -182,8 +182,8 @@ class MachineLink:
             self._before = state.accepted, state.refused
         elif state.refused - self._before[1] > _REFUSED:
             return (
-                "the machine refuses all packets: another master has it. End the other master; the machine is free "
-                "when that one has been silent for its time-out (5 s)"
+                "the machine refuses all packets: another program controls it. End that program; "
+                "the machine accepts another one after its time-out without packets (5 s)"
             )
         return ""
 

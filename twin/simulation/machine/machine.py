@@ -1,8 +1,9 @@
-"""A machine of one arm, tick by tick: network, PLC, control software, motors and links. It uses no clock, no socket.
+"""A machine of one arm, tick by tick: network, PLC, control software, motors and links, without clock and sockets.
 
 The control software follows the released one of the Raven-II (uw-biorobotics/raven2): increments of the tool pose are
-summed while the pedal is down, the inverse gives joints, the servo gives counts of the DAC. Where the plant's
-parameters differ from the software's, the machine is not its model. Faults act on the signals of `LOCATIONS`:
+added while the pedal is down, the inverse computes joint values, the servo computes counts of the DAC. The machine
+deviates from its model if the parameters of its plant differ from those in the software. Faults act on the signals of
+`LOCATIONS`:
 
 | signal | numbers | where |
 |---|---|---|
@@ -51,7 +52,7 @@ LOCATIONS = {
     "joints": "control state",
     "dac": "USB write",
 }
-"""Signals that faults change, and where in the machine each of them is."""
+"""Signals that faults can change, and the place of each signal in the machine."""
 
 LOSABLE = ("wire", "packet")
 """Signals that faults can lose or repeat."""
@@ -65,7 +66,7 @@ _ON = (Level.INIT, Level.PEDAL_DN)
 _MICRO = 1e-6
 
 _HOMED = (0.02, 5e-3, 5e-4)
-"""Largest errors at which homing is complete: rad without a brake, rad and m with one."""
+"""Largest errors at which homing is complete: in rad without a brake; in rad and in m with a brake."""
 
 _STILL = (0.02, 2e-3)
 """Largest rates of joints with brakes in rad/s and m/s at which homing is complete."""
@@ -76,16 +77,16 @@ _EASE = 1.875
 
 @dataclass(frozen=True)
 class Parts:
-    """What a machine is made of, compiled once; machine and model share it.
+    """Compiled parts of a machine, which machine and model share.
 
     Attributes:
         arm: the mechanism with masses.
         kin: the equations, with a closed inverse.
         settings: motors, gains and limits.
-        plant: a plant with the physics that the files state.
+        plant: a plant with the parameters of the robot's files.
         arithmetic: the control software's arithmetic with the gains of the settings.
         gravity: efforts (n,) of the gravity compensation at joints (n,).
-        home: (n,) joint values of the posture home.
+        home: (n,) joint values of the posture `home`.
     """
 
     arm: Arm
@@ -109,8 +110,8 @@ class Parts:
         """Compile the robot.
 
         Raises:
-            MechanismError: the mechanism has loops, no posture home, or a frame of the settings is not in it; or the
-                gains make it oscillate.
+            MechanismError: the mechanism has loops, has no posture `home`, or lacks a frame of the settings; or the
+                gains make a joint oscillate.
         """
         m = arm.mechanism
         if m.home is None:
@@ -126,15 +127,15 @@ class Machine:
     """One arm with its control software and PLC.
 
     Attributes:
-        parts: what the machine is made of.
-        plc, receiver, servo, plant: its parts.
+        parts: compiled parts of the machine.
+        plc, receiver, servo, plant: controller of power and brakes, check of packets, motor control, simulated arm.
         level: run level as the software reads it.
         t: time of the last tick in s.
         tick: number of ticks.
         q, qd: (n,) joint values and rates as the encoders measure them.
         wanted: (n,) desired joint values.
-        dac: (n,) counts of the DAC that the motors get.
-        held: number of packets whose target was out of reach; the arm kept the last one within reach.
+        dac: (n,) counts of the DAC sent to the motors.
+        held: number of packets whose target was out of reach; the arm then kept its last target within reach.
     """
 
     def __init__(
@@ -148,13 +149,13 @@ class Machine:
         """Switch the machine on, in E_STOP.
 
         Args:
-            parts: what it is made of.
-            physics: parameters of its plant; None: those of the robot's files.
+            parts: compiled parts of the machine.
+            physics: parameters of the plant; None: those of the robot's files.
             q: (n,) joint values at the start; None: home.
             faults: faults of the signals of `LOCATIONS`.
 
         Raises:
-            WorldError: a fault has an unknown signal, or loses or repeats what is not a packet.
+            WorldError: a fault has an unknown signal, or loses or repeats a signal that is not a packet.
             MechanismError: a parameter of the plant is impossible.
         """
         for fault in faults:
@@ -198,7 +199,7 @@ class Machine:
         self._brake(True)
 
     def start(self) -> None:
-        """Press the start button; it has an effect in E_STOP only."""
+        """Press the start button, which has an effect only in E_STOP."""
         if self.plc.level != Level.E_STOP:
             return
         self.servo.reset()
@@ -206,7 +207,7 @@ class Machine:
         self.plc.start(max(self.t, 0.0))
 
     def stand(self, q: Array) -> None:
-        """Put the arm at rest at joint values q (n,), initialised, at PEDAL_UP with brakes; forget its errors."""
+        """Set the arm at rest at joint values q (n,), initialised, in PEDAL_UP with brakes; reset its errors."""
         self.plant.reset(q)
         self.plc.ready()
         self._reader.hold(Level.PEDAL_UP)
@@ -224,13 +225,13 @@ class Machine:
 
     @property
     def reason(self) -> str:
-        """Why the machine is in E_STOP; "" if it is not."""
+        """Reason why the machine is in E_STOP; "" in other run levels."""
         return self.plc.reason
 
     def step(self, t: float, packets: Iterable[tuple[bytes, Any]] = ()) -> list[tuple[bytes, Any]]:
-        """Run one tick at t in s with the packets (bytes, sender) that have come; return packets to send back.
+        """Run one tick at t in s with the packets (bytes, sender) that have arrived; return packets to send back.
 
-        Bad packets have no effect; they are counted in `receiver`.
+        Invalid packets have no effect; `receiver` counts them.
         """
         if not t > self.t:
             self.plc.stop(f"the clock went back from {self.t:g} s to {t:g} s")
@@ -374,7 +375,7 @@ class Machine:
         return Level(int(np.clip(self._changed("level", t, np.array([float(level)]))[0], 0, 3)))
 
     def _misplace(self, t: float) -> None:
-        """Let faults move the desired position of the tool."""
+        """Apply faults to the desired position of the tool."""
         if self._target is None or not self._faults["tool"]:
             return
         place = self._target[:3, 3] / _MICRO

@@ -1,7 +1,7 @@
-"""The model beside a machine in a World: it moves by the same packets, and is compared with the machine's states.
+"""The model of a machine in a World: it gets the same packets, and is compared with the machine's states.
 
-A packet takes some milliseconds to the machine and back. So a state is compared with the model as it was after the
-packet that the state names: only what the arms do differently counts, not the way of the packets.
+A packet takes some milliseconds to the machine, and its state takes some milliseconds back. Therefore, a state is
+compared with the model as it was after the same packet, so that the delay of the network does not count as deviation.
 """
 
 from __future__ import annotations
@@ -22,20 +22,20 @@ from twin.simulation.machine.machine import Machine, Parts
 from twin.simulation.world import Block, Signals
 
 _KEPT = 4096
-"""Number of packets for which the model's joints are kept."""
+"""Number of packets for which the joint values of the model are stored."""
 
 
 class Modelled(Block):
-    """Steps the model; a plant.
+    """A plant that steps the model of a machine.
 
     Reads `<robot>.given`, `<robot>.phase`, `<robot>.measured` and `<robot>.run`. Writes:
 
     - `<robot>.q` (n,): joints of the machine as measured, and `<robot>_model.q` (n,): those of the model;
     - `<robot>.encoder` (n,): joints of the arm that the hand moves, which is the model in a rehearsal;
     - `<robot>.model` (3,): run level of the model, speed of its tip in m/s, packets whose target was out of reach;
-    - `<robot>.deviation` (2,): distance of both tips in m, and speed of the machine's tip in m/s;
+    - `<robot>.deviation` (2,): distance in m between the tips of machine and model; speed of the machine's tip in m/s;
     - `<robot>.apart` (n,): joint values of the model minus those of the machine, rad or m;
-    - `<robot>.cue` (3,): force of the cue in base, N; 0 unless both move by packets and are in PEDAL_DN.
+    - `<robot>.cue` (3,): force of the cue in N in base; 0 unless the hand moves both, and both are in PEDAL_DN.
     """
 
     def __init__(self, robot: str, parts: Parts, cue: Cue, q: Array) -> None:

@@ -1,4 +1,4 @@
-"""Packets that a World makes for its machines, until somebody outside of the World sends them."""
+"""Packets of a World for its machines, stored until a program outside of the World sends them."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ from twin.simulation.world import Block, Signals
 
 
 class Outbox(Block):
-    """Keeps the packets of all machines until `take`; a block that writes no signal, at the end of a tick."""
+    """Stores the packets of all machines until `take` is called; the last block of a tick, which writes no signal."""
 
     def __init__(self, parts: Mapping[str, Parts]) -> None:
-        """Prepare for machines by robot; numbers of packets begin at 1."""
+        """Prepare for the machines; `parts`: compiled parts by robot. Numbers of packets begin at 1."""
         self.outputs = {}
         self._of = {n: (parts[n].settings.arm, parts[n].settings.packet_version) for n in parts}
         self._packets: dict[str, list[bytes]] = {n: [] for n in parts}
         self._number = 0
 
     def step(self, signals: Signals, t: float, dt: float) -> dict[str, Array]:
-        """Keep the packets of this tick."""
+        """Store the packets of this tick."""
         self._number += 1
         for name, (arm, version) in self._of.items():
             self._packets[name].append(pack(self._number, arm, signals.now[f"{name}.packet"], version))

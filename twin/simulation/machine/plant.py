@@ -41,8 +41,8 @@ class Physics:
         rotors: (n,) inertias of the rotors at the motors, kg m2 or kg.
         viscous: (n,) viscous friction at the joints, N m s/rad or N s/m.
         coulomb: (n,) Coulomb friction at the joints, N m or N.
-        fall: (3,) gravitational acceleration in base, m/s2; a tilted base tilts it.
-        stops: (2, n) lowest and highest joint values, at hard stops without rebound; infinite: no stop.
+        fall: (3,) gravitational acceleration in m/s2 in base, so that it depends on the tilt of the base.
+        stops: (2, n) minimum and maximum joint values, at hard stops without rebound; infinite: no stop.
     """
 
     factors: Array
@@ -54,7 +54,7 @@ class Physics:
 
     @classmethod
     def of(cls, arm: Arm, coulomb: ArrayLike = 0.0) -> Physics:
-        """Return the parameters that the robot's files state, with Coulomb friction (n,) in N m or N."""
+        """Return the parameters in the robot's files; `coulomb`: Coulomb friction (n,) in N m or N."""
         m, n = arm.mechanism, len(arm.friction)
         known = {a.name: a.rotor_inertia or 0.0 for a in m.actuators}
         ends = [j.limits or (-np.inf, np.inf) for j in m.active]
@@ -68,7 +68,7 @@ class Physics:
         )
 
     def changed(self, mass: float = 1.0, friction: float = 1.0, tilt: float = 0.0) -> Physics:
-        """Return parameters with all masses and all friction times a factor, and a base tilted about x by rad."""
+        """Return changed parameters: factors of all masses and of all friction, tilt of the base about x in rad."""
         fall = GRAVITY * np.array([0.0, -np.sin(tilt), -np.cos(tilt)])
         scaled = {"viscous": friction * self.viscous, "coulomb": friction * self.coulomb}
         return replace(self, factors=mass * self.factors, fall=fall, **scaled)

@@ -1,4 +1,4 @@
-"""What a machine accepts from the network: one master at a time, in order, and for how long its pedal counts."""
+"""Check the packets that a machine receives: one master (sender) at a time, increasing numbers, a time-out."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ from twin.simulation.machine.itp import Packet, unpack
 class Receiver:
     """Reads the packets for one arm.
 
-    As released, number 0 asks for the packet back, and after a gap the first packet is dropped and numbering goes on
-    from it. Unlike the released software, the checksum is checked, and numbers never go back: there, packets that are
-    more than 1000 older restart the numbering, which lets old packets in again. A master keeps the machine until it has
-    been silent for `timeout` s.
+    As in the released software, a packet with sequence number 0 is sent back. If numbers are missing, the first packet
+    after the gap is dropped, and the next one is accepted. Unlike the released software, the checksum is checked, and
+    numbers must increase: there, a packet with a number more than 1000 lower restarts the numbering, so that old
+    packets are accepted again. A master controls the machine until it has been silent for `timeout` s.
 
     Attributes:
         master: address of the sender whose packets are accepted; None: the next one.
         accepted, refused: number of packets so far.
-        reason: why the last refused packet was refused.
+        reason: reason why the last refused packet was refused.
     """
 
     def __init__(self, arm: int, version: int, timeout: float) -> None:
-        """Define the number of the arm in a packet, the accepted version, and the time-out in s."""
+        """Set the number of the arm in a packet (0 or 1), the accepted version of packets, and the time-out in s."""
         self._arm, self._version, self.timeout = arm, version, timeout
         self.master: Any = None
         self.accepted = self.refused = 0
@@ -50,7 +50,7 @@ class Receiver:
             self.master, self.sequence = None, 0
         if self.master not in (None, sender):
             raise DeviceError(
-                f"{sender} is a second master; {self.master} has the machine until it has been silent for "
+                f"{sender} is a second master; {self.master} controls the machine until it has been silent for "
                 f"{self.timeout:g} s"
             )
         if packet.sequence == 0:
@@ -62,13 +62,13 @@ class Receiver:
         gap = packet.sequence - last - 1 if self.master is not None else 0
         self.master, self._heard = sender, t
         if gap:
-            raise DeviceError(f"{gap} packets are missing before {packet.sequence}; it is dropped, the next one counts")
+            raise DeviceError(f"{gap} packets are missing before {packet.sequence}: this packet is dropped, too")
         self.accepted += 1
         self._pedal = bool(packet.values[8] > 0)
         return packet
 
     def silent(self, t: float) -> bool:
-        """Return whether no packet of the master has come for longer than the time-out."""
+        """Return whether no packet of the master has arrived for longer than the time-out."""
         return t - self._heard > self.timeout
 
     def pedal(self, t: float) -> bool:

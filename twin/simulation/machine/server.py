@@ -1,7 +1,7 @@
 """A machine in real time: packets by UDP, states and buttons by TCP, both on 127.0.0.1.
 
-Each connection gets every state (`states`), and may send the lines "start" and "stop": the buttons of the machine. If
-one reads so slowly that its states do not fit into the socket, it is closed.
+Each connection gets every state (`states`), and may send the lines "start" and "stop", which press the buttons of the
+machine. A connection that reads too slowly, so that its socket is full, is closed.
 """
 
 from __future__ import annotations
@@ -24,21 +24,21 @@ from twin.simulation.machine.states import State, pack
 HOST = "127.0.0.1"
 
 _READERS = 4
-"""Largest number of connections for states."""
+"""Maximum number of connections for states."""
 
 _PACKETS = 2
-"""Largest number of packets read in one tick: those that have piled up must not move the arm all at once."""
+"""Maximum number of packets read in one tick, so that waiting packets do not move the arm all at once."""
 
 _ASK = 50
-"""Number of ticks between two questions whether to end."""
+"""Number of ticks between two calls of `ends`."""
 
 _LINE = 64
-"""Largest length in bytes of a line from a connection."""
+"""Maximum length in bytes of a line from a connection."""
 
 
 @dataclass
 class Pace:
-    """How punctual the ticks were.
+    """Delays of the ticks.
 
     Attributes:
         late: (k,) delay in s of the start of each tick.
@@ -69,7 +69,7 @@ class Server:
     Attributes:
         machine: the machine.
         port, state_port: ports of the packets (UDP) and of the states (TCP).
-        pace: how punctual the ticks were.
+        pace: delays of the ticks.
     """
 
     def __init__(self, machine: Machine, port: int = 0, state_port: int = 0) -> None:
@@ -104,7 +104,7 @@ class Server:
         said: Callable[[str], None] = lambda text: None,
         ends: Callable[[], bool] = lambda: False,
     ) -> None:
-        """Run for a time in s, or until `ends`, which is asked 20 times a second.
+        """Run for a time in s, or until `ends` returns True; it is called 20 times per second.
 
         `said` gets a line for each change of the run level, with its reason.
         """

@@ -1,9 +1,10 @@
 """Control of the motors: PD or PID with gravity compensation, and the checks of the DAC.
 
 The motor torque is (kp e + ki int e + kd de/dt) / gear + T^T g(q), with e the desired minus the measured motor angle.
-The DAC gets it in whole counts. Above `stop_dac` counts the arm stops at any run level. Above the limit of the mode,
-the policy "none" only counts the violation, "soft" clips it, and "hard" stops after more than `violations` of them. The
-counter is one for all motors, as released (ten motors once count as one motor ten times), or one for each motor.
+The DAC gets the torque in whole counts. If a command exceeds `stop_dac` counts, the arm stops at any run level. If a
+command exceeds the limit of the mode, the policy "none" only counts the violation, "soft" clips the command, and "hard"
+stops the arm after more than `violations` violations. As in the released software, one counter counts the violations of
+all motors; or each motor has its own counter.
 """
 
 from __future__ import annotations
@@ -34,9 +35,9 @@ class Servo:
         settings: motors and limits.
         mechanism: the robot, for the order of the motors.
         arithmetic: the compiled control of the motors.
-        mode, policy: limits of the DAC and what happens above them.
-        violations: (n,) number of commands above the limit of the mode so far, of each motor.
-        stop: why the arm must stop; "" if it need not.
+        mode, policy: name of the limits of the DAC, and reaction to commands above them.
+        violations: (n,) number of commands of each motor above the limit of the mode so far.
+        stop: reason why the arm must stop; "" without a reason.
     """
 
     settings: Settings
@@ -57,12 +58,12 @@ class Servo:
         self._most = self.settings.number.violations.value
 
     def reset(self) -> None:
-        """Forget the integral of the error, the violations and the stop."""
+        """Reset the integral of the error, the violations and the stop."""
         self._sum, self.violations, self.stop = np.zeros(len(self.limit)), np.zeros(len(self.limit), int), ""
 
     @property
     def counted(self) -> int:
-        """Number of violations that the policy "hard" counts: of all motors, or the largest of one motor."""
+        """Number of violations for the policy "hard": the sum of all motors, or the maximum of the motors."""
         return int(self.violations.sum() if self.settings.released.shared_counter else self.violations.max())
 
     def counts_of(self, error: Array, change: Array, efforts: Array) -> Array:
@@ -81,7 +82,7 @@ class Servo:
         over = size > self.limit
         if not size.max() <= self._stop_dac:  # a value that is not a number is above every limit
             i = int(np.argmax(np.where(np.isnan(size), np.inf, size)))
-            self.stop = f"{names[i]} asks for {asked[i]:.0f} counts of the DAC (limit {self._stop_dac:.0f})"
+            self.stop = f"the command for {names[i]} is {asked[i]:.0f} DAC counts (limit {self._stop_dac:.0f})"
         elif over.any():
             self.violations += over
             if self.policy == "hard" and self.counted > self._most:

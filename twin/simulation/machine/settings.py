@@ -38,7 +38,7 @@ class Number(_Cited):
 
 
 class Numbers(Table):
-    """Numbers of the control software: see the notes in the file."""
+    """Parameters of the control software; the file's notes explain them."""
 
     counts_per_turn: Number
     stop_dac: Number
@@ -61,11 +61,11 @@ class Limits(Table):
 
 
 class Released(Table):
-    """Findings of the released software (uw-biorobotics/raven2): true as released, false as it should be.
+    """Faults of the released software (uw-biorobotics/raven2). True: reproduce the fault; false: corrected.
 
     Attributes:
-        shared_counter: the counter of commands above the limit is one for all motors, so that ten motors once count as
-            one motor ten times.
+        shared_counter: one counter counts the commands above the limit of all motors: one command of each of ten motors
+            counts as ten.
         rates_without_coupling: joint rates come from the motor's own rate only, although joint values contain the
             coupling of the cables; without coupling there is no difference.
         whole_counts: counts of the encoder per rad are a whole number (1303 for 1303.8 there), so that angles are
@@ -78,7 +78,7 @@ class Released(Table):
 
 
 class Motor(_Cited):
-    """A motor: N m/A at the rotor, counts per A, gear ratio, and gains behind the gear."""
+    """A motor: torque constant in N m/A at the rotor, counts of the DAC per A, gear ratio, gains behind the gear."""
 
     name: Identifier
     torque_per_amp: _Positive
@@ -91,7 +91,7 @@ class Motor(_Cited):
 
 
 class JointFriction(_Cited):
-    """Coulomb friction of a joint, and the effort that its brake holds; 0: no brake."""
+    """Coulomb friction of a joint, and the maximum effort of its brake; 0: no brake."""
 
     name: Identifier
     coulomb: _NotNegative
@@ -100,7 +100,7 @@ class JointFriction(_Cited):
 
 
 class PointMass(_Cited):
-    """A point mass of the gravity compensation on the body that a joint moves; kg, and m in a frame of the body."""
+    """A point mass in kg of the gravity compensation on the body that a joint moves; position in m in a frame there."""
 
     joint: Identifier
     frame: Identifier
@@ -132,7 +132,7 @@ class Settings(Table):
         return [known[name] for name in mechanism.motor_names]
 
     def of_joints(self, mechanism: Mechanism) -> list[JointFriction]:
-        """Return the frictions in the order of q."""
+        """Return the friction of each joint, in the order of q."""
         known = {j.name: j for j in self.joint}
         return [known[j.name] for j in mechanism.active]
 
@@ -157,7 +157,7 @@ def load(path: Path, mechanism: Mechanism) -> Settings:
     """
     if not path.is_file():
         raise DescriptionError(
-            f"{path}: the file does not exist: a machine needs motors, gains and limits; cad/raven_left/{NAME} is one"
+            f"{path}: the file does not exist: a machine needs motors, gains and limits, as in cad/raven_left/{NAME}"
         )
     table = load_toml(path, Settings)
     actives = [j.name for j in mechanism.active]
@@ -171,7 +171,7 @@ def load(path: Path, mechanism: Mechanism) -> Settings:
             if name not in (needed or actives):
                 raise error_at(path, (key, i), unknown(key, name, needed or actives))
             if name in names[:i]:
-                raise error_at(path, (key, i), f"'{name}' is there twice")
+                raise error_at(path, (key, i), f"'{name}' is defined twice")
         missing = [n for n in needed or () if n not in names]
         if missing:
             raise DescriptionError(f"{path}: no [[{key}]] for {', '.join(missing)}")

@@ -1,4 +1,4 @@
-"""Whether the gains of a machine hold its arm: eigenvalues of the sampled control loop at a posture.
+"""Check that the gains of a machine are stable: eigenvalues of the sampled control loop at a posture.
 
 One tick at rest, without Coulomb friction, limits and gravity, is linear in joint values q, rates v, filtered motor
 rates w and the integral s of the motor errors (A: motor angles from joint values, h: tick, c: share of the low-pass):
@@ -6,8 +6,8 @@ rates w and the integral s of the motor errors (A: motor angles from joint value
     w' = w + c (A (q - q_before) / h - w)        s' = s - h A q
     (M + h V) v' = M v + h A^T (-kp A q - kd w' + ki s')        q' = q + h v'
 
-An eigenvalue outside the unit circle grows from tick to tick. M is that of `twin.reference.dynamics`, not the compiled
-one of the plant.
+A motion with an eigenvalue outside the unit circle grows from tick to tick. M is the mass matrix of
+`twin.reference.dynamics`, not the compiled one of the plant.
 """
 
 from __future__ import annotations
@@ -21,14 +21,14 @@ from twin.simulation.machine.plant import TICK
 from twin.simulation.machine.settings import Settings
 
 _MOST = 1 + 1e-6
-"""Largest accepted eigenvalue: above it a deviation grows by more than e in 1000 s."""
+"""Largest accepted magnitude of an eigenvalue; above it, a deviation grows by more than the factor e in 1000 s."""
 
 
 def require_stable(arm: Arm, settings: Settings, q: Array) -> None:
     """Check the gains at the joint values q (n,).
 
     Raises:
-        MechanismError: the loop oscillates or runs away; the message has the joint, frequency, growth and gains.
+        MechanismError: the loop is unstable; the message has the joint, frequency, growth and gains.
     """
     values, vectors = np.linalg.eig(_tick(arm, settings, q))
     i = int(np.argmax(np.abs(values)))

@@ -102,6 +102,6 @@ def unpack(data: bytes, n: int) -> State:
         raise DeviceError(f"the run level is {level}; it must be 0 to {max(Level).value}")
     numbers = np.frombuffer(data, "<f8", _ROWS * n, HEAD.size).astype(float)
     if not (np.isfinite(numbers).all() and np.isfinite(t)):
-        raise DeviceError(f"a number of the state of tick {tick} is not finite")
+        raise DeviceError(f"a value in the state of tick {tick} is not finite")
     rows = numbers.reshape(_ROWS, n)
     return State(Level(level), bool(pedal), tick, t, sequence, accepted, refused, held, late, *rows)

@@ -15,14 +15,14 @@ SENT = ("sequence",)
 
 
 class Wire:
-    """Packets on their way to a machine.
+    """Packets between the master and the machine.
 
-    A changed sequence number gets a fitting checksum, so that only the check of the sequence can notice it. A delayed
-    packet arrives `value` ticks later, so packets sent after the fault overtake it.
+    A packet with a changed sequence number gets the matching checksum, so that only the check of the sequence can
+    detect the change. A delayed packet arrives `value` ticks later, after packets that were sent later.
     """
 
     def __init__(self, faults: Sequence[Fault]) -> None:
-        """Take the faults of the signal `wire`."""
+        """Store the faults of the signal `wire`."""
         self._faults, self._tick = faults, 0
         self._late: list[tuple[int, bytes, Any]] = []
 

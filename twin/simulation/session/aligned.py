@@ -1,4 +1,4 @@
-"""The camera task by projection: angle and position of the rectangle's upper side relative to the picture's line."""
+"""Compute angle and position of the rectangle's upper side relative to the line in the picture, by projection."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def angle(ends: Array) -> float:
 
 
 def off(ends: Array, line: float) -> float:
-    """Return the largest distance of an end of the upper side from the same end of the line, in lengths of the line.
+    """Return the largest distance between the same ends of upper side and line, divided by the line's length.
 
     Args:
         ends: (2, 2) ends of the upper side, as `seen_ends` returns them.

@@ -1,4 +1,4 @@
-"""Time and camera moves of the camera task while it is performed, for the scoreboard of a page.
+"""Measure time and camera moves while a person performs the camera task, for the scoreboard of a page.
 
 AlignErr, the angle between line and upper side, is not shown before the end, so that the person looks at the picture.
 """
@@ -50,6 +50,6 @@ class CameraReferee(Block):
         return {}
 
     def content(self) -> dict[str, Any]:
-        """Return the scoreboard as plain data, as that of the peg board, without rings and events."""
+        """Return the scoreboard as plain data, in the format of the peg board's, without rings and events."""
         rows = [["Time", f"{self.time:.1f} s"], ["Camera moves", str(self.moves)]]
         return {"rows": rows, "rings": [], "events": []}

@@ -1,4 +1,4 @@
-"""Measures of the camera task: time, angle by projection and in the picture, paths of the lens and of the hands."""
+"""Measures of the camera task: time, angle (by projection and in the picture), path lengths of lens and hands."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ AGREE = 0.05 * DEG
 """Largest difference in rad between the angle by projection and the angle in the picture."""
 
 _COVERED = 0.002
-"""Largest part of the rectangle that may be covered in a picture in which its angle is measured."""
+"""Maximum fraction of the rectangle that may be covered when its angle is measured in a picture."""
 
 
 @dataclass(frozen=True)
@@ -33,8 +33,8 @@ class AlignMeasures:
         time: time in s from the first press of the camera pedal to the end of the last motion of the camera.
         angle: AlignErr in rad by projection, at the end: angle of the upper side against the line, counter-clockwise
             positive; NaN if the rectangle is behind the lens.
-        off: largest distance of an end of the upper side from the same end of the line, in lengths of the line; NaN as
-            `angle`.
+        off: largest distance of an end of the upper side from the same end of the line, divided by the length of the
+            line; NaN if the rectangle is behind the lens.
         seen: AlignErr in rad in the drawn picture at the end; None: it could not be measured.
         refused: reason why `seen` is None; "" otherwise.
         path: length in m of the path of the lens.

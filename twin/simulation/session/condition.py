@@ -1,4 +1,4 @@
-"""The condition of a session: with or without forces on the hands, and whose session in a study it is.
+"""The condition of a session: with or without forces on the hands, participant of a study, and run.
 
 The paper lets every user do the peg board with and without haptics, in random order. Here the number of a participant
 determines the order, without a list: of four successive participants, two begin with forces.
@@ -22,7 +22,7 @@ _BLOCK = 4
 
 
 class Condition(Table):
-    """Condition of a session. A later study groups sessions by it."""
+    """Condition of a session, by which a study can group sessions."""
 
     haptics: Annotated[bool, Field(description="whether the forces on the hands are on at the start")]
     participant: Annotated[int | None, Field(ge=1, description="number in a study; null: no study")] = None

@@ -83,7 +83,7 @@ class Session:
     Attributes:
         head: the first line.
         chunks: the chunks, in order.
-        lost: "" if the file is complete; otherwise a sentence that says where the file ends.
+        lost: "" if the file is complete; otherwise a sentence that states where the file ends.
     """
 
     head: Head

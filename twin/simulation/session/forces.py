@@ -12,7 +12,7 @@ from twin.simulation.world import Recording
 
 @dataclass(frozen=True)
 class ForceMeasures:
-    """Forces in a session, from samples: a pulse of a grasp may lie between two samples.
+    """Forces in a session, measured at samples; a short pulse of a grasp may be missed between two samples.
 
     Attributes:
         on: fraction of the session in which the forces were switched on.

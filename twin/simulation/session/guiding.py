@@ -43,7 +43,8 @@ class GuideMeasures:
         passed: part of the wire that the second arm guided the ring along without leaving it, 0 to 1.
         touches: number of touches of the wire by the held ring.
         touching: time in s of these touches.
-        drops: number of times that no hand held the ring, from the first grasp until it has been guided.
+        drops: number of times that no hand held the ring any more, until it has been guided. Before it is picked up,
+            only a ring that comes to lie elsewhere counts, not a grasp that failed.
         collisions: number of collisions of an instrument with a fixed part, or with the other instrument.
         time: time in s from the first moment in which an arm follows its hand until the last step is done; if a step is
             not done, until the end of the session.
@@ -146,8 +147,11 @@ class Referee(InstrumentReferee):
                 self._tell(k, "bad", f"{name} touched the wire")
         steps, lifted = self._steps, self._guide.lifted_mm * MM
         if steps["picked up"] is None:
-            if self._holder == self._first and float(np.linalg.norm(T[3::4][:3] - self._from)) > lifted:
+            away = float(np.linalg.norm(T[3::4][:3] - self._from)) > lifted
+            if self._holder == self._first and away:
                 self._do("picked up", k)
+            elif self._held >= 0 and away:
+                self._see_fall(k)
         elif steps["guided"] is None:
             self._follow(k, T)
         self._release(k, T)
@@ -157,11 +161,8 @@ class Referee(InstrumentReferee):
 
     def _follow(self, k: int, T: Array) -> None:
         """Judge handing over and guiding."""
+        self._see_fall(k)
         if self._holder < 0:
-            if k - self._held > self._few and not self._fell:
-                self._fell = self._fallen = True
-                self._drops += 1
-                self._tell(k, "bad", f"{self._ring.name} was dropped")
             return
         if self._holder == self._first:
             self._fallen = False
@@ -178,6 +179,14 @@ class Referee(InstrumentReferee):
             if self._long - at < self._guide.end_mm * MM and self._steps["handed over"] is not None:
                 self._passed = 1.0
                 self._do("guided", k)
+
+    def _see_fall(self, k: int) -> None:
+        """Count a drop if no hand holds the ring any more."""
+        if self._holder < 0 and k - self._held > self._few and not self._fell:
+            self._fell = self._fallen = True
+            self._drops += 1
+            again = f": {self._names[self._first]} must pick it up again" if self._steps["handed over"] is None else ""
+            self._tell(k, "bad", f"{self._ring.name} was dropped{again}")
 
     def _release(self, k: int, T: Array) -> None:
         """Judge whether the guided ring hangs on the wire without a hand."""
@@ -254,7 +263,7 @@ class Referee(InstrumentReferee):
     def content(self, last: int = 5) -> dict[str, Any]:
         """Return the scoreboard as plain data: the measures, the state and colour of the ring, the `last` events."""
         said = [name for name, k in self._steps.items() if k is not None]
-        state = f"held by {self._names[self._holder]}" if self._holder >= 0 else (said or ["on the tower"])[-1]
+        state = f"held by {self._names[self._holder]}" if self._holder >= 0 else (said or ["not picked up"])[-1]
         color = "#" + hex_digits(self._ring.color_rgba)
         return {
             "rows": [list(row) for row in self.measures().rows()],

@@ -27,7 +27,7 @@ class ArmMeasures:
         idle: time in s in which the hands control the instruments and the tip is at rest.
         economy: economy of motion, 0 to 1; NaN without a movement.
         smoothness: mean spectral arc length of the movements, negative; 0 is smoothest; NaN without a movement.
-        grasps: number of times that the gripper closed past the middle of the range that it used in this session.
+        grasps: number of times that the gripper closed beyond the middle of its range of motion in this session.
     """
 
     hand: str
@@ -47,7 +47,8 @@ class ConsoleMeasures:
 
     Attributes:
         duration: time in s of the session.
-        time: time in s from the first moment at which an arm follows its hand until the end; 0 if no arm ever follows.
+        time: time in s from the first moment in which an arm follows its hand to the end; 0 if no arm ever follows a
+            hand.
         clutches: number of presses of the clutch.
         clutched: time in s in which the clutch is pressed.
         camera_moves: number of presses of the camera pedal in which the camera moved.

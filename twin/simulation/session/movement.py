@@ -1,4 +1,4 @@
-"""Measures of the motion of a tip: speed, movements between rests, economy of motion, smoothness."""
+"""Measures of the motion of a tip: speed, movements (intervals between rests), economy of motion, smoothness."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ import numpy as np
 from twin.core.spatial import Array
 
 RESTS = 5e-3
-"""Speed in m/s up to which a tip is at rest; ASSUMED: above the tremor of a tip at a motion scale of 0.5."""
+"""Maximum speed in m/s of a tip at rest; ASSUMED: above the tremor of a tip at a motion scale of 0.5."""
 
 SHORT = 0.1
-"""Duration in s; ASSUMED: shorter movements are tremor, and shorter rests belong to a movement."""
+"""Minimum duration of movements and rests in s; ASSUMED. Shorter movements are tremor; shorter rests are ignored."""
 
 CUT_OFF, AMPLITUDE, PADDING = 10.0, 0.05, 4
 """Parameters of the spectral arc length: largest frequency in Hz, smallest amplitude, padding as an exponent of two.

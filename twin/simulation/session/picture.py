@@ -1,6 +1,6 @@
-"""A picture of a part of a scene, as a camera sees it: a rasteriser with a depth buffer, 8 samples over each pixel.
+"""Draw a part of a scene as a camera sees it, by a rasteriser with a depth buffer and 8 samples per pixel.
 
-Of a whole picture, only the box around one surface is drawn, with everything that is not farther than it. The
+Only the box around one surface is drawn, with everything in the box that is not farther away. The
 rasteriser needs no graphics driver, and gives the same picture on every machine. It shares no code with the
 projection in `aligned`.
 """
@@ -25,8 +25,8 @@ _MARGIN = 6
 
 _SAMPLES = 8
 _ROWS = (np.arange(_SAMPLES) + 0.5) / _SAMPLES
-"""Heights of the samples in a pixel. All are in the middle of its width: they then give the height of an edge there to
-an eighth of a pixel at every slope; samples that are spread over the width as well do not."""
+"""Heights of the samples in a pixel. All samples are in the middle of its width, so that the height of an edge there is
+measured to an eighth of a pixel at every slope; samples spread over the width do not achieve this."""
 
 
 @dataclass(frozen=True)

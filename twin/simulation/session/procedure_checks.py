@@ -1,4 +1,4 @@
-"""Judge a procedure from the signals of its World: five stages, and what must not happen in any of them.
+"""Check a procedure from the signals of its World: five stages, and errors that must not occur in any stage.
 
 Clips, cuts, the bed, depths and positions are taken from the World, never from signals of the surgeon. A page shows the
 checks of a running `ProcedureReferee`; a report computes them again from the recorded signals.
@@ -19,7 +19,7 @@ from twin.model.vessel import Vessel
 from twin.simulation.world import Block, Recording, Signals
 
 _SHUT = 1 - 1e-9
-"""Smallest fraction of a vessel's width between the legs of a clip that shuts it."""
+"""Minimum fraction of a vessel's width between the legs of a clip that closes the vessel."""
 
 
 @dataclass(frozen=True)
@@ -27,11 +27,11 @@ class Check:
     """Result of a check.
 
     Attributes:
-        name: "expose", "show", "clip", "cut", "remove"; "organs" and "vessels" for what is to be spared.
+        name: "expose", "show", "clip", "cut", "remove"; "organs" and "vessels" for tissue that must be spared.
         done: whether it is passed.
-        t: time in s at which it was passed; None: not passed, or a check of the whole session.
-        text: what was measured, and the limit.
-        lost: whether it can no longer be passed.
+        t: time in s at which it was passed; None: not passed, or a check that applies to the whole session.
+        text: measured value and limit, as a sentence.
+        lost: whether the check can no longer be passed.
     """
 
     name: str
@@ -47,7 +47,7 @@ class ProcedureMeasures:
 
     Attributes:
         checks: the five stages in order, then the checks of the whole session.
-        time: time in s until the last stage was passed; of the session if one was not.
+        time: time in s until the last stage was passed; if a stage was not passed, duration of the session.
         paths: length in m of the path of each tip.
         clips: number of clips used.
         energy: total energy in J that cautery applied to the cells of the bed.
@@ -71,10 +71,13 @@ class ProcedureMeasures:
 
 @dataclass(frozen=True)
 class Closed:
-    """A clip that was closed at `t` in s.
+    """A closed clip.
 
-    `on` is the index of its vessel (-1: no vessel), `at` its position along the vessel in m, `cover` the fraction of
-    the vessel's width between its legs.
+    Attributes:
+        t: time in s at which it was closed.
+        on: index of the vessel; -1: the clip is on no vessel.
+        at: position of the clip along the vessel in m.
+        cover: fraction of the vessel's width that is between the legs of the clip, 0 to 1.
     """
 
     t: float
@@ -84,19 +87,20 @@ class Closed:
 
     @property
     def shuts(self) -> bool:
-        """Whether it shuts the vessel on its whole width."""
+        """Whether the clip closes the vessel on its whole width."""
         return self.cover >= _SHUT
 
 
 class ProcedureReferee(Block):
-    """Judges a procedure while it is performed; it writes no signal.
+    """Checks a procedure while it is performed; writes no signal.
 
     It reads the signals that `twin.simulation.plants.tissue.Operating` writes.
 
     Attributes:
         t: time in s of the last sample.
         closed: the clips that were closed so far, in order of time.
-        lift: height in m of the held point of the organ above its place in the last sample; 0: nothing holds it.
+        lift: height in m, in the last sample, of the held point of the organ above its place at rest; 0: nothing holds
+            it.
         seen: fraction of the vessel that the camera sees in the last sample.
         freed: (n,) whether each cell of the bed is free.
         out: distance in m of the middle of the organ from the nearest port.
@@ -117,7 +121,7 @@ class ProcedureReferee(Block):
 
         Args:
             p: the procedure.
-            organ: the organ that is taken out.
+            organ: the organ that the procedure removes.
             vessels: all vessels, in the order of their numbers in `clip_<k>.on`.
             ports: (3,) of each port in the World in m.
             clips: names of the signals `clip_<k>.on`.
@@ -205,7 +209,7 @@ class ProcedureReferee(Block):
 
     @property
     def on_vessel(self) -> int:
-        """Number of clips that shut the vessel of the procedure."""
+        """Number of clips that close the vessel of the procedure."""
         return sum(c.on == self._number and c.shuts for c in self.closed)
 
     @property
@@ -215,7 +219,7 @@ class ProcedureReferee(Block):
 
     @property
     def removed(self) -> bool:
-        """Whether the organ is free and out."""
+        """Whether the organ is free and has been taken out."""
         return self._removed is not None and self._removed[1]
 
     def checks(self) -> list[Check]:
@@ -259,7 +263,7 @@ class ProcedureReferee(Block):
         more = "".join(
             f"; {n} {what}" for n, what in ((part, "closed on a part of its width"), (beside, "closed beside it")) if n
         )
-        text = f"{len(shut)} clips shut the {p.vessel} before it was cut (required: {wanted}){more}"
+        text = f"{len(shut)} clips closed the {p.vessel} before it was cut (required: {wanted}){more}"
         done = len(shut) >= wanted
         lost = not done and (self.cut or len(shut) + len(self._clips) < wanted)
         return Check("clip", done, shut[wanted - 1] if done else None, text, lost)
@@ -273,10 +277,10 @@ class ProcedureReferee(Block):
             return Check("cut", False, None, f"the {v.name} is not cut")
         low, high = v.arc[gone[0]], v.arc[gone[-1] + 1]
         taken, kept = (sum(c.at < low for c in self._shut()), sum(c.at > high for c in self._shut()))
-        open_ends = [side for side, n in (("the organ", taken), ("the side that stays", kept)) if n == 0]
-        text = f"cut {low / MM:.1f} mm from the organ, clips: {taken} on its side, {kept} on the side that stays"
+        open_ends = [side for side, n in (("the organ's side", taken), ("the other side", kept)) if n == 0]
+        text = f"cut {low / MM:.1f} mm from the organ, clips: {taken} on the organ's side, {kept} on the other side"
         if open_ends:
-            text += f"; the end towards {' and '.join(open_ends)} is open: bile leaks"
+            text += f"; the end on {' and '.join(open_ends)} is open: bile leaks"
         return Check("cut", not open_ends, None if open_ends else self._t_cut, text, bool(open_ends))
 
     def _remove(self) -> Check:

@@ -1,4 +1,4 @@
-"""What a person who performs a procedure by hand sees of it: the state of each stage, what to do next, and events."""
+"""Guide a person who performs a procedure by hand: state of each stage, next step, and events."""
 
 from __future__ import annotations
 
@@ -26,18 +26,18 @@ _TITLES = {
 """Titles of the checks."""
 
 _SAID = 0.2
-"""Time in s of the World between two new texts."""
+"""Simulated time in s between two updates of the text."""
 
 _OUT = 0.5
-"""Time in s for which the organ is out before the procedure is complete; ASSUMED."""
+"""Time in s for which the organ must be outside before the procedure is complete; ASSUMED."""
 
 
 class ProcedureGuide(ProcedureReferee):
-    """A referee that also tells the person what to do.
+    """A referee that also shows the next step to the person.
 
     Attributes:
-        complete: whether the organ is free and has been out for some time.
-        events: what happened so far, in order of time.
+        complete: whether the organ is free and has been outside for some time.
+        events: all events so far, in order of time.
     """
 
     def __init__(
@@ -51,7 +51,7 @@ class ProcedureGuide(ProcedureReferee):
         tools: Mapping[str, ToolTable],
         hands: Mapping[str, str],
     ) -> None:
-        """Begin with no sample, as `ProcedureReferee`; `tools`: those of the scene, `hands`: the hand of each robot."""
+        """Begin with no sample, see `ProcedureReferee`; `tools`: tools of the scene, `hands`: hand by robot."""
         super().__init__(p, organ, vessels, ports, clips, period)
         self.complete, self.events = False, list[Event]()
         self._kinds, self._titles = [t.kind for t in tools.values()], [t.title for t in tools.values()]
@@ -63,7 +63,7 @@ class ProcedureGuide(ProcedureReferee):
         self._next = 0.0
 
     def see(self, now: Mapping[str, Array], t: float) -> None:
-        """Judge a sample at a time t in s, and note what has happened."""
+        """Check a sample at t in s, and add its events."""
         clips, freed = len(self.closed), int(self.freed.sum())
         super().see(now, t)
         for clip in self.closed[clips:]:
@@ -95,7 +95,7 @@ class ProcedureGuide(ProcedureReferee):
 
     @property
     def ending(self) -> str:
-        """Sentences on the end and the checks."""
+        """Sentences that state whether the organ is out, and which checks failed."""
         missed = [_TITLES[c.name] for c in self.checks() if not c.done]
         said = f"Not passed: {', '.join(missed)}." if missed else "All checks are passed."
         return f"The {self.procedure.organ} is out. {said}"

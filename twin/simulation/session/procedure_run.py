@@ -23,7 +23,7 @@ from twin.simulation.session.tape import Tape
 from twin.simulation.world import Recording, World
 
 _SAMPLE = 8e-3
-"""Time in s between two kept rows: that between two steps of the organs."""
+"""Time in s between two kept rows, equal to the time between two steps of the organs."""
 
 _STAGES = ("begin", "expose", "show", "clip", "cut", "remove")
 
@@ -55,12 +55,12 @@ def surgeon(
 
 
 def by_hand(session: Session) -> bool:
-    """Return whether the hands of a console have performed a procedure, not a simulated surgeon."""
+    """Return whether a procedure was performed by the hands at a console, and not by a simulated surgeon."""
     return any(s.name == f"{console_scene.PEDALS}.clutch" for s in session.head.device)
 
 
 def keep_for(world: World, task: Task, sample: float = _SAMPLE) -> Keep:
-    """Return a `Keep` of the signals that measures use, every `sample` s, without nodes of vessels and other organs."""
+    """Return a `Keep` of the signals for measures, every `sample` s, without the nodes of vessels and other organs."""
     assert task.procedure is not None
     own = f"{task.procedure.organ}.nodes"
     names = [n for n in world.signals.sizes if n == own or not n.endswith((".nodes", ".pose", ".goal", ".command"))]

@@ -1,4 +1,4 @@
-"""What all referees of tasks with movable objects share: events, runs of contacts, collisions of instruments."""
+"""Common parts of the referees of tasks with movable objects: events, intervals of contact, collisions."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class Event:
 
     Attributes:
         t: time in s.
-        tone: "good": a step is done; "bad": an error; "plain": no measure.
+        tone: "good": a step is done; "bad": an error; "plain": neutral.
         text: the sentence.
     """
 
@@ -33,14 +33,14 @@ class Event:
 
 @dataclass
 class Runs:
-    """Counts the runs of samples with contact; runs that are at most `few` samples apart are one."""
+    """Counts intervals of samples with contact; intervals at most `few` samples apart count as one."""
 
     few: int
     count: int = 0
     last: int | None = None
 
     def see(self, k: int, on: bool) -> bool:
-        """Return whether a run begins at sample k."""
+        """Return whether an interval of contact begins at sample k."""
         if not on:
             return False
         begins = self.last is None or k - self.last > self.few
@@ -50,7 +50,7 @@ class Runs:
 
 
 class InstrumentReferee(Block):
-    """Counts collisions of the instruments while a task is performed; it writes no signal. A subclass judges the task.
+    """Counts collisions of the instruments while a task is performed; writes no signal. A subclass checks the task.
 
     Signals: `<robot>.touches`, `<robot>.meets`, `<robot>.follows`.
 
@@ -94,7 +94,7 @@ class InstrumentReferee(Block):
 
     @abstractmethod
     def _see_task(self, k: int, now: Mapping[str, Array]) -> None:
-        """Judge what the task requires at sample k."""
+        """Check the requirements of the task at sample k."""
 
     @property
     def collisions(self) -> int:

@@ -1,4 +1,4 @@
-"""Judge a task with rings sample by sample: transferred and dropped rings, collisions of instruments, time, events.
+"""Evaluate a task with rings sample by sample: transferred and dropped rings, collisions of instruments, time, events.
 
 A page shows the results of a `Referee` so far; a report shows those of another `Referee` from the recorded signals.
 """
@@ -28,7 +28,8 @@ class RingResult:
 
     Attributes:
         ring, peg: names of ring and peg.
-        t: time in s from which the ring is around its peg, not held, until the end; None: it is not.
+        t: time in s since which the ring is around its peg and not held, until the end; None: it is not there at the
+            end.
         drops: number of times that it has been dropped.
     """
 
@@ -113,7 +114,7 @@ class Referee(InstrumentReferee):
 
     @property
     def complete(self) -> bool:
-        """Whether all rings lie around their pegs, without a hand for some time."""
+        """Whether all rings lie around their pegs, and no hand has held one for some time."""
         return all(ring.settled for ring in self._rings)
 
     def measures(self) -> BoardMeasures:
@@ -173,7 +174,7 @@ def crossing(T: Array, radius: float, start: Array, end: Array) -> float | None:
 
 @dataclass
 class _Ring:
-    """A ring, its peg, and its history: held or free, and since when around its peg."""
+    """A ring, its peg, and its history: when a hand held it, and since when it is around its peg."""
 
     item: Movable
     peg: Peg
@@ -181,10 +182,10 @@ class _Ring:
     drops: int = 0
     at: int = -1
     held: int | None = None
-    """Last sample with a hand; None: no hand has held the ring yet."""
+    """Last sample in which a hand held the ring; None: no hand has held it yet."""
     holder: int = -1
     free: float | None = None
-    """Height in m at which the last hand has left the ring; None: a hand holds it, or none has held it yet."""
+    """Height in m at which a hand last released the ring; None: a hand holds it, or none has held it yet."""
     z: float = 0.0
     placed: int | None = None
     told: str = field(default="")
@@ -200,7 +201,7 @@ class _Ring:
 
     @property
     def fell(self) -> bool:
-        """Whether the ring has been dropped since the last hand has left it."""
+        """Whether the ring has been dropped since a hand last released it."""
         return self.free is not None and self.placed is None and self.free - self.z > _FALL
 
     @property

@@ -46,7 +46,7 @@ Progress = Callable[[str, float], None]
 
 @dataclass(frozen=True)
 class Difference:
-    """First chunk of a session in which its replay gives different bytes.
+    """First chunk (one second) of a session whose replay gives different bytes.
 
     Attributes:
         t0, t1: start and end of this chunk in s.
@@ -68,7 +68,7 @@ class Ran:
         kept: the signals that measures and exports use, one row every `SAMPLE` seconds.
         ticks: number of all ticks.
         dt: duration of a tick in s.
-        difference: see `Difference`; None if the replay gave the same bytes, or the session was not replayed.
+        difference: see `Difference`; None if the replay gave the same bytes, or if there was no replay.
         missed: names of the targets that a simulated surgeon gave up.
         condition: condition of the session; None: its World has no forces on the hands.
     """
@@ -174,13 +174,12 @@ def surgeon(
 
 
 def ways_of(scene: Scene, members: Mapping[str, Member], props: Mechanism | None) -> Ways:
-    """Return the planner of ways for the robots of a console."""
-    arms = {p.name: (p, members[p.name].mechanism, members[p.name].kin) for p in console_scene.led_by(scene)}
-    return Ways(arms, props, scene.objects)
+    """Return the path planner for the robots of a console."""
+    return Ways(scene, {name: (member.mechanism, member.kin) for name, member in members.items()}, props)
 
 
 def eyes(scene: Scene, members: Mapping[str, Member]) -> dict[str, Eye]:
-    """Return what a simulated surgeon sees of the first arm of each hand, by hand."""
+    """Return the first arm of each hand, as a simulated surgeon sees it, by hand."""
     table, places, arms = console_scene.console_of(scene), {p.name: p for p in scene.places}, {}
     for hand in HANDS:
         name = getattr(table, hand)[0]

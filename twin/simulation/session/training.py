@@ -42,7 +42,7 @@ class Step:
     Attributes:
         phase: the phase.
         begin, end: times in s.
-        deviation: maximum distance in m between machine tip and model tip; nan if only the model moves.
+        deviation: maximum distance in m between the tips of machine and model; nan if only the model moves.
         record: largest distance in m of the machine's tip from the rehearsed path; nan outside of replays.
         text: why a record was refused or a replay stopped; "" otherwise.
     """
@@ -57,17 +57,17 @@ class Step:
 
 @dataclass(frozen=True)
 class Training:
-    """One machine of a session.
+    """Measures of one machine in a session.
 
     Attributes:
         robot: its name.
         t: (k,) times in s.
         deviation: (k,) distance in m of the tips of machine and model; nan while the model moves alone.
-        limit: deviation in m above which there is a cue.
+        limit: deviation in m above which the cue (force on the hand) acts.
         steps: the phases in order.
         cue: largest force of the cue in N, and time in s with a cue.
         stops: number of times that the machine went to E_STOP.
-        silent: time in s in which the machine did not answer, after its first state.
+        silent: time in s after its first state in which the machine did not answer.
     """
 
     robot: str
@@ -91,12 +91,12 @@ class Training:
             yield (_NAMES[s.phase], f"{s.end - s.begin:.1f} s", *shown, s.text or "-")
 
     def findings(self) -> Iterator[Finding]:
-        """Yield a cue, stops and silence of the machine, and a replay that was stopped on it."""
+        """Yield findings on cues, stops, times without an answer, and stopped replays of the machine."""
         if self.cue[0] > 0:
             yield warning(
                 "training.cue",
                 self.robot,
-                f"the cue was felt for {self.cue[1]:.2f} s, at most {self.cue[0]:.2f} N: largest deviation",
+                f"the cue acted for {self.cue[1]:.2f} s with at most {self.cue[0]:.2f} N: largest deviation",
                 mm(float(np.nanmax(self.deviation))),
                 mm(self.limit),
                 word="limit",

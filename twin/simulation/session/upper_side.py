@@ -1,7 +1,7 @@
-"""The angle of the upper side of a green rectangle in a picture, as the paper measures it: mask, upper side, slope.
+"""Measure the angle of the upper side of a green rectangle in a picture, as in the paper: mask, upper side, slope.
 
-The mask has, of every pixel, the part that is green; an edge in it is therefore known to a fraction of a pixel. The
-paper takes two points of the upper side; here a line is fitted to all columns of it.
+The mask has the green fraction of every pixel, so that an edge is measured to a fraction of a pixel. The paper uses two
+points of the upper side; here, a line is fitted to all its columns.
 """
 
 from __future__ import annotations
@@ -13,22 +13,22 @@ from twin.core.errors import TwinError
 from twin.core.spatial import Array
 
 _GREEN = 0.02
-"""Smallest amount, linear, by which green exceeds red and blue in a rectangle."""
+"""Minimum difference of linear green to red and blue in the rectangle."""
 
 _SHORTEST = 60
-"""Smallest number of columns of an upper side: with fewer, the angle is less accurate than 0.05 degrees."""
+"""Minimum number of columns of an upper side; with fewer, the error of the angle may exceed 0.05 degrees."""
 
 _OFF = 0.75
-"""Largest distance in pixels of a point of the upper side from its line; of a picture without smoothing, up to 0.5."""
+"""Maximum distance in pixels of a point of the upper side from its line; it is up to 0.5 without smoothing."""
 
 _FULL, _ABOVE = 0.97, 4
-"""Part of a pixel from which on it counts as fully green; rows above the first such pixel that an edge may cross."""
+"""Minimum green fraction of a pixel that counts as fully green; number of rows above such a pixel with the edge."""
 
 _INSIDE = np.arange(3, 8)
-"""Rows below the first green pixel of a column that show its full green."""
+"""Numbers of rows below the first green pixel of a column at which its pixels are fully green."""
 
 _DENT = 0.02
-"""Largest part of the mask's area that may be missing to a convex shape."""
+"""Maximum fraction of the mask's area that may be missing from its convex hull."""
 
 
 class UnmeasuredError(TwinError):
@@ -55,7 +55,8 @@ def angle(rgb: Array) -> float:
     xs, ys = x[inside], y[inside]
     if np.ptp(xs) + 1 < _SHORTEST:
         raise UnmeasuredError(
-            f"the upper side of the rectangle has {np.ptp(xs) + 1:.0f} columns; {_SHORTEST} are needed: move nearer"
+            f"the upper side of the rectangle has {np.ptp(xs) + 1:.0f} pixels in the picture (minimum {_SHORTEST}); "
+            "move the camera nearer"
         )
     between = (x > xs[0]) & (x < xs[-1])
     if np.count_nonzero(between & ~inside) > 0.02 * np.count_nonzero(between) or np.diff(xs).max() > 3:
@@ -90,11 +91,15 @@ def _require_inside(mask: Array) -> None:
 def _require_convex(mask: Array) -> None:
     rows, columns = np.nonzero(mask > 0.5)
     if len(rows) < _SHORTEST or not np.ptp(rows) or not np.ptp(columns):
-        raise UnmeasuredError(f"the rectangle has {len(rows)} pixels; move nearer")
+        raise UnmeasuredError(
+            f"the rectangle has {len(rows)} pixels in the picture (minimum {_SHORTEST}); move the camera nearer"
+        )
     hull = ConvexHull(np.column_stack([columns, rows]))  # of the middles of pixels: half a pixel inside on every side
     missing = float(hull.volume + hull.area / 2 + 1) - len(rows)
     if missing > _DENT * len(rows) + 0.25 * hull.area:
-        raise UnmeasuredError(f"something covers part of the rectangle: {missing / len(rows):.0%} of it are missing")
+        raise UnmeasuredError(
+            f"something covers part of the rectangle: {missing / len(rows):.0%} of its area is missing"
+        )
 
 
 def _upper(mask: Array) -> tuple[Array, Array]:

@@ -39,7 +39,7 @@ class Block(ABC):
 
     @abstractmethod
     def step(self, signals: Signals, t: float, dt: float) -> Mapping[str, ArrayLike] | None:
-        """Return new values of signals; signals that are not returned keep their values, with None all of them.
+        """Return new values of signals; signals that are not returned keep their values. None: no value changes.
 
         A device returns None when its input has ended; the World then ends before this tick.
 

@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 
 class Reports:
-    """Reports a problem of a kind if the last problem of this kind was at least a given time ago, or is the first one.
+    """Reports the first problem of a kind, and another one if there was no problem of its kind for a given time.
 
     Attributes:
         tell: function that receives the message.

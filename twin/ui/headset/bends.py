@@ -39,7 +39,7 @@ class Bends:
         return self.feed.touching if isinstance(self.feed, Follower) and not self._broken else {}
 
     def follow(self, links: Callable[[], Mapping[str, Mapping[str, Array]]], passed: float, t: float) -> None:
-        """Let deformables that follow the links give way to them.
+        """Deform the deformables that follow the links, by the present poses of the links.
 
         Args:
             links: function that returns T_world_link (4, 4) by robot and link, of at least the links in `needs`.

@@ -1,4 +1,4 @@
-"""Source of a stream: a twin that mirrors a machine; clients can only look."""
+"""Source of a stream: a robot that shows the joint values of a machine; clients cannot move it."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ from twin.ui.session.mirror import Mirror
 
 
 class Mirrored:
-    """Source of a stream: a machine solid, and its desired joints as a ghost.
+    """Source of a stream: a machine, drawn solid, and its desired joint values, drawn as a ghost.
 
     Attributes:
-        mirror: the twin.
+        mirror: robot with the measured and desired joint values of the machine.
         send: function that sends a document to all clients.
     """
 
     replays, alone, version = False, False, wire.VERSION
 
     def __init__(self, mirror: Mirror) -> None:
-        """Show a twin."""
+        """Show the robot of a mirror."""
         self.mirror = mirror
         self.send: Callable[[dict[str, Any]], object] = lambda document: None
         names = [b.name for b in mirror.robot.mechanism.bodies]
@@ -58,7 +58,7 @@ class Mirrored:
         self.mirror.close()
 
     def frame(self, tick: float, server_time: float) -> bytes | None:
-        """Take the newest state; return a frame if a joint has moved, and after `HEARTBEAT` ticks; else None."""
+        """Read the newest state; return a frame if a joint has moved or `HEARTBEAT` ticks have passed, else None."""
         mirror = self.mirror
         mirror.step()
         if tick >= self._told + DEVIATIONS:
@@ -80,7 +80,7 @@ class Mirrored:
         return pack_scene(self._seq - 1, server_time, 0.0, 0, parts, ())
 
     def state(self) -> dict[str, Any]:
-        """Return the document `state`: run level of the machine, and why it is not followed."""
+        """Return the document `state`: run level of the machine, and the reason if it is not followed."""
         m = self.mirror
         one = {"level": m.level, "phase": "follow", "why": None, "problem": m.problem or None}
         return wire.still(self._posed.bodies) | {"machines": {"view": "real", "mode": "", "robots": {m.name: one}}}
@@ -90,17 +90,17 @@ class Mirrored:
         return []
 
     def holds(self, client: str) -> bool:
-        """Return False: nobody holds a mirror."""
+        """Return False, because clients cannot grab a mirrored robot."""
         return False
 
     def release(self, client: str) -> None:
-        """Do nothing: nobody holds a mirror."""
+        """Do nothing, because clients cannot grab a mirrored robot."""
 
     def ask(self, client: str, message: wire.Message) -> None:
-        """Refuse all requests but the release.
+        """Refuse every request except a release.
 
         Raises:
-            RefusedError: a twin that follows a machine cannot be moved.
+            RefusedError: a robot that follows a machine cannot be moved.
         """
         if not isinstance(message, wire.Release):
             raise RefusedError("refused", f"{self.mirror.name} follows its machine and cannot be moved here")

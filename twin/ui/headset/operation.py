@@ -97,11 +97,11 @@ class Operation(LiveConsole):
             session: session file.
             task: the task.
             props: mechanism of the props.
-            report: makes the report of an attempt.
+            report: function that creates the report of an attempt.
             condition: condition of the session.
-            fulcrum: what the hands move at the start: the tips of the instruments ("compensated"), or their outer
-                ends.
-            feed: deformables that are not in the World; None: none.
+            fulcrum: ends of the instruments that the hands move at the start: "compensated" the tips, "direct" the
+                outer ends.
+            feed: deformables that are not in the World; None: no such deformables.
             organs: the organs of the scene; only needed for a procedure, whose World has them.
             machines: connections to the machines of the scene.
 

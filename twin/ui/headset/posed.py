@@ -19,7 +19,7 @@ class Posed:
     """
 
     def __init__(self, bodies: Mapping[str, Sequence[str]], bases: Mapping[str, Array]) -> None:
-        """Prepare for robots whose bases stand at poses T_world_base (4, 4)."""
+        """Prepare for robots with the base poses T_world_base (4, 4)."""
         self.bodies = {n: tuple(names) for n, names in bodies.items()}
         self._T_base_world = {n: spatial.inverse(bases[n]) for n in bodies}
         self._sevens: dict[str, Array] = {}
@@ -30,7 +30,7 @@ class Posed:
         return tuple(f"{robot}/{name}" for robot, names in self.bodies.items() for name in names)
 
     def look(self, links: Mapping[str, Mapping[str, Array]]) -> None:
-        """Take the poses T_world_link (4, 4) of all robots."""
+        """Set the poses T_world_link (4, 4) of all robots."""
         drawn = [self._T_base_world[n] @ np.stack([links[n][b] for b in names]) for n, names in self.bodies.items()]
         counts = np.cumsum([len(Ts) for Ts in drawn])[:-1]
         for name, poses in zip(self.bodies, np.split(wire.sevens(np.concatenate(drawn)), counts), strict=True):

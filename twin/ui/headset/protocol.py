@@ -145,7 +145,7 @@ def near_signs(sevens: Array, last: Array | None) -> Array:
 
 
 def still(robots: Iterable[str]) -> dict[str, Any]:
-    """Return the document `state` of a source without clips, whose clock stands; `robots` are all shown ones."""
+    """Return the document `state` of a source without clips, whose clock does not run; `robots`: all shown robots."""
     clock = {"playing": False, "time": 0.0, "duration": 0.0, "speed": 1.0, "loop": False}
     return {"type": "state", **clock, "robots": [{"name": n, "reason": None} for n in robots]}
 
@@ -338,7 +338,7 @@ class Fulcrum(_Message):
 
 
 class Training(_Message):
-    """Ask the trainer of a machine for teleoperation, a rehearsal in the model, its judgement, or its replay."""
+    """Request a mode of a machine's trainer: teleoperation, rehearsal with the model, check of the record, replay."""
 
     type: Literal["training"]
     mode: Literal["teleoperate", "rehearse", "judge", "replay"]
@@ -352,7 +352,7 @@ class Button(_Message):
 
 
 class Plan(_Message):
-    """Make a step of planning mode for the arm of a hand: move a target, find a motion to it, accept, or cancel it."""
+    """Planning mode for the arm of a hand: move a target, find a motion to the target, accept the motion, or cancel."""
 
     type: Literal["plan"]
     do: Literal["aim", "find", "accept", "cancel"]

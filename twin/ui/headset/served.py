@@ -143,9 +143,10 @@ def of_console(
         mqtt: address of the MQTT broker for the motion scale; None: no broker.
         topic: topic of the motion scale; None: twin/<scene>/scale.
         task: the task at the console; None: no task.
-        report: makes the report of an attempt at the task, see `LiveConsole`.
+        report: function that creates the report of an attempt at the task, see `LiveConsole`.
         condition: condition of the session; None: that of the scene.
-        fulcrum: what the hands move at the start: the tips of the instruments ("compensated"), or their outer ends.
+        fulcrum: ends of the instruments that the hands move at the start: "compensated" the tips, "direct" the outer
+            ends.
         feed: deformable objects that are shown but not simulated; None: none.
         organs: the organs of the scene; only needed for a procedure.
         machines: connections to the machines of the scene; their models are shown beside them.
@@ -176,7 +177,7 @@ def of_console(
 
 
 def of_mirror(mirror: Mirror) -> Served:
-    """Return the content for a twin that mirrors a machine: the robot, and its desired joints as a ghost."""
+    """Return the content for a mirrored machine: a solid robot (measured joint values) and a ghost (desired ones)."""
     from twin.exchange.write.glb import glb_bytes
     from twin.ui.headset.mirrored import Mirrored
 

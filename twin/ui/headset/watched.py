@@ -1,4 +1,4 @@
-"""A client of the stream that only shows: the frames and states of a running `twin serve` on this machine."""
+"""A read-only client of the stream: receives frames and states of a running `twin serve` on this machine."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class Watched:
     Attributes:
         surfaces: triangles and colours of the deformables, by name.
         reading: last state of the console; None before the first state, and for a scene without a console.
-        problem: why nothing arrives; "" while frames arrive.
+        problem: reason for missing frames; "" while frames arrive.
     """
 
     def __init__(self, port: int, scene: str) -> None:
@@ -54,7 +54,10 @@ class Watched:
         threading.Thread(target=self._read, daemon=True).start()
 
     def take(self) -> tuple[dict[str, dict[str, Array]], dict[str, Array]] | None:
-        """Return T_base_link (4, 4) by robot and link, and vertices (n, 3) by deformable, of the newest frame, once."""
+        """Return link poses and vertices of the newest frame; None if no frame has arrived since the last call.
+
+        Poses are T_base_link (4, 4) by robot and link. Vertices are (n, 3) in m in the World, by deformable object.
+        """
         data, self._frame = self._frame, None
         if data is None:
             return None

@@ -157,9 +157,8 @@ def _bands(ax: Axes, found: ConsoleSession, arms: list[tuple[str, str]]) -> None
         rows.append(("silent", kept[f"{PEDALS}.silent"][:, 0] > 0.5, INK))
     rows += [(f"{hand} arm follows", _leads(found, hand), _color(arms, hand)) for hand in HANDS]
     if found.guided is not None and found.task is not None and found.task.guide is not None:
-        rubs = (kept[f"{found.task.guide.ring}.{what}"][:, 0] for what in ("rubs", "holder"))
-        rubbing, holder = rubs
-        rows.append(("wire touched", (rubbing > 0.5) & (holder >= 0), INK))
+        rubs, holder = (kept[f"{found.task.guide.ring}.{what}"][:, 0] for what in ("rubs", "holder"))
+        rows.append(("wire touched", (rubs > 0.5) & (holder >= 0), INK))
     if _contacts(found):
         rows += [(f"{n} touches", _hits(found, n), _color(arms, hand)) for hand, n in arms]
     names = []

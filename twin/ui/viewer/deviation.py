@@ -1,4 +1,4 @@
-"""Curve of the distance between the tips of machine and model, in a panel of viser; the joint that differs most."""
+"""Plot the distance between the tips of machine and model in a panel, and name the joint that differs most."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _COLORS = ("#0a66c2", "#c7741b")
 
 
 class DeviationCurve:
-    """The distances in mm of the last seconds, one line for each machine; a dashed line at the limit."""
+    """Plot of the distances in mm over the last seconds, one line for each machine, with a dashed line at the limit."""
 
     def __init__(self, gui: viser.GuiApi, names: Sequence[str], limit: float | None = None) -> None:
         """Add an empty curve; the limit is in m."""
@@ -48,7 +48,7 @@ class DeviationCurve:
 
 
 def largest(apart: Sequence[float], joints: Sequence[Joint]) -> str:
-    """Return which joint differs most, and by how much; `apart` is in rad or m."""
+    """Return a text with the joint that differs most, and its difference; `apart` (n,) is in rad or m."""
     shown = [(abs(v) / (DEG if j.is_angle else MM), j) for v, j in zip(apart, joints, strict=True)]
     size, joint = max(shown, key=lambda pair: pair[0])
     return f"Largest joint difference: {joint.name} {size:.2f}{'°' if joint.is_angle else ' mm'}"

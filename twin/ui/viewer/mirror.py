@@ -17,7 +17,7 @@ from twin.ui.viewer.room import OUTSIDE, furnish
 
 
 class MirrorFront(Loop):
-    """The page that mirrors a machine.
+    """The page that shows the measured and desired joint values of a machine.
 
     Attributes:
         mirror: the mirrored robot.

@@ -26,7 +26,7 @@ _BAD = "#d62f2f"
 
 
 class TrainerPanel:
-    """Levels, curve and buttons; the requests go to the console, as those of the page of `twin serve`."""
+    """Levels, curve and buttons; the console receives the same requests as from the page of `twin serve`."""
 
     def __init__(
         self,
@@ -50,7 +50,7 @@ class TrainerPanel:
                 on_click(made, button, lambda client, button=button: console.press(client, button))
 
     def show(self, now: float) -> None:
-        """Show levels and deviation at a time in s; keep the hands during a replay, which their silence would stop."""
+        """Show levels and deviation at `now` in s; keep the hands active during a replay, which silence would stop."""
         found: dict[str, Any] = self._console.reading["machines"]
         robots = found["robots"]
         if self._pens.client is not None and any(r["phase"] == "replay" for r in robots.values()):
@@ -59,7 +59,9 @@ class TrainerPanel:
             return
         apart = self._console.deviations()
         self._curve.add(now, [apart[n]["tip"] for n in self._names])
-        lines = [("", f"Asked for: {found['mode']}. Solid: {'machine' if found['view'] == 'real' else 'model'}.")]
+        lines = [
+            ("", f"Requested mode: {found['mode']}. Drawn solid: {'machine' if found['view'] == 'real' else 'model'}.")
+        ]
         for n in self._names:
             r = robots[n]
             lines.append(("", f"{n}: {r['level'] or 'does not answer'}, {r['phase']}"))

@@ -1,4 +1,4 @@
-"""A page that only shows: the robots and organs of a scene as a running `twin serve` simulates them."""
+"""A read-only page: shows the robots and organs of a scene as a running `twin serve` simulates them."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from twin.ui.viewer.room import OUTSIDE, corners, furnish
 
 
 class Stream(Protocol):
-    """Data that a page shows of a running server.
+    """Interface for the data of a running server that a page shows.
 
     Attributes:
         surfaces: triangles and colours of the deformables, by name.

@@ -21,7 +21,7 @@ QUATERNION_TOL = 1e-4
 """Deviation of a quaternion's length from 1 that counts as rounding of single precision."""
 
 COM_MARGIN = 1 * MM
-"""Maximum distance in m of a centre of mass outside its meshes' bounding box; thin shells and coarse meshes need it."""
+"""Accepted distance in m of a centre of mass from the bounding box of the meshes, which may be thin or coarse."""
 
 GYRATION = (0.02, 1.0)
 """Plausible range of the maximum radius of gyration, divided by the diagonal of the meshes' bounding box."""
@@ -47,7 +47,7 @@ _COM = Kind("stage.com", "disagreement", "author the centre of mass in the body 
 _INERTIA_SIZE = Kind(
     "stage.inertia_size",
     "disagreement",
-    "author the inertia in kg m2 about the centre of mass (values in kg mm2 are 1e6, in g mm2 1e9 times as large)",
+    "author the inertia in kg m2 about the centre of mass; values in kg mm2 are 1e6 times, in g mm2 1e9 times larger",
 )
 _SUBDIVISION = Kind("stage.subdivision", "warning", 'author subdivisionScheme = "none"')
 _EXTENT = Kind("stage.extent", "disagreement", "recompute the extent from the points")
@@ -75,7 +75,7 @@ def _check_nesting(scene: Scene, path: str, prim: Usd.Prim) -> Iterator[Finding]
     reset = UsdGeom.Xformable(prim).GetResetXformStack() if prim.IsA(UsdGeom.Xformable) else False
     if above and not reset:
         yield _NESTED(
-            path, f"rigid body {path} is nested in rigid body {above.GetPath()}: engines interpret this differently"
+            path, f"rigid body {path} is nested in rigid body {above.GetPath()}: engines interpret nesting differently"
         )
 
 

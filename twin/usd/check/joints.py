@@ -36,9 +36,16 @@ _ANCHOR = Kind(
 _AXIS = Kind(
     "stage.axis", "disagreement", "check physics:axis, localRot0 and localRot1, and the poses", word="tolerance"
 )
-_JOINT = Kind("stage.joint", "disagreement", "a joint needs two different bodies, or a body and nothing for the world")
+_JOINT = Kind(
+    "stage.joint",
+    "disagreement",
+    "connect the joint to two different bodies, or to one body (an empty side is the world)",
+)
 _LIMITS = Kind(
-    "stage.limits", "disagreement", "exchange the limits: engines lock the joint, exchange or ignore them", word="upper"
+    "stage.limits",
+    "disagreement",
+    "exchange the limits: engines lock the joint, or exchange or ignore the limits",
+    word="upper",
 )
 _JOINT_COLLISION = Kind("stage.joint_collision", "warning", "author physics:collisionEnabled = false")
 

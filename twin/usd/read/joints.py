@@ -118,7 +118,7 @@ def convert(
     limits = joint.limits and (joint.limits[0] * unit, joint.limits[1] * unit)
     speed = prim.GetAttribute("physxJoint:maxJointVelocity").Get() if joint.instance else None
     soft = prim.GetAttribute("twin:softLimits").Get()
-    acceleration = prim.GetAttribute("twin:maxAcceleration").Get()
+    acceleration, jerk = (prim.GetAttribute(f"twin:max{what}").Get() for what in ("Acceleration", "Jerk"))
     return Joint(
         name,
         joint.type,  # pyright: ignore[reportArgumentType]
@@ -132,6 +132,7 @@ def convert(
         cone=_cone(joint),
         max_speed=None if speed is None or not np.isfinite(speed) else float(speed) * unit,
         max_acceleration=None if acceleration is None else float(acceleration),
+        max_jerk=None if jerk is None else float(jerk),
         drive=drive,
         mating=tuple(prim.GetAttribute("twin:mating").Get() or ()),
     )

@@ -19,7 +19,7 @@ from twin.usd.write.layers import TIME_CODES_PER_SECOND, describe, new_layer, ro
 from twin.usd.write.physics import drive_kind
 
 MAX_STEP = 90 * DEG
-"""Maximum rotation in rad between two samples: players turn the shorter way, the wrong way for more than 180 deg."""
+"""Maximum rotation in rad between two samples. Players take the shorter way, which is wrong above 180 deg."""
 
 
 @dataclass(frozen=True)

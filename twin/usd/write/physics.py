@@ -49,9 +49,9 @@ Measured sag of the platform of SILS under its weight at 1 kHz: 6 um with the de
 """
 
 TENDON, TENDON_STEP = 0.25, 1e-3
-"""Maximum ratio of a tendon's stiffness to inertia / step^2, and the time step in s of this limit.
+"""Maximum of a tendon's stiffness * step^2 / inertia, and the assumed time step in s.
 
-An explicitly integrated spring diverges at a ratio of 4. At 0.67, the jaws of the da Vinci PSM oscillate and move the
+An explicitly integrated spring diverges at a value of 4. At 0.67, the jaws of the da Vinci PSM oscillate and move the
 arm (measured).
 """
 
@@ -378,6 +378,8 @@ def _write_actuation(prim: Usd.Prim, joint: Joint, q: float | None, effort: floa
         _attribute(prim, "twin:active", Sdf.ValueTypeNames.Bool, True)
     if joint.max_acceleration is not None:
         _attribute(prim, "twin:maxAcceleration", Sdf.ValueTypeNames.Double, float(joint.max_acceleration))
+    if joint.max_jerk is not None:
+        _attribute(prim, "twin:maxJerk", Sdf.ValueTypeNames.Double, float(joint.max_jerk))
     if joint.soft_limits is not None:
         _attribute(prim, "twin:softLimits", Sdf.ValueTypeNames.Double2, Gf.Vec2d(*map(float, joint.soft_limits)))
     if joint.mating:
@@ -391,6 +393,7 @@ def _refuse_what_is_lost(joint: Joint) -> None:
         "soft limits": joint.soft_limits,
         "a maximum speed": joint.max_speed,
         "a maximum acceleration": joint.max_acceleration,
+        "a maximum jerk": joint.max_jerk,
         "a drive": joint.drive,
     }
     lost = [k for k, v in scalar.items() if v is not None and len(joint.free_axes) != 1]

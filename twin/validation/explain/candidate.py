@@ -31,7 +31,7 @@ class Candidate:
         extra: values of names that the edits define.
         scores: worst residual of each row that the edits change, in units of the tolerance.
         broken: whether a row that agreed before the edits disagrees.
-        hollow: whether a repaired row becomes trivial, that is, holds for any values of its symbols.
+        hollow: whether a repaired row is trivial: it agrees for any values of its symbols.
         dropped: symbols on which a repaired row no longer depends.
         changed: residuals (k, entries) of the changed rows.
     """
@@ -71,7 +71,7 @@ class Candidate:
 class Found:
     """Search result for one group of rows: the edits that fix the rows, and the best edit that does not fix them.
 
-    A cure is an edited function that makes the rows agree. Its readings are the different edits that produce it.
+    A cure is an edited function that makes the rows agree. Its readings are the different edits that result in it.
 
     Attributes:
         rows: the rows of the group.

@@ -59,8 +59,8 @@ def known(
 ) -> Truth:
     """Return the mechanism's values of the formula's symbols at sampled poses.
 
-    A redundant mechanism has many solutions for a pose. Two solutions are compared: the sampled solution, and the
-    solution nearest to the joint values of the formula. The solution with fewer wrong rows is used.
+    A redundant mechanism has many solutions for a pose. The formula is judged with two of them: the sampled solution,
+    and the solution nearest to the formula's joint values. The solution with fewer wrong rows is returned.
     """
     run = sample(model, progress=lambda f: progress("sample the mechanism", f))
     if not (model.redundant and formula.has("inverse")):

@@ -16,8 +16,9 @@ _BLIND = 1e-7
 """Relative singular value below which a combination of parameters has no effect on the rows."""
 
 _STEPS = 30
-_SLIPS = ((1e3, "metres for millimetres"), (1e-3, "millimetres for metres"), (np.pi / 180, "radians for degrees"),
-          (180 / np.pi, "degrees for radians"), (-1.0, "the sign"))  # fmt: skip
+_SLIPS = ((1e3, "metres instead of millimetres"), (1e-3, "millimetres instead of metres"),
+          (np.pi / 180, "radians instead of degrees"), (180 / np.pi, "degrees instead of radians"),
+          (-1.0, "a wrong sign"))  # fmt: skip
 
 
 @dataclass(frozen=True)

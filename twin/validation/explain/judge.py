@@ -2,7 +2,7 @@
 
 If the mechanism also has an intermediate symbol (a named point, a passive joint), the symbol is compared, and then
 replaced by the mechanism's value. A wrong row therefore does not affect later rows. Other symbols are computed and used
-by later rows; if a row disagrees, all rows since the last known symbol are suspected.
+by later rows; if a row disagrees, all rows since the last compared symbol are suspected.
 """
 
 from __future__ import annotations

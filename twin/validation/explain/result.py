@@ -111,7 +111,7 @@ class Moved:
     Attributes:
         name, unit: name of the parameter, and unit of the values below.
         formula, fitted, sigma: value in the formula, value fitted to the mechanism, and its standard deviation.
-        note: probable mistake, such as "metres for millimetres", or "".
+        note: probable mistake, such as "looks like metres instead of millimetres", or "".
     """
 
     name: str
@@ -169,10 +169,10 @@ class PartOff:
 
     Attributes:
         joints: names of the joints whose parts do not meet.
-        part, features: the faulty part and its features; "" if no single part explains the joints.
-        told_by: kind of evidence. "drawing": lengths or identical parts; "joints": the other joints of the second part
-            fit; "loops": the loops close only with this part corrected; "rows": the rows agree only with this part
-            corrected; "": undecided between this part and `others`.
+        part, features: the faulty part and its features; "" if no single part causes all the gaps.
+        told_by: kind of evidence that this part is faulty. "drawing": lengths or identical parts; "joints": the second
+            part of the joint fits at its other joints; "loops": the loops close only with this part corrected; "rows":
+            the rows agree only with this part corrected; "": undecided between this part and `others`.
         why: the evidence, as text.
         others: alternative parts.
         message: the result in one sentence.
@@ -350,8 +350,8 @@ def _reading(r: Reading, mark: str) -> Iterator[Line]:
 def _tried(r: Repair) -> str:
     if not r.seconds:
         return f"{r.tried} edits were tried"
-    most = "every pair of tokens" if r.complete else "not every pair (--seconds gives more time)"
-    return f"{r.tried} edits and pairs were tried, pairs for {r.seconds:.1f} s: {most}"
+    most = "every pair" if r.complete else "not every pair (a larger --seconds gives more time)"
+    return f"{r.tried} edits and pairs of edits were tried; {most} was tried, in {r.seconds:.1f} s"
 
 
 def _identified(x: Identified) -> Iterator[Part]:

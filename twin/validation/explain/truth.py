@@ -26,7 +26,7 @@ _SPREAD = 0.06
 """Half width of the box of joint values that is sampled around each posture, as a fraction of each joint's range."""
 
 _REGULAR = 0.1
-"""Conditioning, relative to the best posture, below which a posture counts as near a singularity and is skipped."""
+"""A posture counts as near a singularity, and is skipped, if its conditioning is below this fraction of the best."""
 
 Kind = Literal["length", "angle", "pose"]
 

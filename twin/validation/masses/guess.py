@@ -18,7 +18,7 @@ from twin.core.quantity import Quantity
 from twin.core.spatial import Array
 
 BAD, GOOD, GAIN = 0.35, 0.3, 0.35
-"""Limits of the relative misfit between stated tensor and filled shapes.
+"""Limits of the misfit (see `misfit`) between the stated tensor and the tensor of the filled shapes.
 
 If the misfit exceeds BAD, the check searches for an explanation. With the explanation, the misfit must be below GOOD,
 and below GAIN times the original misfit. Bodies that are hollow or of mixed materials have a misfit of 0.1 to 0.3.
@@ -28,8 +28,7 @@ SIGN = 0.04
 """Relative size of the products of inertia below which their sign cannot be determined."""
 
 CLEAR = 2.0
-"""Minimum ratio between the misfits of the second-best and the best explanation; below it, the message also names
-the second."""
+"""Misfit of the second-best explanation divided by that of the best; below this ratio, the message names both."""
 
 _NAMES = ("xx", "yy", "zz", "xy", "xz", "yz")
 _PLACES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))

@@ -27,10 +27,10 @@ DENSITY = (30.0, 25000.0)
 """Plausible density in kg/m3 (mass / volume of closed shapes), from foam and hollow castings to tungsten."""
 
 BESIDE = 2 * MM
-"""Maximum accepted distance in m of a mass centre outside the hull of the shapes, which may be coarse or incomplete."""
+"""Accepted distance in m of a mass centre from the convex hull of the shapes, which may be coarse or incomplete."""
 
 DEFINITE = 1e-9
-"""Minimum ratio of the smallest to the largest eigenvalue of the pseudo-inertia of a body that is not flat."""
+"""Minimum ratio of the smallest to the largest eigenvalue of the pseudo-inertia; a flat sheet has a smaller ratio."""
 
 
 @dataclass(frozen=True)

@@ -27,6 +27,19 @@ class FreeTable(PhaseTable):
         str | None,
         Field(min_length=1, description="a scene with this robot: its props and other robots, as drawn, are obstacles"),
     ] = None
+    cost: Annotated[
+        Literal["length", "acceleration", "weighted", "clearance"],
+        Field(
+            description="what the search minimises: the length of the path, its acceleration, both weighted as in "
+            "eq. (1) of the Raven paper, or the length, with parts within 20 mm of other bodies counted up to ten times"
+        ),
+    ] = "length"
+    samples: Annotated[
+        int,
+        Field(
+            ge=0, le=100_000, description="number of samples up to which the first path found is improved; 0: it is not"
+        ),
+    ] = 0
 
     rank: ClassVar[int] = 8
 
@@ -37,7 +50,7 @@ class FreeTable(PhaseTable):
 
     def phase(self, walk: Walk) -> Free:
         """Return the phase in SI."""
-        return Free(self.name, self.to, self.clearance_mm * MM, self.seed, self.scene or "")
+        return Free(self.name, self.to, self.clearance_mm * MM, self.seed, self.scene or "", self.cost, self.samples)
 
 
 @dataclass(frozen=True)
@@ -45,13 +58,16 @@ class Free(Phase):
     """Move the driven joints to the waypoint `to`, with a `clearance` in m to obstacles and between the robot's bodies.
 
     `seed` is the seed of the random search. `scene` is the name or path of the scene with the obstacles, or "" for the
-    robot alone.
+    robot alone. `cost` names what the search minimises (`twin.planning.costs`). `samples` is the number of samples up
+    to which the first path found is improved.
     """
 
     to: str
     clearance: float
     seed: int = 0
     scene: str = ""
+    cost: str = "length"
+    samples: int = 0
     type: ClassVar[str] = "free"
     by_joints: ClassVar[bool] = True
 

@@ -1,6 +1,7 @@
 """Contact of movable objects with instruments and fixed parts, simulated by MuJoCo.
 
-`gripper` computes the poses of an instrument's links, `shapes` the collision shapes; `plant` is the block of the World.
+`gripper` computes the poses of an instrument's links, `shapes` creates the collision shapes; `plant` is the block of
+the World.
 """
 
 from twin.simulation.plants.contact.gripper import Gripper

@@ -18,10 +18,11 @@ NAME = "planes"
 """Last part of the name of the signal with the planes of a robot."""
 
 _OPPOSITE = -0.5
-"""Cosine of the angle between two normals below which the second one points out of the opposite side of a part."""
+"""Cosine of the angle between two normals below which they count as those of opposite sides of a part."""
 
 _Touch = tuple[float, tuple[int, int], int, Array, Array]
-"""A contact of an instrument: depth, geoms (its own first), its body, its deepest point, normal out of the other."""
+"""A contact of an instrument: depth, both geoms (first the instrument's), body and deepest point of the instrument,
+normal out of the other geom."""
 
 
 class Feel:
@@ -32,7 +33,7 @@ class Feel:
     object yields too: it stays outside of the parts that it touches and slips between the jaws. Its planes touch the
     point where it would be without this slip. Objects that nobody holds have no planes.
 
-    An instrument can be moved through a part, because nothing stops it. While they overlap, the plane keeps its
+    Nothing stops an instrument, so that it can move through a part. While the two overlap, the plane keeps its
     direction, so that the force pushes the instrument back to the side from which it came.
     """
 

@@ -19,7 +19,7 @@ from twin.model.mechanism import Mechanism
 from twin.reference import ReferenceModel
 
 _TURN = 0.1
-"""Change in rad of the jaw's joint by which the axes of the jaws are found."""
+"""Change in rad of the jaw's joint from which the axes of the jaws are computed."""
 
 
 @dataclass(frozen=True)

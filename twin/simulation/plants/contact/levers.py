@@ -8,21 +8,22 @@ from twin.core.spatial import Array
 from twin.simulation.plants.contact.gripper import Gripper
 
 _SMALL = 1e-5
-"""Change in rad or m of a joint by which displacements of the links are found."""
+"""Change in rad or m of a joint from which displacements of the links are computed."""
 
 _OFTEN, _OLD = 4, 20
-"""Number of steps between two computed joints; number of steps without a call after which all joints are computed."""
+"""Number of steps after which the next joint is computed; number of steps without a call after which all joints are
+computed."""
 
 
 class Levers:
-    """Twists of the links of an instrument per displacement of its tool at constant attitude.
+    """Twists of the links of an instrument per displacement of its tool at constant orientation.
 
     All joints are computed at the first call; later, one joint in every `_OFTEN` steps, because the twists change
     slowly and a tick must be short.
     """
 
     def __init__(self, gripper: Gripper, phase: int = 0) -> None:
-        """Compute nothing yet; instruments with different `phase`, a number of steps, compute in different steps."""
+        """Prepare the instrument; instruments with different `phase`, a number of steps, compute in different steps."""
         self._gripper, self._phase, self._step, self._next = gripper, phase, -_OLD, 0
         self._twists: list[Array] = []
         self._joints: list[int] = []

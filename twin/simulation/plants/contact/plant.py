@@ -1,4 +1,4 @@
-"""Movable objects in contact with instruments and fixed parts: MuJoCo steps the objects, the robots stay exact."""
+"""Movable objects in contact with instruments and fixed parts: MuJoCo moves the objects, joint values the robots."""
 
 from __future__ import annotations
 
@@ -42,8 +42,8 @@ class Contact(Block):
 
     Signals:
         `<object>.pose` (16,): T_world_object, row by row.
-        `<object>.holder`: index of the gripper whose jaws all touch the object, of several the last one that began to;
-            -1: none.
+        `<object>.holder`: index of the gripper whose jaws all touch the object; if there are several, the one that
+        grasped last; -1: none.
         `<object>.rubs`: 1 while the object touches a part of `rubbed`; only if there are any.
         `<robot>.touches`: 1 while the instrument touches a fixed part.
         `<robot>.meets`: 1 while the instrument touches another instrument.
@@ -72,8 +72,8 @@ class Contact(Block):
             period: time in s between two steps, a multiple of the World's tick.
             gravity: acceleration in the World in m/s2.
             friction: coefficient of sliding friction of the instruments.
-            feels: whether the planes are written that the forces on the hands need.
-            rubbed: names of parts of `solids`; whether objects touch any of them is written.
+            feels: whether `<robot>.planes` is written, which the forces on the hands need.
+            rubbed: names of parts of `solids`; `<object>.rubs` states whether an object touches any of them.
 
         Raises:
             WorldError: a number is out of range, or an object overlaps something by more than 0.1 mm at the start.

@@ -1,7 +1,8 @@
 """Soft organs touched by instruments, simulated by MuJoCo.
 
-`organs` steps the organs for given poses of the instruments' links, `plant` is the block of the World. `operating` is
-its block with tools: `bed` is what holds the organ, `tubes` are the vessels, `sight` is what the endoscope sees.
+`organs` steps the organs for given poses of the instruments' links; `plant` is the block of the World without tools,
+`operating` the block with tools. `bed` simulates the bed that holds the organ, `tubes` the vessels; `sight` computes
+how much of a vessel the endoscope sees.
 """
 
 from twin.simulation.plants.tissue.operating import Instrument, Operating, clips_of

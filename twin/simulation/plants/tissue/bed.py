@@ -1,7 +1,7 @@
-"""What holds an organ that is operated on: a bed that lets go node by node, and jaws that hold a point of it.
+"""The bed (tissue that holds an organ), freed node by node, and jaws that hold a point of the organ.
 
-Both are constraints of MuJoCo on the joints of the organ's nodes. A material point is a weighted sum of nodes, so that
-its place is linear in the joints: a tendon.
+Both are constraints of MuJoCo on the joints of the organ's nodes. The position of a material point is a weighted sum of
+nodes, and therefore linear in the joints: a tendon in MuJoCo.
 """
 
 from __future__ import annotations
@@ -19,17 +19,17 @@ GRIPS = 2
 """Number of jaws that can hold the organ at once."""
 
 _DRAG = 2.0
-"""Resistance of what surrounds the organ, divided by its mass, in 1/s; ASSUMED. Without it, a freed organ would swing
-for ever, because there is neither air nor gravity."""
+"""Damping by the surroundings of the organ, divided by its mass, in 1/s; ASSUMED. Without it, a freed organ would swing
+for ever."""
 
 _SLIDE = 0.5 * MM
-"""Distance in m by which the jaws slide in a step if the force is twice the limit; they slide in proportion."""
+"""Distance in m by which the jaws slide in a step if the force is twice its limit; it is proportional to the excess."""
 
 _STIFF = [0.99, 0.999, 1e-4, 0.5, 2.0]
 """Impedance of the constraints in MuJoCo."""
 
 _PULLS = 1e-4
-"""Largest force in N that does not end the rest of an organ."""
+"""Maximum force in N at which an organ stays at rest."""
 
 
 @dataclass
@@ -38,9 +38,10 @@ class Grip:
 
     Attributes:
         weights: (k,) the point is weights @ nodes.
-        limit: friction of the jaws in N.
-        p: (3,) where the jaws hold the point, in the World in m.
-        offset: (3,) by which the point has slipped from the jaws, in m.
+        limit: maximum friction force of the jaws in N.
+        p: (3,) position in m in the World at which the jaws hold the point.
+        offset: (3,) displacement in m of the
+            point from the jaws by slipping.
         force: (3,) force on the organ in the last step in N.
     """
 
@@ -80,7 +81,7 @@ class Hold:
 
     Attributes:
         grips: the jaws that hold the organ, by number.
-        held: nodes of the bed that still hold it.
+        held: nodes of the bed that still hold the organ.
     """
 
     def __init__(
@@ -93,8 +94,8 @@ class Hold:
             d: its state.
             held: indices of the nodes of the bed.
             dofs: (3 k,) velocities of the free nodes, along the axes of the grid.
-            free: (k,) their indices.
-            R_world_grid: (3, 3) attitude of the grid.
+            free: (k,) indices of the free nodes.
+            R_world_grid: (3, 3) orientation of the grid.
         """
         self._m, self._d, self._dofs, self._free = m, d, dofs, free
         self._bed, self._R = held, R_world_grid
@@ -105,7 +106,7 @@ class Hold:
         self.reset()
 
     def reset(self) -> None:
-        """Let all nodes of the bed hold, and no jaws."""
+        """Attach all nodes of the bed, and open all jaws."""
         self.grips: dict[int, Grip] = {}
         self.held = set(self._bed.tolist())
         self._pull = np.zeros((len(self._free), 3))
@@ -118,7 +119,7 @@ class Hold:
             self._d.eq_active[self._m.equality(f"bed_{node}_{axis}").id] = 0
 
     def grasp(self, k: int, weights: Array, p_world: Array, limit: float) -> None:
-        """Let the jaws with number k hold a material point at p_world (3,) in m, up to a force in N."""
+        """Hold a material point at p_world (3,) in m by the jaws with number k, up to a force of `limit` in N."""
         self.grips[k] = Grip(weights, limit, p_world.copy(), np.zeros(3), np.zeros(3))
         w = weights[self._free]
         for axis in range(3):
@@ -134,11 +135,11 @@ class Hold:
             self._d.eq_active[self._equality[k]] = 0
 
     def pull(self, weights: Array, force_world: Array) -> None:
-        """Add a force (3,) in N in the World on a material point, in the next step."""
+        """Apply a force (3,) in N in the World to a material point in the next step."""
         self._pull += np.outer(weights[self._free], force_world)
 
     def begin(self, rest: Array) -> bool:
-        """Set the constraints of the jaws and the pulls before a step; return whether something moves the organ.
+        """Set the constraints of the jaws and the forces of `pull` before a step; return whether the organ may move.
 
         Args:
             rest: (k, 3) nodes at rest in the World in m.
@@ -151,7 +152,7 @@ class Hold:
         return bool(self.grips) or pulled or len(self.held) < len(self._bed)
 
     def end(self) -> None:
-        """Read the forces of the jaws after a step, and let them slide where friction does not hold."""
+        """Read the forces of the jaws after a step; let jaws slide whose friction limit is exceeded."""
         d = self._d
         rows = np.flatnonzero(d.efc_type[: d.nefc] == mujoco.mjtConstraint.mjCNSTR_EQUALITY)
         by_id = dict(zip(d.efc_id[rows].tolist(), d.efc_force[rows].tolist(), strict=True))

@@ -1,7 +1,7 @@
-"""Operate on an organ in a World: instruments with tools grasp, clip, cut and burn what is in their jaws.
+"""Operate on an organ in a World: instruments with tools grasp, clip, cut and cauterise.
 
-What the tools do follows from where they are: a clip shuts the vessel that is between its legs, on its whole width or
-on a part of it; scissors cut what is between their blades; cautery heats the cells of the bed near its tip.
+The effect of a tool depends on its position: a clip closes the vessel between its legs, on its whole width or a part of
+it; scissors cut the vessel between their blades; cautery heats the cells of the bed near its tip.
 """
 
 from __future__ import annotations
@@ -31,19 +31,19 @@ from twin.simulation.plants.tissue.tubes import Held, Tube
 from twin.simulation.world import Signals
 
 UNUSED, ON_NOTHING = -2, -1
-"""Values of `clip_<k>.on`: the clip is in its applier; it was closed beside all vessels."""
+"""Values of `clip_<k>.on`: the clip is still in its applier; the clip was closed beside all vessels."""
 
 _CLIP = (0.75 * MM, 0.75 * MM)
-"""Half edges in m of a clip across its length; ASSUMED."""
+"""Half the width and half the height of a clip in m, across its length; ASSUMED."""
 
 _APART = 1.0 * MM
-"""Smallest distance in m along a vessel from a cut to a clip: blades do not cut a clip."""
+"""Minimum distance in m along a vessel from a cut to a clip, because blades do not cut a clip."""
 
 _TORN = 10 * MM
-"""Distance in m by which what a grasper holds may slip before it is out of its jaws; ASSUMED."""
+"""Distance in m by which a held point may slip before it is out of the jaws; ASSUMED."""
 
 _LOOK = 12
-"""Number of steps between two looks of the camera."""
+"""Number of steps between two updates of `<vessel>.seen`."""
 
 
 @dataclass(frozen=True)
@@ -104,23 +104,26 @@ def clips_of(tools: Mapping[str, ToolTable]) -> list[Movable]:
 
 
 class Operating(Tissues):
-    """Writes what `Tissues` writes, and what tools did. The jaws of a grasper hold the organ or a vessel by friction.
+    """Writes the signals of `Tissues`, and the effects of tools. A grasper holds the organ or a vessel by friction.
 
     Signals that it reads, besides `<robot>.q`:
-        `<robot>.opening`: opening of the jaws, 0 (closed) to 1. A tool acts when it passes 0.5 downwards.
-        `<robot>.tool`: index of the wanted tool, in the order of the scene.
+        `<robot>.opening`: opening of the jaws, 0 (closed) to 1. A tool acts when the opening falls below 0.5.
+        `<robot>.tool`: index of the requested tool, in the order of the scene.
         `<robot>.pedal`: 1 while cautery is on.
 
     Signals that it writes:
-        `<robot>.tip` (3,): tip in the World in m. `<robot>.carries`: index of its tool.
-        `<robot>.holds`: -1 nothing, 0 the organ, k the vessel k - 1; `<robot>.pull` (3,): force on it in N;
-        `<robot>.slipped`: by which it has slipped in m; `<robot>.lifted` (3,): from where it was at rest in m.
-        `<organ>.energy` (n,): energy in J that each cell of the bed got; `<organ>.freed` (n,): 1: it has let go.
-        `<organ>.depth`: of the deepest tip below the surface at rest of an organ to spare, in m.
+        `<robot>.tip` (3,): tip in the World in m. `<robot>.carries`: index of the tool that it carries.
+        `<robot>.holds`: held by its jaws: -1 nothing, 0 the organ, k the vessel k - 1; `<robot>.pull` (3,): force on it
+        in N;
+        `<robot>.slipped`: slip of the held point in m; `<robot>.lifted` (3,): its displacement in m from its place at
+        rest. `<organ>.energy` (n,): energy in J applied to each cell of the bed; `<organ>.freed` (n,): 1: the cell is
+        free.
+        `<organ>.depth`: depth in m of the deepest tip below the rest surface of an organ that must be spared.
         `<vessel>.nodes`: nodes of its deformable; `<vessel>.cut` (n,): 1: the segment is cut away.
         `<vessel>.seen`: fraction of the vessel that the camera sees.
         `clip_<k>.pose` (16,); `clip_<k>.on`: index of the vessel, -1: on none, -2: not used yet; `clip_<k>.at`: place
-        along the vessel in m; `clip_<k>.cover`: fraction of the vessel's width between its legs; at 1 it is shut.
+        along the vessel in m; `clip_<k>.cover`: fraction of the vessel's width between its legs; at 1 the vessel is
+        closed.
     """
 
     def __init__(
@@ -134,10 +137,11 @@ class Operating(Tissues):
         sight: Sight,
         period: float = PERIOD,
     ) -> None:
-        """Begin with open jaws.
+        """Start with open jaws.
 
         Raises:
-            WorldError: as `Tissues`, or a vessel does not begin at its organ, or on one that is not operated on.
+            WorldError: as `Tissues`; or a vessel does not begin at its organ, or belongs to an organ that is not
+                operated on.
         """
         self._instruments, self._tools, self._procedure = tuple(instruments), dict(tools), procedure
         self._names, self._sight, self._steps = [*tools], sight, 0
@@ -154,7 +158,7 @@ class Operating(Tissues):
         super().__init__(tissues, robots, period, procedure.organ)
 
     def step(self, signals: Signals, t: float, dt: float) -> Mapping[str, ArrayLike]:
-        """Move instruments and organs, and let the tools act."""
+        """Move instruments and organs, and compute the effects of the tools."""
         hold = self._hold
         for k, i in enumerate(self._instruments):
             self._use(k, i, signals)
@@ -317,7 +321,7 @@ class Operating(Tissues):
                 self._hold.let_go(int(self._organ.held[cell]))
 
     def _after(self, k: int, i: Instrument) -> None:
-        """Drop what has slipped out of the jaws, and measure how deep the tip is in organs that are to be spared."""
+        """Release a point that has slipped out of the jaws, and measure the depth of the tip in organs to be spared."""
         state = self._states[i.robot]
         if self._slipped(k, state) > _TORN:
             self._open(k, i, state)

@@ -1,4 +1,4 @@
-"""One soft organ among those of a MuJoCo model: its nodes, its volume, its contact, the links that may touch it."""
+"""One soft organ of a MuJoCo model: its nodes, volume and contact, and the links that may touch it."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ RADIUS = 0.5 * MM
 """Radius in m by which a surface is thickened for contact."""
 
 SAMPLE = 5 * MM
-"""Distance in m between the points of a link that are looked for near and inside organs."""
+"""Distance in m between the sample points of a link, which are tested for being near or inside an organ."""
 
 MOST = 15
 """Largest number of organs. Bit k of MuJoCo's contact filter: links touch organ k. Bit 15 + k: organ k touches those
@@ -54,8 +54,8 @@ class Organ:
         tissue: the organ at rest.
         nodes: (k, 3) nodes of its grid in the World in m.
         touch: contact in the last step.
-        hold: what holds an organ that can be operated on; None: it cannot.
-        within: indices of the links that do not touch it because they are inside.
+        hold: bed and jaws of an organ that can be operated on; None: it cannot be operated on.
+        within: indices of the links that do not touch the organ because they are inside it.
     """
 
     def __init__(self, tissue: Tissue, index: int, operable: bool) -> None:
@@ -96,7 +96,7 @@ class Organ:
         )
 
     def constrain(self, spec: mujoco.MjSpec) -> None:
-        """Add the constraint of the volume, linear in the joints of the nodes, and what can hold the organ."""
+        """Add the constraints of the bed, and that of the volume, which is linear in the joints of the nodes."""
         t, self._joints = self.tissue, list[str]()
         tendon = spec.add_tendon(name=f"{t.name}_volume")
         for index in np.setdiff1d(np.arange(len(t.nodes)), self.fixed).tolist():
@@ -141,7 +141,7 @@ class Organ:
         self._m.eq_data[self._equality, 0] = coefficients @ self._d.qpos[self.qpos] - change
 
     def end(self) -> None:
-        """Remove what the constraint leaves, because it is linear within a step: one step of Newton's method."""
+        """Correct the volume error left by the linear constraint, by one step of Newton's method."""
         self.read()
         content, by_node = self._volume.at(self.nodes - self._origin)
         change = (by_node[self._free] @ self._R).ravel()
@@ -155,9 +155,9 @@ class Organ:
 
     @property
     def compression(self) -> float:
-        """Smallest ratio of the volume of material at the surface to that at rest; below 0, it is inside out.
+        """Smallest ratio of the local volume at the surface to that at rest; below 0, the material is inverted.
 
-        The whole keeps its volume, but MuJoCo's elasticity does not keep that of a small part.
+        The organ keeps its total volume, but MuJoCo's elasticity does not keep the volume of small parts.
         """
         (ax, ay, az), (bx, by, bz), (cx, cy, cz) = (self.tissue.gradients @ self.nodes).transpose(0, 2, 1)
         return float((ax * (by * cz - bz * cy) + ay * (bz * cx - bx * cz) + az * (bx * cy - by * cx)).min())
@@ -193,21 +193,21 @@ class Organ:
         return any(inside(p, vertices, self._triangles)[0] for p in near)  # most links inside show it by the first ones
 
     def look(self, k: int, is_inside: bool) -> bool:
-        """Note whether link k is inside; return whether it may touch the organ."""
+        """Store whether link k is inside the organ; return whether it may touch the organ."""
         (self.within.add if is_inside else self.within.discard)(k)
         return self.may_touch(k)
 
     def mute(self, links: Sequence[int], on: bool) -> None:
-        """Let links not touch the organ while jaws hold it (`on`), or touch it again."""
+        """Switch off the contact of links with the organ while jaws hold it (`on`), or switch it on again."""
         (self._muted.update if on else self._muted.difference_update)(links)
 
     def may_touch(self, k: int) -> bool:
-        """Return whether link k touches the organ when they meet."""
+        """Return whether contact of link k with the organ is switched on."""
         return k not in self.within and k not in self._muted
 
 
 def require_valid(t: Tissue) -> None:
-    """Refuse a number for which organs were not tested."""
+    """Raise `WorldError` for a parameter outside the tested range."""
     for what, value, low, high, unit in (
         ("Young's modulus", t.young, 100.0, 1e6, "Pa"),
         ("Poisson's ratio", t.poisson, 0.0, 0.49, ""),

@@ -1,4 +1,4 @@
-"""Soft organs and the links of instruments in MuJoCo: the links are where they are put, the organs give way."""
+"""Soft organs and links of instruments in MuJoCo: links have given poses, and organs deform in contact with them."""
 
 from __future__ import annotations
 
@@ -28,14 +28,15 @@ _LINK_MASS, _LINK_INERTIA = 10.0, 0.1
 """Mass in kg and moment of inertia in kg m2 of a link, so that contact forces do not move it within a step."""
 
 _JUMP = 20 * MM
-"""Largest distance in m that a link is moved within a step; one that goes further is put there."""
+"""Largest distance in m that a link moves in contact within a step; a link that moves farther is set to its new
+pose."""
 
 _LOOK = 12
-"""Number of steps after which a link inside an organ is looked for again."""
+"""Number of steps between two tests whether a link is inside an organ."""
 
 _STILL = 5e-6
-"""Organs are at rest if no node is further than this from its place in m, and none is faster than this per step. It is
-less than a step of the quantised vertices in the stream."""
+"""Organs are at rest if no node is farther than this in m from its rest position, and none moves farther per step. It
+is less than a step of the quantised vertices in the stream."""
 
 _ITERATIONS = 400
 """Largest number of iterations of MuJoCo's solvers; at its 100, that of the stiffness ended at a relative residual of
@@ -46,12 +47,12 @@ _CROSSED = 3 * RADIUS
 them apart within 0.2 mm. Where surfaces cross, forces of contact would hold the organs in each other."""
 
 _PIERCED = 0.3
-"""Compression of an organ, see `Organ.compression`, at which what touches it goes into it; ASSUMED. MuJoCo's elasticity
-does not resist it: a cell is turned inside out by a finite force."""
+"""Compression of an organ, see `Organ.compression`, at which a link that touches the organ goes into it; ASSUMED.
+MuJoCo's elasticity cannot prevent this: a finite force inverts a cell."""
 
 _BEFORE = 0.3
-"""A link is before a surface if the normals of its contacts are at least this much along those of the surface, in the
-mean. It is 0.5 to 1 where a link presses, and less than 0.1 where the surface has jumped over it."""
+"""A link is in front of a surface if the mean scalar product of the contact normals and the surface normals is at least
+this. It is 0.5 to 1 if a link presses, and less than 0.1 if the surface has jumped over the link."""
 
 _PREFIX = "link:"
 """Prefix of the names of links in MuJoCo."""
@@ -73,9 +74,9 @@ class Tool:
 class Organs:
     """The organs, stepped for given poses of the links. They touch the links and each other.
 
-    They are not stepped while all are at rest, as long as no link moves near one. A link that jumps into an organ, by
-    more than 20 mm within a step, does not touch this organ until it is outside again. Neither do two organs whose
-    surfaces cross, because an instrument has pressed one through the other, until they are apart.
+    They are not stepped while all are at rest and no link moves near one. A link that jumps into an organ, by more than
+    20 mm within a step, does not touch this organ until it is outside again. Two organs whose surfaces cross, because
+    an instrument has pressed one through the other, do not touch each other until they are apart.
 
     Attributes:
         tissues: the organs.
@@ -100,7 +101,7 @@ class Organs:
             tools: the links that touch them.
             poses: T_world_link (4, 4) of each link at the start.
             period: time in s between two steps.
-            held: name of the organ that can be grasped, and whose pins can let go one by one; see `operable`.
+            held: name of the organ that can be grasped, and whose pins can be freed one by one; see `operable`.
 
         Raises:
             TwinError: the pins of an organ do not hold it.
@@ -158,7 +159,7 @@ class Organs:
         return spec.compile()
 
     def _require_apart(self) -> None:
-        """Refuse organs that touch at rest, or of which one is inside another one."""
+        """Raise `WorldError` if two organs touch at rest, or if one is inside another one."""
         m, d = self._model, self._data
         mujoco.mj_forward(m, d)
         names = [t.name for t in self.tissues]
@@ -181,7 +182,7 @@ class Organs:
 
     @property
     def within(self) -> dict[str, tuple[str, ...]]:
-        """Names of the links that do not touch an organ because they are inside, by organ."""
+        """Names of the links that do not touch an organ because they are inside it, by organ."""
         return {name: tuple(self.tools[k].name for k in sorted(organ.within)) for name, organ in self._organs.items()}
 
     def vertices(self, name: str) -> Array:
@@ -194,7 +195,7 @@ class Organs:
         return {name: organ.touch for name, organ in self._organs.items()}
 
     def reset(self) -> None:
-        """Put all organs to rest where they were drawn."""
+        """Reset all organs to their drawn shape, at rest."""
         mujoco.mj_resetData(self._model, self._data)
         self._data.qpos[self._qpos] = self._wanted
         for organ in self._organs.values():
@@ -207,7 +208,7 @@ class Organs:
         self._rests = True
 
     def step(self, poses: Sequence[Array]) -> bool:
-        """Move the links to T_world_link (4, 4), and the organs by contact and elasticity; return whether one moved."""
+        """Move the links to T_world_link (4, 4), and the organs by contact and elasticity; return whether any moved."""
         m, d, organs = self._model, self._data, self._organs.values()
         before = self._poses
         jumped, moved = self._place(poses), any(map(_differ, before, poses))
@@ -244,7 +245,7 @@ class Organs:
         return not all(map(np.array_equal, (organ.nodes for organ in organs), last))
 
     def _require_finite(self) -> None:
-        """Refuse a state that is not finite, which MuJoCo replaces by rest with a mere warning."""
+        """Raise `WorldError` for a state that is not finite, which MuJoCo resets with only a warning."""
         w = mujoco.mjtWarning
         if any(self._data.warning[k].number for k in (w.mjWARN_BADQPOS, w.mjWARN_BADQVEL, w.mjWARN_BADQACC)):
             names = ", ".join(f"'{t.name}'" for t in self.tissues)
@@ -368,7 +369,7 @@ class Organs:
         self._let_touch(organ, k)
 
     def mute(self, robot: str, on: bool) -> None:
-        """Let the links of a robot not touch the organ that its jaws hold (`on`), or touch it again once outside."""
+        """Switch off contact of a robot's links with the organ in its jaws (`on`), or on again once outside."""
         organ = self.operable
         assert organ is not None
         links = [k for k, tool in enumerate(self.tools) if tool.robot == robot]

@@ -51,9 +51,9 @@ class Links:
 
 
 class Tissues(Block):
-    """Reads `<robot>.q`; writes the nodes of the organs and what touches them.
+    """Reads `<robot>.q`; writes the nodes and contacts of the organs.
 
-    The links are exactly where the joint values put them; the organs give way.
+    The joint values alone move the links; the organs deform.
 
     Signals:
         `<organ>.nodes` (3 k,): nodes of its grid in the World in m; the vertices follow by `Tissue.weights`.

@@ -1,4 +1,4 @@
-"""Which part of a vessel the endoscope sees: what is in the picture and not behind an organ."""
+"""Compute the fraction of a vessel that the endoscope sees: in the picture, and not behind an organ."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from twin.core.spatial import Array, Index
 
 
 class Sight:
-    """The endoscope's view. Instruments are not in the way: they are thin and move."""
+    """The endoscope's view; instruments are ignored, because they are thin and move."""
 
     def __init__(self, camera: Callable[[], Array], view: float) -> None:
-        """`camera` returns T_world_camera (4, 4), z along the view; `view`: angle of the picture in rad."""
+        """Prepare; `camera` returns T_world_camera (4, 4) with z along the view; `view`: angle of view in rad."""
         self._camera, self._view = camera, view
 
     def seen(self, points: Array, surfaces: Sequence[tuple[Array, Index]]) -> float:
-        """Return the fraction of points (n, 3) in m that the camera sees past surfaces (vertices, triangles)."""
+        """Return the fraction of points (n, 3) in m that surfaces (vertices, triangles) do not hide from the camera."""
         T = self._camera()
         local = (points - T[:3, 3]) @ T[:3, :3]
         flat = np.abs(local[:, :2]).max(axis=1)

@@ -1,7 +1,7 @@
-"""Vessels in a World: elastic chains that jaws hold, clips shut, and blades cut.
+"""Vessels in a World: elastic chains that jaws can hold, clips can close, and blades can cut.
 
-A chain has no inertia: it creeps to where its forces balance, against a drag. Each step is one of backward Euler. Only
-the part of the springs' stiffness that is never negative is used, so that the step is stable (D. Baraff and A. Witkin,
+A chain has no inertia: it moves against a viscous drag until its forces balance. Steps use the backward Euler method.
+Only the non-negative part of the springs' stiffness is used, so that the step is stable (D. Baraff and A. Witkin,
 SIGGRAPH 1998).
 """
 
@@ -16,13 +16,13 @@ from twin.core.units import MM
 from twin.model.vessel import Vessel
 
 _DRAG = 2.0
-"""Drag of the surroundings in N s/m per metre of vessel; ASSUMED. A free end creeps to rest in about 0.1 s."""
+"""Viscous drag in N s/m per metre of vessel; ASSUMED. A free end comes to rest in about 0.1 s."""
 
 _BEND = 0.02
-"""Stiffness against bending, divided by that against stretching; ASSUMED, for a wall that is thin."""
+"""Bending stiffness divided by stretching stiffness; ASSUMED, for a thin wall."""
 
 _SLIDE = 0.5 * MM
-"""Distance in m by which the jaws slide in a step if the force is twice the limit."""
+"""Distance in m by which the jaws slide in a step if the force is twice its limit; it is proportional to the excess."""
 
 _STILL = 1e-7
 """A chain is at rest if no node moves further than this in m in a step."""
@@ -30,7 +30,7 @@ _STILL = 1e-7
 
 @dataclass
 class Held:
-    """A node that jaws hold at p (3,) in m, up to `limit` in N; `slipped` in m so far; `force` (3,) in N on it."""
+    """A node that jaws hold at p (3,) in m with at most `limit` N; `slipped`: slip in m; `force` (3,): on it in N."""
 
     node: int
     p: Array
@@ -49,7 +49,7 @@ class Tube:
         flat: (n + 1,) fraction by which clips flatten the vessel at its nodes.
         across: (3,) direction in which clips flatten it.
         held: the nodes in jaws, by number of the jaws.
-        reaction: (3,) force in N on what holds the first node.
+        reaction: (3,) force in N of the chain on the holder of its first node.
     """
 
     def __init__(self, vessel: Vessel, period: float) -> None:
@@ -64,7 +64,7 @@ class Tube:
         self._drag = _DRAG * float(vessel.lengths.mean()) / period
 
     def step(self, first: Array) -> None:
-        """Move the chain with its first node at (3,) in the World in m; one at rest is not computed."""
+        """Move the chain with its first node at `first` (3,) in m in the World; a chain at rest is not computed."""
         if not self._creeps and not self.held and np.abs(first - self.points[0]).max() < _STILL:
             return
         x, n = self.points, self.vessel.segments
@@ -127,7 +127,7 @@ class Tube:
 
         Returns:
             (distance in m between the two lines, distance in m from the base along the line, place in m along the
-            vessel, sine of the angle between the lines). The distance is infinite if all of it is cut away.
+            vessel, sine of the angle between the lines). The distance is infinite if the whole vessel is cut away.
         """
         a, d = self.points[:-1], np.diff(self.points, axis=0)
         best = (np.inf, 0.0, 0.0, 1.0)

@@ -42,7 +42,8 @@ namespace Twin.Player.Editor
             }
         }
 
-        /// <summary>Copy the files of a bundle and return the new files, the model first.</summary>
+        /// <summary>Copy the files of a bundle and return the new files: of a robot its model first, of a scene its organs
+        /// first, if it has any, then the files of each robot.</summary>
         /// <remarks>A bundle of a robot: &lt;robot&gt;.glb and tracks/*.json to &lt;assets&gt;/Twin/&lt;robot&gt;. A bundle
         /// of a scene: organs.glb as organs.bytes, which Deformable Player reads, to &lt;assets&gt;/Twin/&lt;scene&gt;,
         /// and the bundle of each robot to a folder in it.</remarks>
@@ -98,6 +99,12 @@ namespace Twin.Player.Editor
                 {
                     FindRobot(folder, target, Path.GetFileName(folder), copies);
                 }
+            }
+
+            if (copies.Count == 0)
+            {
+                throw new FormatException(bundle + " contains scene.json, but neither organs.glb nor the folder of a robot: "
+                    + "export again with `twin export <scene>`");
             }
         }
 

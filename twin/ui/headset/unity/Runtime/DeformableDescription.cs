@@ -41,10 +41,16 @@ namespace Twin.Player
                 throw new FormatException(file + ": the triangles of '" + name + "' are not base64", error);
             }
 
-            if (bytes % 12 != 0 || color.Length != 3)
+            if (bytes % 12 != 0)
             {
-                throw new FormatException(file + ": '" + name + "' has " + bytes + " bytes of triangles of 12 bytes each, and "
-                    + color.Length + " numbers for its colour, expected 3");
+                throw new FormatException(file + ": '" + name + "' has " + bytes + " bytes of triangles, expected a "
+                    + "multiple of 12");
+            }
+
+            if (color.Length != 3)
+            {
+                throw new FormatException(file + ": '" + name + "' has " + color.Length
+                    + " numbers for its colour, expected 3");
             }
         }
     }

@@ -7,34 +7,40 @@ namespace Twin.Player
     internal sealed class DeformableMesh
     {
         private readonly int[] triangles;
+        private readonly GameObject body;
+        private readonly Material own;
         private Vector3[] vertices = new Vector3[0];
 
         /// <summary>Create the mesh, without vertices.</summary>
         /// <param name="parent">The object that stands where the scene's world does.</param>
         /// <param name="triangles">Indices of corners, counter-clockwise as seen from outside in the scene's world.</param>
+        /// <param name="color">Linear red, green, blue and opacity.</param>
         /// <param name="material">Material that is copied; null: the mesh is not drawn.</param>
         public DeformableMesh(Transform parent, string name, int[] triangles, Color color, Material material)
         {
             this.triangles = Mirrored(triangles);
-            var body = new GameObject(name);
+            body = new GameObject(name);
             body.transform.SetParent(parent, false);
             Mesh = new Mesh { name = name };
             Mesh.MarkDynamic();
             body.AddComponent<MeshFilter>().sharedMesh = Mesh;
             if (material != null)
             {
-                body.AddComponent<MeshRenderer>().material = new Material(material) { color = color };
+                own = new Material(material) { color = color.gamma }; // Unity stores the colour of a material as sRGB
+                body.AddComponent<MeshRenderer>().sharedMaterial = own;
             }
         }
 
         public Mesh Mesh { get; private set; }
 
-        /// <summary>Remove all meshes below an object.</summary>
-        public static void Clear(Transform parent)
+        /// <summary>Destroy the children that were created, with their meshes and copies of the material.</summary>
+        public static void Destroy(DeformableMesh[] meshes)
         {
-            for (int i = parent.childCount - 1; i >= 0; i--)
+            foreach (DeformableMesh mesh in meshes)
             {
-                UnityEngine.Object.Destroy(parent.GetChild(i).gameObject);
+                Destroy(mesh.body);
+                Destroy(mesh.Mesh);
+                Destroy(mesh.own);
             }
         }
 
@@ -71,6 +77,18 @@ namespace Twin.Player
             Mesh.RecalculateNormals();
             Mesh.RecalculateBounds();
             return "";
+        }
+
+        private static void Destroy(UnityEngine.Object made)
+        {
+            if (Application.isPlaying)
+            {
+                UnityEngine.Object.Destroy(made);
+            }
+            else
+            {
+                UnityEngine.Object.DestroyImmediate(made);
+            }
         }
 
         // Reverse the corners of each triangle, because Unity's coordinates are mirrored.

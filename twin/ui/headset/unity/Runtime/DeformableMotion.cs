@@ -143,10 +143,14 @@ namespace Twin.Player
                 Color = GlbFile.At(document.materials, primitive.material, "material").pbrMetallicRoughness.baseColorFactor,
             };
             body.Triangles = file.Indices(primitive.indices, body.Rest.Length / 3);
-            if (body.Triangles.Length % 3 != 0 || body.Color.Length != 4)
+            if (body.Triangles.Length % 3 != 0)
             {
-                throw new FormatException(body.Triangles.Length + " indices of triangles of 3 each, and "
-                    + body.Color.Length + " numbers for its colour, expected 4");
+                throw new FormatException(body.Triangles.Length + " indices of triangles, expected a multiple of 3");
+            }
+
+            if (body.Color.Length != 4)
+            {
+                throw new FormatException(body.Color.Length + " numbers for its colour, expected 4");
             }
 
             for (int s = 0; s < body.Shapes.Length; s++)

@@ -58,7 +58,7 @@ namespace Twin.Player
         public void Load(byte[] glb)
         {
             DeformableMotion motion = DeformableMotion.Parse(glb);
-            DeformableMesh.Clear(transform);
+            DeformableMesh.Destroy(meshes);
             Motion = motion;
             meshes = new DeformableMesh[motion.Count];
             vertices = new float[motion.Count][];
@@ -101,13 +101,18 @@ namespace Twin.Player
             }
         }
 
-        /// <summary>Advance the time by some s while playing, or show the time of `player`; Update calls this method in
-        /// each frame.</summary>
+        /// <summary>Advance the time by some s while playing, or show the time of `player`; LateUpdate calls this method in
+        /// each frame, after `player` has moved on.</summary>
         public void Tick(double passed)
         {
             if (player != null)
             {
-                Seek(player.Time);
+                double before = head.Time;
+                head.Seek(player.Time);
+                if (head.Time != before)
+                {
+                    Show();
+                }
             }
             else if (IsPlaying)
             {
@@ -137,9 +142,14 @@ namespace Twin.Player
             }
         }
 
-        private void Update()
+        private void LateUpdate()
         {
             Tick(UnityEngine.Time.deltaTime);
+        }
+
+        private void OnDestroy()
+        {
+            DeformableMesh.Destroy(meshes);
         }
     }
 }

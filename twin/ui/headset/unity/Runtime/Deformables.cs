@@ -37,7 +37,8 @@ namespace Twin.Player
             return meshes[index].Mesh;
         }
 
-        /// <summary>Show the vertices of the stream's newest frame; Update calls this method in each frame.</summary>
+        /// <summary>Show the vertices of the stream's newest frame; LateUpdate calls this method in each frame,
+        /// after `stream` has taken the frame.</summary>
         public void Tick()
         {
             if (stream == null || stream.Robot == null || stream.Frame == null)
@@ -71,7 +72,7 @@ namespace Twin.Player
 
         private void Build(DeformableDescription[] found)
         {
-            DeformableMesh.Clear(transform);
+            DeformableMesh.Destroy(meshes);
             meshes = new DeformableMesh[found.Length];
             for (int i = 0; i < found.Length; i++)
             {
@@ -90,9 +91,14 @@ namespace Twin.Player
             }
         }
 
-        private void Update()
+        private void LateUpdate()
         {
             Tick();
+        }
+
+        private void OnDestroy()
+        {
+            DeformableMesh.Destroy(meshes);
         }
     }
 }

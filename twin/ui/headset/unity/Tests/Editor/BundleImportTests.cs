@@ -89,6 +89,17 @@ namespace Twin.Player.Editor.Tests
             Assert.IsFalse(Directory.Exists(assets));
         }
 
+        [Test]
+        public void ASceneWithoutOrgansAndRobotsIsRefused()
+        {
+            string scene = Path.Combine(folder, "scene");
+            Directory.CreateDirectory(Path.Combine(scene, "usd"));
+            File.WriteAllText(Path.Combine(scene, "scene.json"), "{\"scene\":\"theatre\"}");
+            Refused(scene + " contains scene.json, but neither organs.glb nor the folder of a robot", scene);
+            Refused("twin export <scene>", scene);
+            Assert.IsFalse(Directory.Exists(assets));
+        }
+
         private void Track(string name)
         {
             string golden = Resources.Load<TextAsset>("twin-golden").text;

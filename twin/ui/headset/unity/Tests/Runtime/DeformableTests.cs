@@ -113,6 +113,8 @@ namespace Twin.Player.Tests
             Refused("schema 'xormables', version 1; expected twin-deformables", File(Text().Replace("twin-def", "x"), Factors, 2));
             Refused("'liver': accessor 3 has 3 elements of type SCALAR", File(Text().Replace("\"POSITION\":0", "\"POSITION\":3"), Factors, 2));
             Refused("'liver': accessor 5 refers to vertex 7 of 3", File(Text(), Factors, 7));
+            Refused("'liver': 3 numbers for its colour, expected 4", File(Text().Replace("0.1,1]", "0.1]"), Factors, 2));
+            Refused("'liver': 2 indices of triangles, expected a multiple of 3", File(Text().Replace("5125,\"count\":3", "5125,\"count\":2"), Factors, 2));
             Refused("is not within its buffer view", File(Text().Replace("\"count\":3,\"type\":\"VEC3\"", "\"count\":30,\"type\":\"VEC3\""), Factors, 2));
             Refused("interpolation 'STEP'", File(Text().Replace("LINEAR", "STEP"), Factors, 2));
             Refused("no animation moves its 2 shapes", File(Text().Replace("weights", "scale"), Factors, 2));
@@ -122,6 +124,13 @@ namespace Twin.Player.Tests
             Refused("not finite", File(Text(), infinite, 2));
             Assert.AreEqual(3.0, player.Motion.Duration);
             Shown(1.0, 0.04f, 0.3f);
+        }
+
+        [Test]
+        public void AFaultOfADescriptionIsNamed()
+        {
+            DescriptionRefused("'liver' has 3 bytes of triangles, expected a multiple of 12", "AAAA", "1,1,1");
+            DescriptionRefused("'liver' has 2 numbers for its colour, expected 3", "", "1,1");
         }
 
         [Test]
@@ -144,6 +153,14 @@ namespace Twin.Player.Tests
         {
             var error = Assert.Throws<FormatException>(() => player.Load(file));
             StringAssert.Contains(expected, error.Message);
+        }
+
+        private static void DescriptionRefused(string expected, string triangles, string color)
+        {
+            string field = "{\"name\":\"liver\",\"triangles\":\"" + triangles + "\",\"color\":[" + color + "]}";
+            var error = Assert.Throws<FormatException>(() => SceneDescription.Parse(
+                "{\"schema\":\"twin-scene\",\"version\":1,\"fields\":[" + field + "]}"));
+            Assert.AreEqual("scene.json, fields: " + expected, error.Message);
         }
 
         /// <summary>Return the bytes of a file with one deformable.</summary>

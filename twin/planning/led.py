@@ -1,0 +1,124 @@
+"""Time and check robots that follow given joint paths and begin and end each phase together."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from twin.core.errors import AssemblyError, ProtocolError, TimingError
+from twin.core.spatial import Array
+from twin.planning.check import check
+from twin.planning.demands import demands, timed
+from twin.planning.feasible import require_feasible
+from twin.planning.following import Follower
+from twin.planning.path import Path
+from twin.planning.phase_path import PhasePath, build
+from twin.planning.plan import Leg, assemble, sampled
+from twin.planning.protocol import Free, Protocol
+from twin.planning.smooth import line
+from twin.planning.trajectory import Carrier, PathKinematics, Trajectory
+
+_STATIONS = 33
+"""Number of points of a straight path between two waypoints."""
+
+
+@dataclass(frozen=True)
+class Led:
+    """A robot that follows given joint paths.
+
+    Attributes:
+        name: name for messages.
+        protocol: its protocol, all phases of which are given by joint values.
+        kinematics: its planning data.
+        T_tool_frame: (4, 4) pose of `protocol.frame` in the tool frame.
+    """
+
+    name: str
+    protocol: Protocol
+    kinematics: PathKinematics
+    T_tool_frame: Array
+
+    @property
+    def carrier(self) -> Carrier:
+        """The mechanism."""
+        if self.kinematics.carrier is None:
+            raise ProtocolError(f"{self.name}: to plan several arms at once, each needs a mechanism")
+        return self.kinematics.carrier
+
+
+class _Guide(Follower):
+    """Moves the mechanism along the given paths."""
+
+    def __init__(self, robot: Led, courses: Sequence[Path]) -> None:
+        super().__init__(robot.protocol, robot.kinematics, robot.carrier)
+        self._courses = iter(courses)
+
+    def _course(self, path: PhasePath, where: str) -> Path:
+        return next(self._courses)
+
+
+def trajectories(robots: Sequence[Led], courses: Sequence[Sequence[Path]], dt: float = 1e-3) -> list[Trajectory]:
+    """Return the timed trajectory of each robot, with the findings of the check of every sample.
+
+    All robots have the same timing in a phase. It is the fastest within the limits of the joints, motors and moved
+    frames of all robots, jerk included. A robot with fewer phases has a shorter trajectory.
+
+    Args:
+        robots: the robots.
+        courses: paths of the driven joints (n,) of each robot, one for each phase of its protocol.
+        dt: sampling time in s.
+
+    Raises:
+        ProtocolError: a robot cannot follow its path; the message has phase, cause and place.
+        TimingError: no timing within the limits was found; the message names the phases.
+    """
+    paths = [build(r.protocol, r.T_tool_frame, _Guide(r, c)) for r, c in zip(robots, courses, strict=True)]
+    legs: list[list[Leg]] = [[] for _ in robots]
+    for phase in range(max(map(len, paths))):
+        here = [(k, r, p[phase]) for k, (r, p) in enumerate(zip(robots, paths, strict=True)) if phase < len(p)]
+        where = " / ".join(f"{r.name}: phase '{path.phase.name}'" for _, r, path in here)
+        for _, r, path in here:
+            require_feasible(path, r.kinematics, r.protocol.frame, r.protocol.name)
+        joints = [path.driven(r.kinematics, where) for _, r, path in here]
+        try:
+            timing = timed(
+                [demands(path, q, r.protocol, r.kinematics, dt) for (_, r, path), q in zip(here, joints, strict=True)],
+                dt,
+            )
+        except TimingError as error:
+            raise TimingError(f"{where}: {error}") from error
+        for (k, r, path), q in zip(here, joints, strict=True):
+            legs[k].append(sampled(path, q, timing, r.kinematics))
+    out = []
+    for r, own in zip(robots, legs, strict=True):
+        made = replace(assemble(r.protocol, r.kinematics, r.T_tool_frame, own, dt), followed=True)
+        out.append(replace(made, findings=(*r.protocol.findings, *check(made, r.protocol, r.kinematics))))
+    return out
+
+
+def stops(robot: Led) -> tuple[Array, Array]:
+    """Return (q (k, n), T_base_tool (k, 4, 4)) at the start and at the end of each phase, reached on straight paths.
+
+    Raises:
+        ProtocolError: a waypoint has no joint values, or the loops open on the straight path to it.
+    """
+    protocol, guide = robot.protocol, Follower(robot.protocol, robot.kinematics, robot.carrier)
+    state, here = robot.carrier.drawn()
+    q, Ts = [], []
+    for name in (protocol.start, *(p.to for p in protocol.phases if isinstance(p, Free))):
+        where = f"{protocol.name}: waypoint '{name}'"
+        if protocol.waypoints[name].joints is None:
+            raise ProtocolError(
+                f"{where} is a pose; to plan several arms at once, give joint values: joints = {{ ... }}"
+            )
+        goal = guide.goal(name)
+        try:
+            states, reached = robot.carrier.carry(line(here, goal)(np.linspace(0.0, 1.0, _STATIONS)), state)
+        except AssemblyError as error:
+            raise ProtocolError(f"{where} cannot be reached on a straight path: {error}") from error
+        state, here = states[-1], goal
+        q.append(goal)
+        Ts.append(reached[-1])
+    return np.array(q), np.array(Ts)

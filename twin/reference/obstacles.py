@@ -1,0 +1,49 @@
+"""Obstacles around robots of a scene: the other robots, and the props."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from twin.core import spatial
+from twin.core.spatial import Array
+from twin.model.mechanism import Mechanism
+from twin.model.scene import Scene
+from twin.reference.model import ReferenceModel
+from twin.reference.pairs import Still
+
+
+def obstacles(
+    scene: Scene,
+    own: Mapping[str, str],
+    T_world_base: Array,
+    mechanisms: Mapping[str, Mechanism],
+    props: Mechanism | None,
+    poses: Mapping[str, Mapping[str, Array]],
+) -> list[Still]:
+    """Return the bodies of the other robots and of the props of a scene as obstacles of the robots `own`.
+
+    Args:
+        scene: the scene; the pairs in its `touching` touch intentionally.
+        own: name in the scene -> beginning of the names of its bodies in `Still.touches`.
+        T_world_base: pose (4, 4) of the frame in which the poses of the obstacles are returned.
+        mechanisms: mechanism of each other robot that is there, by the name of its place.
+        props: mechanism of the props; None: there are none.
+        poses: poses T_world_body (4, 4) of the bodies of other robots, by place and body; a robot without them is in
+            its rest pose.
+    """
+    others = [p for p in scene.places if p.name in mechanisms and p.name not in own]
+    groups = [(p.name, mechanisms[p.name], p.T_world_base) for p in others]
+    if props is not None:
+        groups.append((props.name, props, spatial.pose()))
+    T_base_world, out = spatial.inverse(T_world_base), []
+    for name, mechanism, T_world in groups:
+        links = poses.get(name)
+        if links is None:
+            home = ReferenceModel(mechanism).home().link_poses
+            links = {body: T_world @ T for body, T in home.items()}
+        for body in mechanism.bodies:
+            full = f"{name}/{body.name}"
+            met = [n.split("/", 1) for pair in scene.touching if full in pair for n in pair - {full}]
+            touches = {f"{own[owner]}{inner}" for owner, inner in met if owner in own}
+            out.append(Still(full, body, T_base_world @ links[body.name], frozenset(touches)))
+    return out
