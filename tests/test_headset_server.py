@@ -926,3 +926,37 @@ def test_places_are_counted_by_address_and_given_back():
 )  # fmt: skip
 def test_an_address_is_a_household(peer, counted):
     assert household(peer) == counted
+
+
+# ------------------------------------------------------------------------------------------------- late ticks
+
+
+def test_a_single_late_tick_is_made_up_for():
+    server = servers.StreamServer(SimpleNamespace(), {}, {}, Gate("127.0.0.1", 0, False, lambda token: None))
+
+    def sent(*ticks, at=0.0):
+        """Return the ticks that are sent where the server is ready at these ticks, first at tick 10."""
+        server._tick, server._at, server._made_up, out = 10, at, False, []
+        for now in ticks:
+            server._tick = server._due(now)
+            out.append(server._tick)
+        return out
+
+    assert sent(11, 12, 13) == [11, 12, 13]
+    assert sent(11, 13, 13, 14) == [11, 12, 13, 14]  # the client gets all frames
+    assert sent(14, 15) == [14, 15]  # more than one was missed
+    assert sent(12, 13, 15, 15, 17) == [11, 13, 14, 15, 16]
+    assert sent(12, 13, at=11.4) == [12, 13]  # a message of the hands has moved the robots beyond it
+
+
+def test_a_slow_machine_does_not_fall_behind():
+    """Each frame takes 1.2 ticks: as many are lost as without making up, and none begins two ticks late."""
+    server = servers.StreamServer(SimpleNamespace(), {}, {}, Gate("127.0.0.1", 0, False, lambda token: None))
+    now, late = 0.0, []
+    for _ in range(600):
+        server._tick = server._due(int(now))
+        late.append(now - server._tick)
+        now = max(now + 1.2, server._tick + 1.0)
+    assert max(late) < 2
+    assert np.mean(late) < 0.8
+    assert 600 / now > 0.83

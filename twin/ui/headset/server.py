@@ -68,7 +68,7 @@ class StreamServer:
         self._frame: bytes | None = None
         self._state: dict[str, Any] = {}
         self._dirty = False
-        self._tick = 0
+        self._tick, self._at, self._made_up = 0, 0.0, False
         self._begin = self._framed = time.monotonic()
         self._pause = GAP
         self._response: asyncio.TimerHandle | None = None
@@ -86,12 +86,12 @@ class StreamServer:
         self.port = int(next(iter(self._server.sockets)).getsockname()[1])
 
     async def run(self) -> None:
-        """Send frames until `stopping` is set; late ticks are skipped."""
+        """Send frames until `stopping` is set; of late ticks, a single one is made up for, more are skipped."""
         begin = self._begin = time.monotonic()
         ends = asyncio.ensure_future(self.stopping.wait())
         try:
             while not self.stopping.is_set():
-                self._tick = int((time.monotonic() - begin) * RATE)
+                self._tick = self._due(int((time.monotonic() - begin) * RATE))
                 self._step(begin + self._tick / RATE)
                 left = begin + (self._tick + 1) / RATE - time.monotonic()
                 await asyncio.wait((ends,), timeout=max(left, 0.0))
@@ -117,6 +117,15 @@ class StreamServer:
 
     # -- the stream -----------------------------------------------------------------------------------
 
+    def _due(self, now: int) -> int:
+        """Return the tick to send at tick `now`: the one before it if that is the only one missed, else `now`.
+
+        Two in sequence are not made up for: on a slow machine, all frames would be late then.
+        """
+        made_up = now - self._tick == 2 and self._at <= now - 1 and not self._made_up
+        self._made_up = made_up
+        return now - made_up
+
     def _step(self, server_time: float) -> None:
         self._advance(self._tick, server_time)
         if self.recording is not None and self.recording.full(self._tick):
@@ -130,7 +139,7 @@ class StreamServer:
 
     def _advance(self, tick: float, server_time: float) -> None:
         """Advance the source to a tick, possibly with a fraction; store its frame for the clients."""
-        begun = time.monotonic()
+        begun, self._at = time.monotonic(), tick
         frame = self.source.frame(tick, server_time)
         self._framed = time.monotonic()
         self._pause = min(max(GAP, self._framed - begun), 1 / RATE)

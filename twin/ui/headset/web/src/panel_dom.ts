@@ -62,12 +62,12 @@ export class DomPanel implements Drawer {
     for (const update of this.updates) update();
   }
 
-  /** Widths in pixels that the controls cover at the right and at the bottom of the window. */
+  /** Widths in pixels that the controls cover at the right and at the bottom; folded, they only lie in a corner. */
   covers(): [right: number, bottom: number] {
     const [w, h] = [window.innerWidth, window.innerHeight];
     const side = this.side.getBoundingClientRect();
     const beside = side.left > w / 2;
-    return [beside ? w - side.left : 0, h - (beside ? this.foot : this.side).getBoundingClientRect().top];
+    return [beside && !this.folded ? w - side.left : 0, h - (beside ? this.foot : this.side).getBoundingClientRect().top];
   }
 
   private choose(id: string): void {

@@ -54,7 +54,7 @@ export class Tools {
     if (now === this.shown) return;
     this.shown = now;
     this.window.classList.toggle('low', box.height < 150); // no room for drawings
-    this.window.classList.toggle('flat', box.height < 110); // only for the buttons
+    this.window.classList.toggle('flat', box.height < 110 || views.flat); // only for the buttons
     for (const [key, value] of Object.entries(box)) this.window.style.setProperty(key, `${value}px`);
     for (const { side, tool, node } of this.buttons)
       {

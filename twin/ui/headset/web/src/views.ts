@@ -45,6 +45,7 @@ const LONG_REST = 10000;
 const NAMES: Readonly<Record<View, string>> = { room: 'Patient and robots', scope: 'Inside the abdomen' };
 const CLOSER = 1.9; // enlargement of the small view of the room beside a window of tools
 const SCOPE_LIGHT = 4; // layer of the endoscope's light
+const TITLE = 56; // height in pixels of title and folded controls on a low page
 const ABOVE = 128; // height in pixels of the window of tools on a narrow page
 const LABELLED = 180; // smallest width in pixels of the small view whose label says that a click enlarges it
 const PART = 0.3; // width of the small view as a fraction of the free width
@@ -145,7 +146,7 @@ export class Views {
     const [right, bottom] = this.app.world.free();
     const width = Math.round(Math.min(PART * right, 420, 0.6 * bottom));
     const height = Math.round(0.62 * width);
-    return { left: 18, top: bottom - height - (this.headed ? 40 : 18), width, height };
+    return { left: 18, top: bottom - height - (this.headed && !this.flat ? 40 : 18), width, height };
   }
 
   /** Return the box of the small view in pixels of the page. */
@@ -160,6 +161,11 @@ export class Views {
     const left = b.left + b.width + 12;
     if (right - left - 12 >= 260) return { left, top: b.top, width: right - left - 12, height: b.height };
     return { left: b.left, top: b.top - ABOVE - 10, width: right - 2 * b.left, height: ABOVE };
+  }
+
+  /** Whether the page is so low, as on a phone on its side, that it has neither help nor headings (see style.css). */
+  get flat(): boolean {
+    return window.innerHeight <= 480;
   }
 
   /** Top in pixels of the windows at the bottom. */
@@ -362,9 +368,11 @@ export class Views {
     camera.aspect = b.width / b.height;
     const low = this.headed ? this.low : bottom; // above the small windows
     const width = right - world.beside;
-    const [x, y] = large ? [(b.width - right - world.beside) / 2, (b.height - low - this.high) / 2] : [0, 0];
-    // Between the panels, a narrow picture shows as much beside its middle as above it.
-    if (view === 'scope') camera.zoom = large ? Math.min(1, width / (this.headed ? this.corner.top : bottom)) : 1;
+    const high = this.flat && !this.headed ? TITLE : this.high;
+    const [x, y] = large ? [(b.width - right - world.beside) / 2, (b.height - low - high) / 2] : [0, 0];
+    // Between the panels, a narrow picture shows as much beside its middle as above it, and a low one all of its middle.
+    const fits = Math.min(width / (this.headed ? this.corner.top : bottom), this.flat ? (low - high) / bottom : 1);
+    if (view === 'scope') camera.zoom = large ? Math.min(1, fits) : 1;
     else camera.zoom = large || !this.headed ? 1 : CLOSER;
     camera.setViewOffset(b.width, b.height, x, y, b.width, b.height);
     if (view === 'scope') this.scope.updateWorldMatrix(true, false);
