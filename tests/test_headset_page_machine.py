@@ -137,7 +137,7 @@ def test_a_planned_motion_is_made_by_machine_and_model(page):
     follows(page)
     page("twin.app.console.chosen = 'left'")
     page.id("plan").click()
-    page.until("twin.app.console.plan.phase === 'aim' && twin.app.console.plan.state.ready", "the target moves")
+    page.until("twin.app.console.plan.phase === 'aim' && twin.app.console.plan.state.ready", "the hand moves it")
     page.until(f"{STATE}.robots.raven_left.level === 'PEDAL_UP'", "the machine holds")
     at = page(f"[...{MACHINE}]")
     lead(page, 1, -1)
