@@ -16,6 +16,23 @@ window.pad = {id: 'a pad of the test', connected: false, mapping: 'standard', ax
 navigator.getGamepads = () => [window.pad];
 """
 
+COVERED = """
+(() => {
+  const said = [...document.querySelectorAll('.score tr, .rings li')];
+  const board = document.querySelector('.score').getBoundingClientRect();
+  const out = said.filter((o) => !o.offsetHeight || o.getBoundingClientRect().bottom > board.bottom);
+  if (said.length !== 9) out.push(said.length);
+  const panels = ['header', '.side', '.score', '.inset', '.foot'].map((s) => document.querySelector(s));
+  const boxes = panels.map((o) => o.getBoundingClientRect());
+  for (const node of twin.app.objects.nodes) {
+    const middle = node.position.clone().setFromMatrixPosition(node.matrixWorld);
+    const { x, y } = twin.app.console.views.project(middle, 'scope');
+    if (boxes.some((b) => x > b.left && x < b.right && y > b.top && y < b.bottom)) out.push([x, y]);
+  }
+  return out.map(String);
+})()
+"""
+
 
 @pytest.fixture(scope="module")
 def browser():
@@ -44,11 +61,13 @@ def test_rings_are_drawn_where_the_scene_has_them_and_every_page_has_the_scorebo
         np.testing.assert_allclose(at, item.T_world_object[:3, 3], atol=1e-3)  # they swing a little at first
     headset.until(lambda: "Rings transferred" in page.id("score").inner_text(), "the scoreboard")
     assert "0 of 4" in page.id("score").inner_text()
-    with headset.shown(browser, serving.url, size=(700, 420)) as other:
+    with headset.shown(browser, serving.url, size=(844, 390)) as other:  # a phone on its side
         other.until("twin.app.model.console?.task !== undefined", "the task")
         assert other("JSON.stringify(twin.app.model.console.task.rings)") == page(
             "JSON.stringify(twin.app.model.console.task.rings)"
         )
+        other.until("twin.app.loaded", "the scene")
+        headset.until(lambda: other(COVERED) == [], "the board has all its rows, and no panel covers a ring")
 
 
 def test_an_unplugged_gamepad_moves_nothing_and_is_told(page):

@@ -127,7 +127,7 @@ function across(views: Views): Place {
   const [right] = views.free;
   const left = corner.left + corner.width + 12;
   const low = corner.top + corner.height - (views.flat ? 0 : 26); // above the text of help
-  const width = Math.min(right - left - 12, 540);
+  const width = Math.min(right - left - 12, views.flat ? 700 : 540);
   if (width >= 380) return { left, width, top: 'auto', bottom: window.innerHeight - low, 'max-height': low - corner.top + 60 };
   const bottom = window.innerHeight - corner.top + 10;
   return { left: corner.left, width: right - 2 * corner.left, top: 'auto', bottom, 'max-height': corner.top / 2 };
