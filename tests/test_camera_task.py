@@ -154,7 +154,7 @@ STRAIGHT = ([0, 0, 80 * MM], [0, 0, 0], 5 * DEG)
     [
         (([25 * MM, 0, 30 * MM], [25 * MM, 0, 0], 0), "left border of the picture cuts"),
         (([0, 40 * MM, 55 * MM], [0, 40 * MM, 0], 0), "lower border of the picture cuts"),
-        (([0, 0, 900 * MM], [0, 0, 0], 0), "move nearer"),
+        (([0, 0, 900 * MM], [0, 0, 0], 0), "move the camera nearer"),
         (([0, 0, 80 * MM], [200 * MM, 0, 75 * MM], 0), "not in the picture"),
         (([0, 0, 80 * MM], [0, 0, 0], 60 * DEG), "more than 45 degrees"),
         (([0, 0, 80 * MM], [0, 0, 160 * MM], 0), "not in the picture"),

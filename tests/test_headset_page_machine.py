@@ -137,7 +137,7 @@ def test_a_planned_motion_is_made_by_machine_and_model(page):
     follows(page)
     page("twin.app.console.chosen = 'left'")
     page.id("plan").click()
-    page.until("twin.app.console.plan.phase === 'aim' && twin.app.console.plan.state.ready", "the target is led")
+    page.until("twin.app.console.plan.phase === 'aim' && twin.app.console.plan.state.ready", "the hand moves it")
     page.until(f"{STATE}.robots.raven_left.level === 'PEDAL_UP'", "the machine holds")
     at = page(f"[...{MACHINE}]")
     lead(page, 1, -1)
@@ -145,9 +145,9 @@ def test_a_planned_motion_is_made_by_machine_and_model(page):
     page.until("twin.app.console.plan.phase === 'preview'", "the preview")
     assert page(f"[...{MACHINE}]") == pytest.approx(at, abs=2e-3)
     page.id("plan-accept").click()
-    page.until("twin.app.model.said.includes('raven_left has arrived')", "the machine has arrived")
+    page.until("twin.app.model.status().text.includes('raven_left has arrived')", "the machine has arrived")
     assert page(f"[...{MACHINE}]") != pytest.approx(at, abs=5e-3)
-    assert 0 < float(page("twin.app.model.said.match(/at most ([0-9.]+) mm/)[1]")) < 3
+    assert 0 < float(page("twin.app.model.status().text.match(/at most ([0-9.]+) mm/)[1]")) < 3
 
 
 def test_the_stop_button_stops_the_machine(page):

@@ -241,7 +241,7 @@ def test_a_button_of_a_controller_plans_a_motion_of_its_arm(opened):
     hands.take("left")
     before = rest(page)
     page("device.controllers.left.updateButtonValue('y-button', 1)")
-    page.until("twin.app.console.plan.phase === 'aim'", "the target is led")
+    page.until("twin.app.console.plan.phase === 'aim'", "the hand moves the target")
     at = page("[...twin.app.console.plan.target]")
     hands.move([0, 0.02, 0], "left")
     page.until(f"twin.app.console.plan.target.some((x, i) => Math.abs(x - {at}[i]) > 0.002)", "the ghost moves")

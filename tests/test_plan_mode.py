@@ -406,10 +406,10 @@ def test_a_new_attempt_in_the_middle_of_a_motion_says_nothing_of_it(planned):
 @pytest.mark.parametrize(
     ("act", "said"),
     [
-        (lambda o: o.wait(30, clutch=True), f"the motion of {ARM} was stopped by the clutch; plan again"),
+        (lambda o: o.wait(30, clutch=True), f"The motion of {ARM} was stopped by the clutch; plan again"),
         (
             lambda o: [o.console.advance(1 / 60) for _ in range(100)],
-            f"the motion of {ARM} was stopped: no state of the hands was received for 1 s; plan again",
+            f"The motion of {ARM} was stopped: no state of the hands was received for 1 s; plan again",
         ),
     ],
 )
@@ -635,7 +635,7 @@ def test_a_tip_beside_its_path_stops_the_motion():
     plans.step(signals([0, 0, 0]), 0.0, 1e-3)
     plans.step(signals([0, 3.5 * MM, 0]), 1e-3, 1e-3)
     assert plans.state == OFF
-    assert plans.why.startswith("the motion was stopped: the tip of a was 3.5 mm from its path (limit 3 mm)")
+    assert plans.why.startswith("The motion was stopped: the tip of a was 3.5 mm from its path (limit 3 mm)")
 
 
 def test_an_arm_that_stays_beside_the_end_of_its_path_has_not_arrived():
@@ -654,9 +654,9 @@ def test_an_arm_that_stays_beside_the_end_of_its_path_has_not_arrived():
 @pytest.mark.parametrize(
     ("levels", "said"),
     [
-        ([2.0] * 1600, "the motion did not begin: a is in PEDAL_UP, not in PEDAL_DN"),
-        ([2.0, 3.0, 3.0, 0.0], "the motion was stopped: a is in E_STOP, not in PEDAL_DN"),
-        ([1.0], "the motion did not begin: a is in INIT"),
+        ([2.0] * 1600, "The motion did not begin: a is in PEDAL_UP, not in PEDAL_DN"),
+        ([2.0, 3.0, 3.0, 0.0], "The motion was stopped: a is in E_STOP, not in PEDAL_DN"),
+        ([1.0], "The motion did not begin: a is in INIT"),
     ],
 )
 def test_a_machine_waits_for_pedal_dn(levels, said):

@@ -17,7 +17,7 @@ from twin.core import spatial
 from twin.core.errors import CancelledError, DescriptionError, ProtocolError
 from twin.core.units import MM
 from twin.model.body import Body
-from twin.planning.around import around, rounded
+from twin.planning.around import NoPathError, around, rounded
 from twin.planning.costs import COSTS
 from twin.planning.nearest import nearest_free
 from twin.planning.plan import plan
@@ -269,9 +269,11 @@ def test_no_way_says_what_was_tried(monkeypatch):
     monkeypatch.setattr("twin.planning.around._ROUNDS", ((0.2, 20), (1.0, 30)))
     space = space_of(arm(1), *[replace(post(0.15, 0.0), name="room/wall")])
     with pytest.raises(
-        ProtocolError, match=r"no path around .*20 up to 20 % of the joint range .*, 30 up to 100 % .* waypoint"
-    ):
+        NoPathError, match=r"no path around .*20 up to 20 % of the joint range .*, 30 up to 100 % .* waypoint"
+    ) as raised:
         around(space, np.array([-1.5]), np.array([1.5]))
+    assert str(raised.value).startswith(raised.value.reason)
+    assert raised.value.reason.endswith("beyond start and goal)"), "without what to change in a protocol"
 
 
 @pytest.mark.parametrize(("start", "goal", "end"), [(1.5, -1.5, "start"), (-1.5, 1.5, "goal")])

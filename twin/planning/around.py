@@ -84,7 +84,8 @@ def around(
         if reason := space.why(q):
             near = nearest_free(space, q, seed)
             text = f"; the nearest free configuration found is {space.named(near)}" if near is not None else ""
-            lower = ". Lower clearance_mm, or move this waypoint" if "apart" in reason else ""
+            lower = ". Move this waypoint" if "apart" in reason else ""
+            lower += ", or lower clearance_mm" if " mm apart (" in reason else ""
             raise NoPathError(f"at its {name}, {reason}{text}", lower)
     direct = line(start, goal)
     if straight and space.free_along(direct):

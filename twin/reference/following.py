@@ -30,9 +30,9 @@ _NEARBY = {True: 0.05, False: 0.005}
 
 
 class Follower:
-    """Moves a mechanism along a path; its model is built at first use.
+    """Moves a mechanism along a path; its reference model is built at first use.
 
-    States are configurations (nq,) of the independent model; a motion can continue from any state.
+    A state is a configuration (nq,) of the reference model. A motion can start from any state.
     """
 
     def __init__(self, make: Callable[[], ReferenceModel]) -> None:
@@ -40,7 +40,7 @@ class Follower:
 
     @cached_property
     def model(self) -> ReferenceModel:
-        """The independent model of the mechanism."""
+        """The reference model of the mechanism, which does not use the robot's equations."""
         return self._make()
 
     def drawn(self) -> tuple[Array, Array]:

@@ -17,7 +17,7 @@ Values = Callable[[Array], Array]
 Mask = NDArray[np.bool_]
 
 Valid = Callable[[Array], Mask]
-"""Validity test: states (k, nq) -> (k,) bool: whether the functions are valid there."""
+"""Function of states (k, nq): (k,) bool, whether the functions that are searched (`Values`) are valid in each."""
 
 _ITERATIONS = 40
 _STRIDE, _STRIDE_LONGEST = 0.1, 0.5

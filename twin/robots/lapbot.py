@@ -35,7 +35,10 @@ def shaft(T_base_tool, r7, r10, trocar_x, trocar_y, trocar_z):
 
 @equation("inverse", "W -> q1, q2, q3", gives="q1 q2 q3")
 def arm(W, a, b):
-    """Return lift and angles of the horizontal arm, with its elbow to the right of the line to W (q3 positive)."""
+    """Return the lift q1 and the angles q2 and q3 of the horizontal arm for the wrist W and the link lengths a and b.
+
+    Seen from above, the elbow is to the right of the line from the axis of joint 2 to W (q3 > 0).
+    """
     q3 = acos((W[0] ** 2 + W[1] ** 2 - a**2 - b**2) / (2 * a * b))
     return W[2], atan2(W[1], W[0]) - atan2(b * sin(q3), a + b * cos(q3)), q3
 

@@ -85,7 +85,7 @@ class RawJoint:
 
     @property
     def is_angle(self) -> bool:
-        """Whether the coordinate is an angle, in degrees in the stage."""
+        """Whether the coordinate is an angle, which a stage stores in degrees."""
         return self.type == "revolute"
 
 

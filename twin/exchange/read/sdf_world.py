@@ -105,7 +105,7 @@ def _included(xml: Xml, include: Element, depth: int, taken: list[Path]) -> Elem
         return None
     taken.append(file)
     if len(taken) > INCLUDES:
-        over(file, "SDF", "includes of all files together, at least", len(taken), INCLUDES)
+        over(file, "SDF", "number of included files so far", len(taken), INCLUDES)
     other = Xml(file, "sdf")
     models = other.root.findall("model")
     if len(models) != 1:

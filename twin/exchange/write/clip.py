@@ -175,7 +175,7 @@ def make_clip(
                     mechanism.trocar_places,
                 )
             bad = found.position_at[0]
-    raise AssertionError("no sample rate is suitable for the last key rate")
+    raise AssertionError("no sample rate is suitable for the highest key rate")
 
 
 def _first_grid(rate: int) -> int:

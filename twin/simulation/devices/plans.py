@@ -132,10 +132,10 @@ class Plans(Block):
         self._heard = self._heard if silent else t
         if t - self._heard > _SILENCE:
             return self.stop(
-                f"the motion of {robot} was stopped: no state of the hands was received for {_SILENCE:g} s; plan again"
+                f"The motion of {robot} was stopped: no state of the hands was received for {_SILENCE:g} s; plan again"
             )
         if not silent and signals["console.mode"][0] == FREE:
-            return self.stop(f"the motion of {robot} was stopped by the clutch; plan again")
+            return self.stop(f"The motion of {robot} was stopped by the clutch; plan again")
         if arm.machine and not self._is_down(signals, t):
             return
         at, k = arm.kin.forward(signals[f"{robot}.encoder"])[:3, 3], min(self._k, len(self._Ts) - 1)
@@ -144,7 +144,7 @@ class Plans(Block):
         self.off = max(self.off, off)
         if off > _DEVIATION:
             return self.stop(
-                f"the motion was stopped: the tip of {robot} was {off / MM:.1f} mm from its path "
+                f"The motion was stopped: the tip of {robot} was {off / MM:.1f} mm from its path "
                 f"(limit {_DEVIATION / MM:g} mm); find the cause before the next motion"
             )
         if self._k == len(self._Ts):
@@ -178,7 +178,7 @@ class Plans(Block):
         if level < Level.PEDAL_UP or began or t - self._since > _READY:
             ended, now = "was stopped" if began else "did not begin", Level(int(level)).name
             self.stop(
-                f"the motion {ended}: {name} is in {now}, not in PEDAL_DN; press its start button, wait for PEDAL_UP, "
+                f"The motion {ended}: {name} is in {now}, not in PEDAL_DN; press its start button, wait for PEDAL_UP, "
                 "and plan again"
             )
         return False

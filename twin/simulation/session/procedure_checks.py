@@ -71,10 +71,13 @@ class ProcedureMeasures:
 
 @dataclass(frozen=True)
 class Closed:
-    """A clip that was closed at `t` in s.
+    """A closed clip.
 
-    `on` is the index of its vessel (-1: no vessel), `at` its position along the vessel in m, `cover` the fraction of
-    the vessel's width between its legs.
+    Attributes:
+        t: time in s at which it was closed.
+        on: index of the vessel; -1: the clip is on no vessel.
+        at: position of the clip along the vessel in m.
+        cover: fraction of the vessel's width that is between the legs of the clip, 0 to 1.
     """
 
     t: float

@@ -55,7 +55,8 @@ def angle(rgb: Array) -> float:
     xs, ys = x[inside], y[inside]
     if np.ptp(xs) + 1 < _SHORTEST:
         raise UnmeasuredError(
-            f"the upper side of the rectangle has {np.ptp(xs) + 1:.0f} columns; {_SHORTEST} are needed: move nearer"
+            f"the upper side of the rectangle has {np.ptp(xs) + 1:.0f} pixels in the picture (minimum {_SHORTEST}); "
+            "move the camera nearer"
         )
     between = (x > xs[0]) & (x < xs[-1])
     if np.count_nonzero(between & ~inside) > 0.02 * np.count_nonzero(between) or np.diff(xs).max() > 3:
@@ -90,7 +91,9 @@ def _require_inside(mask: Array) -> None:
 def _require_convex(mask: Array) -> None:
     rows, columns = np.nonzero(mask > 0.5)
     if len(rows) < _SHORTEST or not np.ptp(rows) or not np.ptp(columns):
-        raise UnmeasuredError(f"the rectangle has {len(rows)} pixels; move nearer")
+        raise UnmeasuredError(
+            f"the rectangle has {len(rows)} pixels in the picture (minimum {_SHORTEST}); move the camera nearer"
+        )
     hull = ConvexHull(np.column_stack([columns, rows]))  # of the middles of pixels: half a pixel inside on every side
     missing = float(hull.volume + hull.area / 2 + 1) - len(rows)
     if missing > _DENT * len(rows) + 0.25 * hull.area:

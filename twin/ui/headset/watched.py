@@ -54,7 +54,10 @@ class Watched:
         threading.Thread(target=self._read, daemon=True).start()
 
     def take(self) -> tuple[dict[str, dict[str, Array]], dict[str, Array]] | None:
-        """Return T_base_link (4, 4) by robot and link, and vertices (n, 3) by deformable, of the newest frame, once."""
+        """Return link poses and vertices of the newest frame; None if no frame has arrived since the last call.
+
+        Poses are T_base_link (4, 4) by robot and link. Vertices are (n, 3) in m in the World, by deformable object.
+        """
         data, self._frame = self._frame, None
         if data is None:
             return None

@@ -108,7 +108,7 @@ def reason(report: Report) -> str:
 
 
 def key_figures(report: Report) -> list[dict[str, str]]:
-    """Return label, value and note of each key number of the report, the largest difference first."""
+    """Return label, value, note and state of each key number; if the models disagree, the first cause is the first."""
 
     def worst(name: str, rows: list[Residual]) -> dict[str, str]:
         if not rows:

@@ -42,7 +42,7 @@ class Corrected:
         parts: the faulty parts, one per fault.
         model: model of the corrected mechanism; None if nothing was corrected.
         judge: judge of the rows with the corrected mechanism; None if nothing was corrected.
-        agrees: whether every row agrees with the corrected mechanism.
+        agrees: whether all compared assignments of the formula agree with the corrected mechanism.
     """
 
     findings: tuple[Finding, ...]
@@ -70,7 +70,7 @@ class _Tried:
 
     @property
     def agrees(self) -> bool:
-        """Whether every row agrees with the corrected mechanism."""
+        """Whether all compared assignments agree with the corrected mechanism; False if none was compared."""
         return self.judge is not None and bool(self.judge.residuals) and not self.judge.failing()
 
     @property
