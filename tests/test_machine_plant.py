@@ -194,7 +194,7 @@ def test_gravity_compensation_has_the_published_efforts(each):
         ("kp = 0.09", "kp = -1", "kp"),
         ('mode = "moderate"', 'mode = "expert"', "mode"),
         ('unit = "N"', 'unit = "N m"', "insertion is prismatic"),
-        ('name = "motor_jaw2"', 'name = "motor_jaw1"', "there twice"),
+        ('name = "motor_jaw2"', 'name = "motor_jaw1"', "defined twice"),
     ],
 )
 def test_a_wrong_machine_file_is_refused(left, tmp_path, before, after, message):

@@ -250,7 +250,7 @@ def mjcf_with_a_height_field_of_gigabytes(folder: Path) -> Path:
     return _write(folder / "h.xml", f'<mujoco>{field}<worldbody><geom type="hfield" hfield="h"/></worldbody></mujoco>')
 
 
-@bomb(NEW, "includes")
+@bomb(NEW, "included files")
 def sdf_whose_includes_multiply(folder: Path) -> Path:
     for level in range(8):
         below = f"<include><uri>{level + 1}.sdf</uri><name>n{{}}</name></include>"
