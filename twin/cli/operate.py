@@ -70,7 +70,8 @@ def _at_console(file: Path, args: argparse.Namespace) -> int:
     wrong = [n for n, v in (("trials", 1), ("clutch", "corrected"), ("solver", "damped")) if getattr(args, n) != v]
     if wrong:
         raise TwinError(
-            f"--{wrong[0]} applies to one robot; the options at a console are --task, --seed, --scale, --haptics"
+            f"--{wrong[0]} can be used only with a single robot; options for a scene with a console are --task, "
+            "--seed, --scale, --haptics and --mistake"
         )
     task = task_of(scene, args.task)
     folder = show.folder(args, scene.name, f"{task.name}-operator")

@@ -64,7 +64,7 @@ class Outcome:
         family, kind, what: see `Fault`.
         code: code of the most severe new finding, or of the raised error; "" if there is none.
         where: place of the finding.
-        message: text of the finding, or the reason why the fault is equivalent.
+        message: text of the finding; for an equivalent fault, the reason why it has no effect.
         seconds: duration of the check in s.
     """
 

@@ -32,7 +32,8 @@ _LOOKS = 4
 """Minimum ratio of sample rate to key rate."""
 
 _GRIDS = (120, 240, 480)
-"""Sample rates in Hz of the mechanism; each key rate is measured with the lowest suitable sample rate."""
+"""Sample rates in Hz at which interpolation errors are computed: for a key rate, the lowest that is `_LOOKS` or more
+times as high, and a multiple of it."""
 
 
 @dataclass(frozen=True)

@@ -208,9 +208,10 @@ class LoopSolver:
 
     @cached_property
     def stages(self) -> list[Stage]:
-        """Stages of the compiled function of q and the unknowns that returns "pose", "gaps" and "states".
+        """Functions that the kernel calls in this order: Newton's method closes the loops, then outputs are computed.
 
-        "pose" (12,) are the first three rows of T_base_tool, "gaps" (3,) are offset, tilt and margin; see `Closed`.
+        Inputs are q and the unknowns of the loops. Outputs are "pose" (12,), the first three rows of T_base_tool;
+        "gaps" (3,), which are offset, tilt and margin (see `Closed`); and "states", the values of the unknowns.
         """
         e, names = self.equations, [p.name for p in self.equations.passive]
         determinants = [ca.SX.sym(n) for n in self._signs]

@@ -26,8 +26,11 @@ from twin.simulation.devices.machine_states import ANSWERS, LEVEL
 from twin.simulation.machine.levels import Level
 from twin.simulation.world import Block, Signals
 
-MODE, VIEW = "pedals.training", "console.view"
-"""Setting of the device: requested mode, see `asked`. Signal: 0 draws the machine as solid, 1 its model."""
+MODE = "pedals.training"
+"""Setting of the device by which a mode is requested, see `asked`."""
+
+VIEW = "console.view"
+"""Signal by which the viewer draws the machine as a solid (0) or its model (1)."""
 
 FIELDS = 9
 """Number of values of a packet; see `twin.simulation.machine.itp.FIELDS`."""

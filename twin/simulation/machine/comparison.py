@@ -14,7 +14,7 @@ class Comparison:
     """Compares joint values of a machine with those of its model.
 
     Attributes:
-        cue: the equation of the force.
+        cue: computes the haptic force on the hand of the operator from the difference between the tips; see `Cue`.
         tips: (2, 3) positions of the tips of machine and model in m in base.
         speeds: (2, 3) velocities of the tips in m/s, after the low-pass filter of the control software.
         joints: (n,) joint values of the model minus those of the machine, rad or m.

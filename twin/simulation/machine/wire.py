@@ -15,10 +15,10 @@ SENT = ("sequence",)
 
 
 class Wire:
-    """Packets between the master and the machine.
+    """Simulated network between the master and the machine, whose faults drop, repeat, delay or renumber packets.
 
-    A packet with a changed sequence number gets the matching checksum, so that only the check of the sequence can
-    detect the change. A delayed packet arrives `value` ticks later, after packets that were sent later.
+    The checksum of a renumbered packet is computed again, so that only the check of the sequence number can detect the
+    fault. A delay lasts `Fault.value` ticks; packets that were sent later can then arrive earlier.
     """
 
     def __init__(self, faults: Sequence[Fault]) -> None:

@@ -1,4 +1,4 @@
-"""Rows of a formula (assignments): their place in the file, their equation, and the tolerances."""
+"""Assignments of a formula, called rows: line and equation of each, and the tolerances for comparing their values."""
 
 from __future__ import annotations
 

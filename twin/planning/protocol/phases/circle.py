@@ -1,4 +1,4 @@
-"""circle: full circles of the tip. The shaft passes through the RCM without spin; without RCM, it does not rotate."""
+"""circle: full circles of the tip. The shaft passes through the RCM; without RCM, the orientation is constant."""
 
 from __future__ import annotations
 
@@ -55,8 +55,8 @@ class CircleTable(PhaseTable):
 class Circle(Phase):
     """Full circles of the tip about the axis `normal` (3,) through `centre` (3,) in m, counter-clockwise.
 
-    With an RCM, or with the `trocar` named here, the shaft passes through it and does not spin about its own axis.
-    Without RCM, the orientation is constant.
+    If there is an RCM, the shaft passes through it and does not rotate about its own axis; a `trocar` named here is the
+    RCM of this phase. If there is no RCM, the orientation of the tool is constant.
     """
 
     centre: Array

@@ -314,7 +314,7 @@ class _Links:
         d.qfrc_applied[self._jaw_dofs] = np.maximum(torque, -self._efforts)
 
     def place(self, qpos: Array) -> None:
-        """Write the positions of all links and jaws into qpos, where the joint values of the last step put them."""
+        """Write the poses of all links and the angles of all jaws, computed from the last joint values, into qpos."""
         qpos[self._qpos], qpos[self._jaw_qpos] = self._wanted, self._angles
 
     def settle(self) -> None:

@@ -31,7 +31,7 @@ from twin.simulation.plants.tissue.tubes import Held, Tube
 from twin.simulation.world import Signals
 
 UNUSED, ON_NOTHING = -2, -1
-"""Values of `clip_<k>.on`: the clip is still in its applier; the clip was closed beside all vessels."""
+"""Values of `clip_<k>.on` for a clip that is still in its applier, and for one that was closed around no vessel."""
 
 _CLIP = (0.75 * MM, 0.75 * MM)
 """Half the width and half the height of a clip in m, across its length; ASSUMED."""
