@@ -164,7 +164,7 @@ def test_equations_that_lead_only_forward_are_judged_by_where_they_put_the_tool(
     for text, code in ((right, 0), (right.replace("l**2 -", "l**2 +"), 1)):
         (folder / "formula.py").write_text(text)
         assert cli.main(["validate", str(folder), "--quiet"]) == code
-    assert "the tool pose of the forward equations (" in capsys.readouterr().out
+    assert "at the same joint values, the forward equations (" in capsys.readouterr().out
 
 
 def test_six_freedoms_are_planned_by_the_equations_and_joints_by_the_mechanism():
