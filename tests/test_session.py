@@ -584,8 +584,8 @@ def test_without_the_extra_the_rest_is_written_and_the_command_says_what_to_inst
     [
         (["operate", "davinci", "table2"], "davinci is a scene: give a task by --task instead of the protocol"),
         (["operate", "davinci", "--task", "tuch"], "there is no task 'tuch'. Did you mean 'touch'?"),
-        (["operate", "davinci", "--trials", "2"], "--trials applies to one robot"),
-        (["operate", "davinci", "--clutch", "printed"], "--clutch applies to one robot"),
+        (["operate", "davinci", "--trials", "2"], "--trials can be used only with a single robot"),
+        (["operate", "davinci", "--clutch", "printed"], "--clutch can be used only with a single robot"),
         (["operate", "davinci", "--scale", "3"], "--scale 3: give 0.05 to 1"),
         (["operate", "vsrs", "scan"], "vsrs is a scene: give a task by --task instead of the protocol"),
         (["operate", "sher", "--task", "touch"], "--task applies to a scene; sher is a robot"),
