@@ -18,7 +18,7 @@ from twin.reference import ReferenceModel
 from twin.reference.closing import Closing
 
 SINGLE = 40
-"""Number of the states that are also solved one after the other."""
+"""Number of the states that are also solved singly."""
 
 PART = 0.15
 """Width of the box around the rest pose, relative to the range of each joint."""

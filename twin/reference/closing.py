@@ -38,7 +38,7 @@ _FINER = (1, 8)
 """Factors by which steps are smaller than `_STRIDE`, in the order of trial: near a singularity, motion is fast."""
 
 _COARSE = 8
-"""Number of stations of a path whose loops are closed one after the other; the stations between are closed together."""
+"""Number of stations of a path at which loops are closed in sequence; at all others, they are closed in one batch."""
 
 _ENOUGH = 1e-14
 """Sum of squares of loop gaps in m2 that is small enough for a search."""
@@ -266,7 +266,7 @@ class Closing:
         return None
 
     def _along(self, q: Array, x: Array, ahead: int, check: Callable[[], None]) -> Array | None:
-        """Return configurations (k, nq) at q (k, n); about `ahead` of them are closed one after the other."""
+        """Return configurations (k, nq) at q (k, n); loops are closed in sequence at about `ahead` of them."""
         X = np.tile(x, (len(q), 1))
         done = np.unique(np.linspace(0, len(q) - 1, min(ahead, len(q) - 1) + 1).astype(int))
         for i, j in pairwise(done.tolist()):
