@@ -478,7 +478,7 @@ def exported(replayed, performed, recorded, tmp_path_factory):
     """What `twin session --out` writes; here with the file of the surgeon, as `twin operate` does."""
     folder = tmp_path_factory.mktemp("exported") / "out"
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("twin.cli.session.replay_session", lambda *args: replace(replayed, recorded=performed.recorded))
+        patch.setattr("twin.api.session.replay_session", lambda *args: replace(replayed, recorded=performed.recorded))
         assert main(["session", str(recorded), "--out", str(folder), "--quiet"]) == 0
     return folder
 

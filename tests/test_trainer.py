@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 import twin
 from twin.api.machine import machine, machine_parts
-from twin.cli.machine import running
+from twin.cli.machines import running
 from twin.core import spatial
 from twin.core.errors import DescriptionError, DeviceError, TwinError
 from twin.model.scene import load_scene
