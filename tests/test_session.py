@@ -27,7 +27,8 @@ from twin.model.scene import load_scene
 from twin.model.task import Target, Task
 from twin.reference import ReferenceModel
 from twin.simulation.devices.given import HandState
-from twin.simulation.devices.surgeon import Eye, Habits, ScriptedSurgeon
+from twin.simulation.devices.surgeon import ScriptedSurgeon
+from twin.simulation.devices.surgeon_hands import Eye, Habits, Seat
 from twin.simulation.session import file as session_file
 from twin.simulation.session import run
 from twin.simulation.session.file import CHUNK, SessionWriter, read_session
@@ -96,7 +97,8 @@ class Room:
         self.T = spatial.pose(None, (0, 0, 0.08))
         eyes = {hand: Eye(hand, Free(), np.eye(4), np.eye(4)) for hand in self.q}
         named = [(f"t{i}", {h: np.array(p) * MM for h, p in t.items()}) for i, t in enumerate(targets)]
-        self.surgeon = ScriptedSurgeon("pedals", eyes, "ecm", 70 * DEG, named, 1 * MM, 0.1, 0.5, STEP, seed, habits)
+        seat = Seat("pedals", eyes, "ecm", 70 * DEG, 0.5, STEP, seed)
+        self.surgeon = ScriptedSurgeon(seat, named, 1 * MM, 0.1, habits)
         self.log = []
 
     def run(self, stuck=False):

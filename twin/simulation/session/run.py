@@ -22,7 +22,7 @@ from twin.simulation.devices.guiding_surgeon import GuidingSurgeon
 from twin.simulation.devices.recorded import Recorded
 from twin.simulation.devices.ring_surgeon import Ring, RingSurgeon
 from twin.simulation.devices.surgeon import ScriptedSurgeon
-from twin.simulation.devices.surgeon_hands import Eye
+from twin.simulation.devices.surgeon_hands import Eye, Seat
 from twin.simulation.machine.machine import Parts
 from twin.simulation.plants.contact.gripper import grip_frame
 from twin.simulation.session import file
@@ -150,27 +150,31 @@ def surgeon(
         props: mechanism of the props; only needed for a task with rings.
         mistake: a mistake to make in a task with a ring to guide, "": none.
     """
-    table, arms = console_scene.console_of(scene), eyes(scene, members)
-    camera = scene.cameras[table.camera]
-    view, scale = camera.view_deg * DEG, table.scale if scale is None else scale
+    seat = seat_of(scene, members, seed, scale, dt)
     if task.transfers:
         pegs, objects = contact_scene.pegs(scene, props, task), {o.name: o for o in scene.objects}
         rings = [
             Ring(t.ring, objects[t.ring].size[0], objects[t.ring].size[1], t.peg, pegs[t.peg].end, pegs[t.peg].foot)
             for t in task.transfers
         ]
-        return RingSurgeon(PEDALS, arms, camera.robot, view, rings, scale, dt, seed)
+        return RingSurgeon(seat, rings)
     if task.guide is not None:
         ring = next(o for o in scene.objects if o.name == task.guide.ring)
-        grips = {h: replace(e, T_tool_tip=grip_frame(members[e.robot].mechanism)) for h, e in arms.items()}
+        grips = {h: replace(e, T_tool_tip=grip_frame(members[e.robot].mechanism)) for h, e in seat.arms.items()}
         course, ways = contact_scene.course(scene, props, task), ways_of(scene, members, props)
-        return GuidingSurgeon(
-            PEDALS, grips, camera.robot, view, ring, course, task.guide.first, ways, scale, dt, seed, mistake
-        )
+        return GuidingSurgeon(replace(seat, arms=grips), ring, course, task.guide.first, ways, mistake)
     if (a := task.alignment) is not None:
-        return CameraSurgeon(PEDALS, arms, camera.robot, view, task.name, a.upper, a.line, scale, dt, seed)
+        return CameraSurgeon(seat, task.name, a.upper, a.line)
     targets = [(t.name, t.p_world) for t in task.targets]
-    return ScriptedSurgeon(PEDALS, arms, camera.robot, view, targets, task.tolerance, task.hold, scale, dt, seed)
+    return ScriptedSurgeon(seat, targets, task.tolerance, task.hold)
+
+
+def seat_of(scene: Scene, members: Mapping[str, Member], seed: int, scale: float | None, dt: float = 1e-3) -> Seat:
+    """Return the seat of a simulated surgeon at the console of a scene; scale None: that of the console."""
+    table = console_scene.console_of(scene)
+    camera = scene.cameras[table.camera]
+    scale = table.scale if scale is None else scale
+    return Seat(PEDALS, eyes(scene, members), camera.robot, camera.view_deg * DEG, scale, dt, seed)
 
 
 def ways_of(scene: Scene, members: Mapping[str, Member], props: Mechanism | None) -> Ways:
