@@ -18,6 +18,7 @@ from pathlib import Path
 import pytest
 
 import twin
+from made import own_robot
 from twin import api
 from twin.cli import chosen, main, show
 from twin.cli import scene as scenes
@@ -76,15 +77,7 @@ def _json_only(report, folder):
 @pytest.fixture
 def robot(tmp_path) -> Path:
     """A robot folder of one's own, with SILS inside and two short protocols."""
-    folder = tmp_path / "my_robot"
-    for part in ("cad", "trajectories"):
-        (folder / part).mkdir(parents=True)
-    shutil.copy(ROOT / "cad/sils/sils.step", folder / "cad")
-    text = (ROOT / "cad/sils/sils.toml").read_text(encoding="utf-8")
-    (folder / "cad/sils.toml").write_text(text.replace('default_protocol = "table2"', 'default_protocol = "short"'))
-    shutil.copy(ROOT / "twin/robots/sils.py", folder / "formula.py")
-    text = SHORT.read_text(encoding="utf-8")
-    (folder / "trajectories/short.toml").write_text(text)
+    folder, text = own_robot.folder(tmp_path), SHORT.read_text(encoding="utf-8")
     (folder / "trajectories/shorter.toml").write_text(text.replace('"short"', '"shorter"').replace("210.4", "210.9"))
     return folder
 

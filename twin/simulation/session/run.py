@@ -328,20 +328,35 @@ def replay(
         raise WorldError(
             f"the session was written by twin {start.twin}, whose World has other signals: replay it with that version"
         )
-    keep, difference, t = Keep(world, kept(world)), None, 0.0
+    keep = Keep(world, kept(world))
+    difference = repeat(session, world, tape, keep, progress)
+    return Ran(keep.recording(), keep.ticks, start.dt, difference, condition=start.condition)
+
+
+def repeat(session: Session, world: World, tape: Tape, keep: Keep, progress: Progress) -> Difference | None:
+    """Step a World with the recorded device to the end of a session; return the first difference of its signals.
+
+    Args:
+        session: the session.
+        world: the World, at its start.
+        tape: receives the rows of the World.
+        keep: collects them.
+        progress: called with "replay" and the fraction done.
+    """
+    difference, t = None, 0.0
     for chunk in session.chunks:
         world.step(len(chunk.device))
         rows = tape.take()
         keep.add(rows)
-        t1 = t + len(rows) * start.dt
+        t1 = t + len(rows) * session.head.dt
         if difference is None and file.digest(rows) != chunk.digest:
-            difference = difference_of(t, t1, rows[-1], chunk.last, world)
+            difference = _difference(t, t1, rows[-1], chunk.last, world)
         t = t1
-        progress("replay", keep.ticks / len(device))
-    return Ran(keep.recording(), keep.ticks, start.dt, difference, condition=start.condition)
+        progress("replay", keep.ticks / len(session.device))
+    return difference
 
 
-def difference_of(t0: float, t1: float, row: Array, last: Array, world: World) -> Difference:
+def _difference(t0: float, t1: float, row: Array, last: Array, world: World) -> Difference:
     """Return the difference of a chunk from t0 to t1 in s, with its last row and that of the recording."""
     off = np.abs(row - last)
     k = int(np.argmax(off))
