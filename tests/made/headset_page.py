@@ -162,6 +162,16 @@ class Page:
             f"({str(on).lower()})"
         )
 
+    @contextmanager
+    def sized(self, width, height):
+        """Give the window another size for a while."""
+        before = self.page.viewport_size
+        self.page.set_viewport_size({"width": width, "height": height})
+        try:
+            yield
+        finally:
+            self.page.set_viewport_size(before)
+
     def close(self):
         self.page.close()
 
