@@ -117,10 +117,7 @@ class Pairs:
         self._half = np.array([s.corners[-1] - s.corners[0] for s in self.shapes]).reshape(-1, 3) / 2
         self._middle = np.array([s.corners[-1] + s.corners[0] for s in self.shapes]).reshape(-1, 3) / 2
         self._radii = np.linalg.norm(self._half, axis=1)
-        # the larger shape has the grid
-        larger = np.array([s.max(initial=0.0) for s in self._half])[self.rows]
-        swapped = np.where((larger[:, 0] < larger[:, 1])[:, None], self.rows[:, ::-1], self.rows)
-        self._bounds = Bounds([s.triangles for s in self.shapes], swapped)
+        self._bounds = Bounds([s.triangles for s in self.shapes], self.rows)
         # pairs whose relative pose depends on few turns: (velocity indices, edges of a cell in rad)
         self._turns: dict[int, tuple[np.ndarray, Array]] = {}
         self._cells: dict[tuple[int, ...], bool] = {}
@@ -207,18 +204,17 @@ class Pairs:
     def nearer(self, pair: int, poses: Array, margin: float) -> bool:
         """Return whether a pair is nearer than `margin` in m at shape poses (shapes, 4, 4): hulls first, then meshes.
 
-        For two meshes that are close everywhere, coal computes the distance in a tenth of the time of a collision test
-        with a margin. For other meshes, the collision test is faster.
+        The distance of the meshes is computed as far as it is less than the margin: coal leaves out all parts that are
+        not nearer than the smallest distance known, which is the margin at first. This is faster than coal's collision
+        test with a margin, which is slow for meshes that are close everywhere.
         """
         if self.hulls_apart(pair, poses) >= margin:
             return False
-        if self.celled(pair):
-            return self.distance(pair, poses) < margin
         a, b = self.rows[pair]
-        request, result = coal.CollisionRequest(), coal.CollisionResult()
-        request.security_margin = margin
-        at, bt = placed(poses[a]), placed(poses[b])
-        return bool(coal.collide(self.shapes[a].model, at, self.shapes[b].model, bt, request, result))
+        request, result = coal.DistanceRequest(), coal.DistanceResult()
+        result.min_distance = margin
+        coal.distance(self.shapes[a].model, placed(poses[a]), self.shapes[b].model, placed(poses[b]), request, result)
+        return result.min_distance < margin
 
     def distance(self, pair: int, poses: Array) -> float:
         """Return the distance in m of a pair's meshes at shape poses (shapes, 4, 4); 0 if they collide."""
