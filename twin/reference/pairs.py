@@ -258,16 +258,16 @@ class Pairs:
     ) -> np.ndarray:
         """Return (n,) bool: whether `pairs` (n,) in `states` (n,) seem nearer than required, for a search.
 
-        The mean of the bounds `low` and `high` (n,) decides for bounds that exclude a collision, and for pairs whose
-        required distance is less than the clearance. Other pairs may collide although their mean exceeds the required
-        distance, because the balls of large bodies are large: for them, the exact distance decides. It is computed only
-        in states that `matter` (k,), and in each of these only until one pair is near.
+        The mean of the bounds `low` and `high` (n,) decides. But pairs whose bounds do not exclude a collision may
+        collide although their mean exceeds the required distance, because the balls of large bodies are large: unless
+        their required distance is less than the clearance, the exact distance decides. It is computed only in states
+        that `matter` (k,), and in each of these only until one pair is near.
         """
         required = self.required[pairs]
         out = (low + high) / 2 < required
-        wide = (low <= 0) & (high >= required) & (required >= self._clearance)
+        wide = ~out & (low <= 0) & (required >= self._clearance)
         left = matter.copy()
-        left[states[out & ~wide]] = False
+        left[states[out]] = False
         for i in np.flatnonzero(wide):
             k = int(states[i])
             out[i] = left[k] and self.closer(int(pairs[i]), X[[k]], poses[[k]])[0]
