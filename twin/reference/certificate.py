@@ -70,7 +70,9 @@ def certify(seen: Stations, pairs: Pairs, which: np.ndarray, within: float, chec
         for i in np.argsort(bound - ahead, kind="stable"):
             if bound[i] - ahead[i] < least - within:
                 check()
-                bound[i] = pairs.distance(int(pair[i]), poses[row[i]])
+                # beyond this distance, the pair is left out and is not the nearest
+                most = least + max(ahead[i] - within, 0.0)
+                bound[i] = pairs.distance(int(pair[i]), poses[row[i]], most)
                 if bound[i] < least:
                     least, at = float(bound[i]), float((places[row[i]] + 0.5) * width)
                     names = tuple(pairs.shapes[j].name for j in pairs.rows[pair[i]])

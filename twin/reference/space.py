@@ -268,7 +268,7 @@ class JointSpace:
             pair = int(which[k])
             if gaps[k] >= least:
                 break
-            if pairs.hulls_apart(pair, poses[0]) < least and (found := pairs.distance(pair, poses[0])) < least:
+            if pairs.hulls_apart(pair, poses[0]) < least and (found := pairs.distance(pair, poses[0], least)) < least:
                 a, b = (pairs.shapes[i].name for i in pairs.rows[pair])
                 least, names = found, (a, b)
         return least, names
