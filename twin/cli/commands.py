@@ -6,6 +6,7 @@ import argparse
 from collections.abc import Callable, Mapping, Sequence
 from importlib import import_module
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from twin import api
 from twin.api import published
@@ -14,6 +15,9 @@ from twin.cli.cure import Cures
 from twin.core import assets
 from twin.core.errors import TwinError, unknown
 from twin.core.units import MM
+
+if TYPE_CHECKING:
+    from twin.planning.rounds import Rounds
 
 
 def list_robots(args: argparse.Namespace) -> int:
@@ -68,6 +72,10 @@ def build(args: argparse.Namespace) -> int:
     return 0
 
 
+_COST = "path_cost.png"
+"""Picture of the cost of the paths around obstacles over the samples of their searches."""
+
+
 def plan(args: argparse.Namespace) -> int:
     """Plan a timed trajectory of a protocol; print phases and findings; write CSV and JSON."""
     from twin.planning.planned import FILES, Planned
@@ -85,7 +93,18 @@ def plan(args: argparse.Namespace) -> int:
     planned = Planned(trajectory, [j.is_angle for j in robot.mechanism.active])
     with assets.atomic_folder(folder) as work:
         planned.write(work)
-    return show.finish(planned, args, folder, FILES[:1])
+        drawn = _drawn(f"{robot.name} on {protocol.name}", planned.rounds, work)
+    return show.finish(planned, args, folder, [FILES[0], *drawn])
+
+
+def _drawn(what: str, searches: Mapping[str, Rounds], folder: Path) -> list[str]:
+    """Draw the rounds of the searches of a plan, if there are any; return the names of the written files."""
+    if not searches:
+        return []
+    from twin.ui.report import rounds, style
+
+    (folder / _COST).write_bytes(style.png(rounds.figure(f"Paths around obstacles · {what}", searches)))
+    return [_COST]
 
 
 def _together(robot: api.Robot, args: argparse.Namespace) -> int:
@@ -108,7 +127,8 @@ def _together(robot: api.Robot, args: argparse.Namespace) -> int:
         planned = api.plan_together(args.avoid, arms, args.clearance_mm * MM, args.seed, progress)
     with assets.atomic_folder(folder) as work:
         planned.write(work)
-    return show.finish(planned, args, folder, planned.files())
+        drawn = _drawn(f"scene {scene.name}", planned.rounds, work)
+    return show.finish(planned, args, folder, [*planned.files(), *drawn])
 
 
 def validate(args: argparse.Namespace) -> int:
