@@ -19,7 +19,7 @@ from twin.core.errors import CancelledError, DescriptionError, ProtocolError
 from twin.core.units import MM
 from twin.model.body import Body
 from twin.planning.around import NoPathError, around, rounded
-from twin.planning.costs import COSTS
+from twin.planning.costs import COSTS, UNITS
 from twin.planning.nearest import nearest_free
 from twin.planning.plan import plan
 from twin.planning.protocol import load_protocol
@@ -65,6 +65,27 @@ def test_more_samples_shorten_the_path():
     assert second < 0.95 * first
 
 
+def test_rounds_are_told_with_their_costs_and_the_last_one_is_the_path():
+    space, first, again = space_of(arm(), post(0.52, 0)), [], []
+    path = around(space, *ENDS, seed=0, samples=700, ended=first.append)
+    assert np.array_equal(path.coefficients, around(space, *ENDS, seed=0, samples=700, ended=again.append).coefficients)
+    assert first == again, "samples and costs are the same each time"
+    assert [r.samples for r in first] == [60, 200, 400, 700]
+    assert first[0].best == first[0].tree == np.inf, "no path through 60 samples"
+    best = [r.best for r in first[1:]]
+    assert best == sorted(best, reverse=True)
+    assert all(r.best <= r.tree for r in first)
+    direct = float(np.linalg.norm((ENDS[1] - ENDS[0]) * space.weights))
+    along = np.linalg.norm(np.diff(path(DENSE) * space.weights, axis=0), axis=1).sum()
+    assert direct <= along <= best[-1] + 1e-9, "rounding makes a path shorter"
+    assert along == pytest.approx(best[-1], rel=0.1)
+    for kind in ("processor", "wall"):
+        spent = [getattr(r, kind) for r in first]
+        assert 0 <= spent[0] <= spent[-1]
+        assert spent == sorted(spent)
+    around(space_of(arm()), np.zeros(3), np.ones(3), ended=lambda r: pytest.fail("it searched"))
+
+
 def test_the_cost_for_clearance_keeps_the_path_away_from_the_post():
     stills = [post(0.52, 0)]
     space = space_of(arm(), *stills)
@@ -94,6 +115,10 @@ def test_clearances_are_never_above_the_exact_distance(seed):
     found = space.clearances(q, 50 * MM)
     assert np.all(found <= exact + 1e-9)
     assert np.all(found >= exact - 8 * MM), "close enough to rank paths"
+
+
+def test_every_cost_has_a_unit():
+    assert set(UNITS) == set(COSTS)
 
 
 def test_progress_is_told_and_a_straight_way_needs_no_search():

@@ -236,6 +236,9 @@ def test_two_arms_of_a_scene_pass_each_other_and_one_stays_where_its_phases_end(
     np.testing.assert_allclose(right[[0, -1]], [UP, LOW], atol=1e-9)
     least = apart(np.hstack([left, right])[::20]).min()
     assert least >= min(p.seen.proven for p in plan.phases) >= CLEARANCE / 4
+    assert "rounds" in plan.content()["phases"][0]
+    assert [list(p.rounds) for p in plan.phases] == [["right"], []], "the other paths are straight"
+    assert plan.as_dict()["search_times"] == {"right, to_w1 / to_w1": plan.phases[0].rounds["right"].times()}
     (first, *_) = (f.message for f in plan.findings if f.code == "clearance.proven")
     assert "except bodies connected by a joint, bodies of one robot that are drawn nearer than twice" in first
 

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from twin.planning.path import Path
     from twin.planning.planned_together import PlannedTogether
     from twin.planning.protocol import Protocol
+    from twin.planning.rounds import Rounds
     from twin.planning.trajectory import Keep
     from twin.reference.space import JointSpace
 
@@ -223,7 +224,7 @@ class _Plan:
         from twin.planning.led import trajectories
         from twin.planning.planned_together import CommonPhase, PlannedTogether
 
-        paths = [self._path(phase) for phase in range(self.count)]
+        paths, rounds = zip(*(self._path(phase) for phase in range(self.count)), strict=True)
         seen = []
         for phase, path in enumerate(paths):
             self.progress(f"clearance of phase {self._named(phase)}", phase / len(paths))
@@ -237,8 +238,8 @@ class _Plan:
         made = trajectories([a.led for a in self.arms], courses)
         longest = max(made, key=lambda trajectory: len(trajectory.t))
         phases = [
-            CommonPhase(self._named(phase), span.t0, span.t1, own)
-            for phase, (span, own) in enumerate(zip(longest.phases, seen, strict=True))
+            CommonPhase(self._named(phase), span.t0, span.t1, own, searched)
+            for phase, (span, own, searched) in enumerate(zip(longest.phases, seen, rounds, strict=True))
         ]
         q = {
             a.name: np.pad(m.q, ((0, len(longest.t) - len(m.t)), (0, 0)), "edge")
@@ -251,25 +252,30 @@ class _Plan:
     def _named(self, phase: int) -> str:
         return " / ".join(a.named(phase) for a in self.arms)
 
-    def _path(self, phase: int) -> Path:
-        """Return the common path of all arms in a phase."""
+    def _path(self, phase: int) -> tuple[Path, Mapping[str, Rounds]]:
+        """Return the common path of all arms in a phase, and the rounds of the searches by name of the arm."""
         from twin.planning.around import around
+        from twin.planning.costs import UNITS
+        from twin.planning.rounds import Round, Rounds
         from twin.planning.together import beside
 
-        out, before = None, []
+        out, before, found = None, [], {}
         for arm, every in zip(self.arms, self.spaces, strict=True):
             space = every.keeping(arm.keep(phase))
             start, goal = arm.ends(phase)
             label = f"{arm.name}: path around obstacles{' and ' + ', '.join(before) if before else ''}"
-            more = {"seed": self.seed, "progress": lambda f, t=label: self.progress(t, f)}
+            rounds: list[Round] = []
+            more = {"seed": self.seed, "progress": lambda f, t=label: self.progress(t, f), "ended": rounds.append}
             try:
                 out = around(space, start, goal, **more) if out is None else beside(space, out, start, goal, **more)
             except ProtocolError as error:
                 moving = f" while {' and '.join(before)} {'move' if len(before) > 1 else 'moves'}" if before else ""
                 raise ProtocolError(f"{arm.name}, phase '{arm.named(phase)}'{moving}: {error}") from error
             before.append(arm.name)
+            if rounds:
+                found[arm.name] = Rounds("length", UNITS["length"], tuple(rounds))
         assert out is not None
-        return out
+        return out, found
 
 
 class _Course:

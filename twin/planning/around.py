@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -12,6 +13,7 @@ from twin.core.spatial import Array
 from twin.planning.costs import Cost, length, total
 from twin.planning.fmt import Search, Tree
 from twin.planning.nearest import nearest_free
+from twin.planning.rounds import Round
 from twin.planning.smooth import Smooth, fit, line
 from twin.planning.space import Space
 
@@ -55,6 +57,7 @@ def around(
     straight: bool = True,
     samples: int = 0,
     grown: Callable[[Tree], None] = lambda tree: None,
+    ended: Callable[[Round], None] = lambda round: None,
 ) -> Smooth:
     """Return a smooth collision-free path from start to goal; the same seed gives the same path.
 
@@ -69,6 +72,7 @@ def around(
         straight: whether a free straight path is returned without a search; False if its cost may not be the smallest.
         samples: number of samples up to which the first path found is improved; 0: it is not.
         grown: called after each search with its tree; not called if the straight path is free.
+        ended: called after each round, which is a search or an improvement; not called if the straight path is free.
 
     Raises:
         CancelledError: `cancelled` was true.
@@ -90,7 +94,7 @@ def around(
     direct = line(start, goal)
     if straight and space.free_along(direct):
         return direct
-    rng, drawn, reached = np.random.default_rng(seed), 0, (0, 0)
+    record, rng, drawn, reached = _recorder(ended), np.random.default_rng(seed), 0, (0, 0)
     tried = []
     still = (start == goal) & ~space.leads
     for beyond, count in _ROUNDS:
@@ -101,10 +105,11 @@ def around(
         search = Search(space, start, goal, box, rng, cost)
         found, way = searched(search, count, rng, progress)
         grown(search.tree)
+        if way is not None and not straight and space.free_along(direct):
+            way = min(way, Way(np.array([start, goal]), direct), key=lambda w: total(search.cost, w.corners))
+        record(search.tree, search.cost, None if way is None else way.corners)
         if way is not None:
-            if not straight and space.free_along(direct):
-                way = min(way, Way(np.array([start, goal]), direct), key=lambda w: total(search.cost, w.corners))
-            return improved(search, way, samples, rng, progress, informed=cost is None).curve
+            return improved(search, way, samples, rng, progress, informed=cost is None, record=record).curve
         count = search.count
         drawn += count
         if not found:
@@ -127,6 +132,21 @@ def _ending(cancelled: Callable[[], bool]) -> Callable[[], None]:
             raise CancelledError("the search for a path around obstacles was cancelled")
 
     return check
+
+
+def _recorder(ended: Callable[[Round], None]) -> Callable[[Tree, Cost, Array | None], None]:
+    """Return a function that calls `ended` with a round: its tree, its cost, and the corners (k, n) of the best path.
+
+    The times of the rounds begin now.
+    """
+    processor, wall = time.process_time(), time.perf_counter()
+
+    def record(tree: Tree, cost: Cost, best: Array | None) -> None:
+        spent, passed = time.process_time() - processor, time.perf_counter() - wall
+        found, kept = (np.inf if corners is None else total(cost, corners) for corners in (tree.corners, best))
+        ended(Round(len(tree.q) - 2, found, kept, spent, passed))
+
+    return record
 
 
 @dataclass(frozen=True)
@@ -167,11 +187,13 @@ def improved(
     progress: Callable[[float], None] = lambda fraction: None,
     *,
     informed: bool,
+    record: Callable[[Tree, Cost, Array], None] = lambda tree, cost, best: None,
 ) -> Way:
     """Return the best way found by a search that goes on with twice as many samples each time, up to `samples`.
 
     Each time, shortcuts are tried `_POLISHED` times as often as for a first path. `informed`: samples through which the
-    length of the path cannot get shorter are left out (`Search.inform`).
+    length of the path cannot get shorter are left out (`Search.inform`). `record` is called each time with the tree,
+    the cost, and the corners (k, n) of the best way.
     """
     count, best = search.count, way
     while count < samples:
@@ -181,6 +203,7 @@ def improved(
         for other in (searched(search, count, rng, progress)[1], best):
             if other is not None:
                 best = min(best, _polished(search, other, rng), key=lambda w: total(search.cost, w.corners))
+        record(search.tree, search.cost, best.corners)
     return best
 
 

@@ -90,6 +90,9 @@ COSTS: Mapping[str, Callable[[Space], Cost]] = MappingProxyType(
 )
 """Costs by the name that a protocol gives."""
 
+UNITS: Mapping[str, str] = MappingProxyType({"length": "m", "acceleration": "m2/s3", "weighted": "", "clearance": "m"})
+"""Unit of each cost; "" for the sum of two units."""
+
 
 def total(cost: Cost, corners: Array) -> float:
     """Return the cost of a path along corners (k, n)."""

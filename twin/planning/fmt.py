@@ -53,6 +53,16 @@ class Tree:
         child = np.flatnonzero(self.parent >= 0)
         return np.column_stack([self.parent[child], child])
 
+    @property
+    def corners(self) -> Array | None:
+        """Joint values (k, n) of the path from start to goal; None if the tree did not reach the goal."""
+        if self.parent[1] < 0:
+            return None
+        rows = [1]
+        while rows[-1]:
+            rows.append(int(self.parent[rows[-1]]))
+        return self.q[rows[::-1]]
+
 
 class Search:
     """A search between two points; each call of `path` adds samples to those before.

@@ -18,7 +18,7 @@ from twin.core import spatial
 from twin.core.errors import AssemblyError, ProtocolError, unknown
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM
-from twin.planning.freeing import Progress, way
+from twin.planning.freeing import Progress, Searched, way
 from twin.planning.path import Path
 from twin.planning.phase_path import PhasePath
 from twin.planning.protocol import DIRECTIONS, Auxiliary, Free, Protocol
@@ -89,9 +89,15 @@ class Follower:
     """
 
     def __init__(
-        self, protocol: Protocol, kinematics: PathKinematics, carrier: Carrier, progress: Progress = lambda label: None
+        self,
+        protocol: Protocol,
+        kinematics: PathKinematics,
+        carrier: Carrier,
+        progress: Progress = lambda label: None,
+        searched: Searched = lambda name, rounds: None,
     ) -> None:
-        self._protocol, self._kinematics, self._carrier, self._progress = protocol, kinematics, carrier, progress
+        self._protocol, self._kinematics, self._carrier = protocol, kinematics, carrier
+        self._progress, self._searched = progress, searched
         self._names = names = kinematics.joint_names
         self._angles = tuple(kinematics.revolute) or (False,) * len(names)
         if not names:
@@ -178,7 +184,8 @@ class Follower:
             _, Ts = self._carrier.carry(line(self.q, goal)(np.linspace(0.0, 1.0, _STATIONS)), self._state)
         except AssemblyError as error:
             raise ProtocolError(f"{where}: found no path to the goal that keeps the loops closed: {error}") from error
-        return way(path.phase, self._kinematics, (self.q, goal), Ts[[0, -1]], where, self._progress)
+        ends = self.q, goal
+        return way(path.phase, self._kinematics, ends, Ts[[0, -1]], where, self._progress, self._searched)
 
     def _led_to(self, path: PhasePath, name: str, where: str) -> Array:
         """Return the driven joint values (n,) at a waypoint with a pose, reached by a straight motion of the tool."""
@@ -309,9 +316,15 @@ def _followed(path: PhasePath, taken: Callable[[Array], tuple[Array, Array, Arra
 
 
 def freed(
-    paths: Sequence[PhasePath], kinematics: PathKinematics, protocol: str, progress: Progress = lambda label: None
+    paths: Sequence[PhasePath],
+    kinematics: PathKinematics,
+    protocol: str,
+    progress: Progress = lambda label: None,
+    searched: Searched = lambda name, rounds: None,
 ) -> tuple[PhasePath, ...]:
     """Return the phases, with each free phase replaced by a path around obstacles between its end poses.
+
+    `progress` and `searched` are those of `freeing.way`.
 
     Raises:
         ProtocolError: a free phase cannot be carried out; see `freeing.way`.
@@ -323,7 +336,8 @@ def freed(
             q, carrier = path.joints(both, kinematics), kinematics.carrier
             if carrier is None:
                 raise ProtocolError(f"{where}: a free motion requires a mechanism, but there is none")
-            course = way(path.phase, kinematics, (q[0], q[1]), path.motion(both).Ts_base_tool, where, progress)
+            Ts = path.motion(both).Ts_base_tool
+            course = way(path.phase, kinematics, (q[0], q[1]), Ts, where, progress, searched)
             x, drawn = carrier.drawn()
             try:
                 X, _ = carrier.carry(line(drawn, q[0])(np.linspace(0.0, 1.0, _STATIONS)), x)

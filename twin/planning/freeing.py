@@ -12,9 +12,13 @@ from twin.core.units import ROUNDING
 from twin.planning.feasible import Anchor, margins_at, said
 from twin.planning.path import Path
 from twin.planning.protocol import Free
+from twin.planning.rounds import Round, Rounds
 from twin.planning.trajectory import Keep, PathKinematics
 
 Progress = Callable[[str], None]
+
+Searched = Callable[[str, Rounds], None]
+"""Function that is called with the name of a free phase and the rounds of its search, if there was one."""
 
 
 def kept(kinematics: PathKinematics, anchor: Anchor) -> Keep:
@@ -33,6 +37,7 @@ def way(
     Ts: Array,
     where: str,
     progress: Progress = lambda label: None,
+    searched: Searched = lambda name, rounds: None,
 ) -> Path:
     """Return the path of the driven joints in a free phase.
 
@@ -46,13 +51,14 @@ def way(
         Ts: (2, 4, 4) T_base_tool at start and goal.
         where: names of protocol and phase, for messages.
         progress: called with a description of the current step.
+        searched: called after the search; not called if the straight path is free.
 
     Raises:
         ProtocolError: start or goal collides or exceeds a limit, or no path was found; the message names bodies, sizes
             and searches.
     """
     from twin.planning.around import around  # imports scipy, which loads slowly
-    from twin.planning.costs import COSTS
+    from twin.planning.costs import COSTS, UNITS
 
     if kinematics.space is None:
         raise ProtocolError(f"{where}: a free motion requires a mechanism, but there is none")
@@ -66,8 +72,8 @@ def way(
 
     try:
         space = kinematics.space(phase.scene, phase.clearance, kept(kinematics, anchor))
-        plain = phase.cost == "length"
-        return around(
+        plain, rounds = phase.cost == "length", list[Round]()
+        path = around(
             space,
             *ends,
             seed=phase.seed,
@@ -75,6 +81,10 @@ def way(
             cost=None if plain else COSTS[phase.cost](space),
             straight=phase.cost != "clearance",  # of all others, no path costs less than the straight one
             samples=phase.samples,
+            ended=rounds.append,
         )
     except TwinError as error:
         raise ProtocolError(f"{where} cannot be carried out: {error}") from error
+    if rounds:
+        searched(phase.name, Rounds(phase.cost, UNITS[phase.cost], tuple(rounds)))
+    return path

@@ -15,12 +15,13 @@ from twin.planning.check import check, rcm_error
 from twin.planning.demands import demands, timed
 from twin.planning.feasible import pose_margins, require_feasible
 from twin.planning.following import Follower, freed, with_auxiliary
-from twin.planning.freeing import Progress
+from twin.planning.freeing import Progress, Searched
 from twin.planning.path import Path
 from twin.planning.phase_path import PhasePath, build
 from twin.planning.protocol import Free, Protocol
 from twin.planning.protocol.course import Motion
 from twin.planning.proven import clearance
+from twin.planning.rounds import Rounds
 from twin.planning.timing import Timing
 from twin.planning.trajectory import PathKinematics, PhaseSpan, Trajectory
 
@@ -67,21 +68,27 @@ def plan(
     legs: list[Leg] = []
     findings = list(protocol.findings)
     say = progress or (lambda label: None)
-    guide = _guide(protocol, kinematics, T_tool_frame, say)
+    rounds: dict[str, Rounds] = {}
+    guide = _guide(protocol, kinematics, T_tool_frame, say, rounds.__setitem__)
     paths = build(protocol, T_tool_frame, guide)
     if guide is None:
-        paths = freed(with_auxiliary(paths, kinematics, protocol.name), kinematics, protocol.name, say)
+        paths = with_auxiliary(paths, kinematics, protocol.name)
+        paths = freed(paths, kinematics, protocol.name, say, rounds.__setitem__)
     for path in paths:
         say(path.phase.name)
         leg, found = _leg(path, protocol, kinematics, dt)
         legs.append(leg)
         findings += found
-    trajectory = replace(assemble(protocol, kinematics, T_tool_frame, legs, dt), followed=guide is not None)
+    trajectory = assemble(protocol, kinematics, T_tool_frame, legs, dt)
+    phases = tuple(replace(p, rounds=rounds.get(p.name)) for p in trajectory.phases)
+    trajectory = replace(trajectory, phases=phases, followed=guide is not None)
     findings += check(trajectory, protocol, kinematics)
     return replace(trajectory, findings=tuple(findings))
 
 
-def _guide(protocol: Protocol, kinematics: PathKinematics, T_tool_frame: Array, progress: Progress) -> Follower | None:
+def _guide(
+    protocol: Protocol, kinematics: PathKinematics, T_tool_frame: Array, progress: Progress, searched: Searched
+) -> Follower | None:
     """Return a follower if the mechanism determines the path of the protocol; None if the equations determine it."""
     by_joints = any(w.joints is not None for w in protocol.waypoints.values())
     if not by_joints and protocol.free is None:
@@ -93,7 +100,7 @@ def _guide(protocol: Protocol, kinematics: PathKinematics, T_tool_frame: Array, 
             return None
     if kinematics.carrier is None:
         raise ProtocolError(f"{protocol.name}: joint values and free directions require a mechanism, but there is none")
-    return Follower(protocol, kinematics, kinematics.carrier, progress)
+    return Follower(protocol, kinematics, kinematics.carrier, progress, searched)
 
 
 def _certified(phase: Free, kinematics: PathKinematics, joints: Path) -> list[Finding]:

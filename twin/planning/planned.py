@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
 from twin.core.findings import Finding, by_severity
+from twin.core.format import quantity
 from twin.core.result import Part, Result, Table, as_json
+from twin.planning.rounds import Rounds
 from twin.planning.tracks import write_csv
 from twin.planning.trajectory import Trajectory
 
@@ -33,9 +36,18 @@ class Planned(Result):
         """Findings of the check of every sample."""
         return self.trajectory.findings
 
+    @property
+    def rounds(self) -> Mapping[str, Rounds]:
+        """Rounds of the search for a path around obstacles, by name of the phase; none for phases without a search."""
+        return {p.name: p.rounds for p in self.trajectory.phases if p.rounds is not None}
+
     def content(self) -> Mapping[str, Any]:
         """Return the trajectory without its samples."""
         return self.trajectory.as_dict(arrays=False)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return plain data for JSON; times of searches are here only, because files are the same each time."""
+        return {**super().as_dict(), "search_times": {name: r.times() for name, r in self.rounds.items()}}
 
     def text(self) -> Iterator[Part]:
         """Yield the phases and the findings."""
@@ -44,6 +56,9 @@ class Planned(Result):
         rows = [(p.name, p.type, f"{p.t0:.3f}", f"{p.t1:.3f}", p.waypoint or "", p.rcm_mode or "") for p in t.phases]
         yield Table(("phase", "type", "from s", "to s", "ends at", "RCM"), rows)
         yield ""
+        if self.rounds:
+            yield searches(self.rounds)
+            yield ""
         yield from by_severity(self.findings)
         yield ""
 
@@ -52,3 +67,17 @@ class Planned(Result):
         table, rest = (folder / name for name in FILES)
         write_csv(self.trajectory, table, self.angles)
         rest.write_text(as_json(self.content()), encoding="utf-8")
+
+
+def searches(found: Mapping[str, Rounds]) -> Table:
+    """Return a table of the rounds of searches, by name of the phase."""
+    rows = [
+        (name, str(r.samples), *(_cost(x, s.unit) for x in (r.tree, r.best)), f"{r.processor:.2f}", f"{r.wall:.2f}")
+        for name, s in found.items()
+        for r in s.rounds
+    ]
+    return Table(("search for", "samples", "path of the tree", "with shortcuts", "processor s", "wall-clock s"), rows)
+
+
+def _cost(value: float, unit: str) -> str:
+    return quantity(value, unit) if math.isfinite(value) else "no path"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -13,7 +13,9 @@ from twin.core.findings import Finding, by_severity
 from twin.core.result import Part, Result, Table
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM
+from twin.planning.planned import searches
 from twin.planning.proven import clearance
+from twin.planning.rounds import Rounds
 from twin.planning.space import Certificate
 
 
@@ -25,12 +27,15 @@ class CommonPhase:
         name: names of the arms' phases.
         t0, t1: times in s of its start and its end.
         seen: distance between bodies of the arms and of the scene along the whole phase.
+        rounds: rounds of the search for each arm's path, by name of the arm; none where the straight path is free. For
+            an arm beside others, the length in which the search measures a path includes the progress of the others.
     """
 
     name: str
     t0: float
     t1: float
     seen: Certificate
+    rounds: Mapping[str, Rounds] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -65,6 +70,11 @@ class PlannedTogether(Result):
             replace(f, message=f"{name}: {f.message}") for name, found in self.checked.items() for f in found
         ]
 
+    @property
+    def rounds(self) -> Mapping[str, Rounds]:
+        """Rounds of all searches, by arm and phase."""
+        return {f"{arm}, {p.name}": rounds for p in self.phases for arm, rounds in p.rounds.items()}
+
     def content(self) -> Mapping[str, Any]:
         """Return the plan without its samples."""
         return {
@@ -80,10 +90,15 @@ class PlannedTogether(Result):
                     "proven_mm": p.seen.proven / MM,
                     "found_mm": p.seen.found / MM,
                     "bodies": list(p.seen.bodies),
+                    "rounds": {arm: rounds.as_dict() for arm, rounds in p.rounds.items()},
                 }
                 for p in self.phases
             ],
         }
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return plain data for JSON; times of searches are here only, because files are the same each time."""
+        return {**super().as_dict(), "search_times": {name: r.times() for name, r in self.rounds.items()}}
 
     def text(self) -> Iterator[Part]:
         """Yield the phases and the findings."""
@@ -91,6 +106,9 @@ class PlannedTogether(Result):
         rows = [(p.name, f"{p.t0:.3f}", f"{p.t1:.3f}", *_nearest(p.seen)) for p in self.phases]
         yield Table(("phase", "from s", "to s", "clearance mm", "nearest"), rows)
         yield ""
+        if self.rounds:
+            yield searches(self.rounds)
+            yield ""
         yield from by_severity(self.findings)
         yield ""
 

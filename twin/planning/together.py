@@ -20,6 +20,7 @@ from twin.core.units import ROUNDING
 from twin.planning.around import around
 from twin.planning.costs import Cost, length
 from twin.planning.path import Path
+from twin.planning.rounds import Round
 from twin.planning.smooth import line
 from twin.planning.space import Certificate, Space
 
@@ -184,6 +185,7 @@ def beside(
     seed: int = 0,
     progress: Callable[[float], None] = lambda fraction: None,
     cancelled: Callable[[], bool] | None = None,
+    ended: Callable[[Round], None] = lambda round: None,
 ) -> Composed:
     """Return a common path of all arms, on which a new arm moves from start to goal while the others follow `first`.
 
@@ -195,6 +197,7 @@ def beside(
         seed: seed of the random samples.
         progress: called with the fraction done of the current search.
         cancelled: as of `around`.
+        ended: as of `around`.
 
     Raises:
         CancelledError: `cancelled` was true.
@@ -209,5 +212,6 @@ def beside(
         progress=progress,
         cancelled=cancelled,
         cost=space.cost,
+        ended=ended,
     )
     return Composed(first, found)

@@ -16,6 +16,7 @@ from twin.core.spatial import Array
 from twin.core.units import DEG, MM
 from twin.model.mechanism import Mechanism
 from twin.planning.protocol import RcmMode
+from twin.planning.rounds import Rounds
 from twin.planning.space import Space
 
 
@@ -216,6 +217,7 @@ class PhaseSpan:
         depth0, depth1: depth in m at both ends; NaN without RCM.
         optimal: optimal duration in s, before slowing down and rounding up.
         overshoot: largest relative excess of a limit by the optimal solution, before slowing down.
+        rounds: rounds of the search for the path of a free phase; None without a search.
     """
 
     name: str
@@ -231,6 +233,7 @@ class PhaseSpan:
     depth1: float
     optimal: float
     overshoot: float
+    rounds: Rounds | None = None
 
 
 @dataclass(frozen=True)
@@ -384,6 +387,8 @@ class Trajectory:
 
 
 def _plain(value: Any) -> Any:
+    if isinstance(value, Rounds):
+        return value.as_dict()
     if isinstance(value, np.ndarray):
         return [_plain(v) for v in value.tolist()] if np.isnan(value).any() else value.tolist()
     return None if isinstance(value, float) and np.isnan(value) else value

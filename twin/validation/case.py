@@ -75,6 +75,7 @@ def summaries(trajectory: Trajectory) -> tuple[PhaseSummary, ...]:
             p.t1,
             None if p.rcm is None else (float(p.rcm[0]), float(p.rcm[1]), float(p.rcm[2])),
             p.rcm_mode or "",
+            p.rounds,
         )
         for p in trajectory.phases
     )

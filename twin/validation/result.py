@@ -14,6 +14,7 @@ from twin.core.provenance import Parameter
 from twin.core.quantity import si
 from twin.core.result import Part, Result, Table
 from twin.core.spatial import Array
+from twin.planning.rounds import Rounds
 from twin.validation.cause import SIDES, Cause, causes
 
 RowKind = Literal["length", "tool", "point", "driven", "passive", "loop", "speed", "acceleration", "baked", "rcm"]
@@ -91,7 +92,15 @@ def headline(rows: Sequence[Residual]) -> Residual:
 
 @dataclass(frozen=True)
 class PhaseSummary:
-    """One phase of the protocol: name, type, start and end time in s, and its RCM (3,) in m in base, or None."""
+    """One phase of the protocol.
+
+    Attributes:
+        name, type: name and type in the protocol.
+        t0, t1: start and end time in s.
+        rcm: (3,) RCM in m in base; None if there is none.
+        rcm_mode: "enforced", "monitored" or "".
+        rounds: rounds of the search for the path of a free phase; None without a search.
+    """
 
     name: str
     type: str
@@ -99,6 +108,12 @@ class PhaseSummary:
     t1: float
     rcm: tuple[float, float, float] | None = None
     rcm_mode: str = ""
+    rounds: Rounds | None = None
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return plain data, without the times of the search, which are not the same each time."""
+        out = {k: v for k, v in vars(self).items() if k != "rounds"}
+        return out | {"rounds": None if self.rounds is None else self.rounds.as_dict()}
 
 
 @dataclass(frozen=True)
@@ -190,7 +205,7 @@ class Report(Result):
             "commands": dict(self.commands),
             "variants": dict(self.variants),
             "residuals": [asdict(r) | {"agrees": r.agrees} for r in self.residuals],
-            "phases": [asdict(p) for p in self.phases],
+            "phases": [p.as_dict() for p in self.phases],
             "parameters": [asdict(p) for p in self.parameters],
             "facts": {k: dict(v) for k, v in self.facts.items()},
             "environment": dict(self.environment),

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Mapping
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from twin.cli.parser import Command
@@ -11,12 +13,16 @@ from twin.core.units import MM
 
 if TYPE_CHECKING:
     from twin.api import Robot
+    from twin.planning.rounds import Rounds
 
 EXAMPLES = """\
   twin plan sils
   twin plan sils lowered_patient --out plan/
   twin plan pa10 --avoid vsrs        around the props and the other robots of a scene, outside the patient
   twin plan raven_left left.toml --avoid raven --with raven_right=right.toml        two arms at once"""
+
+_COST = "path_cost.png"
+"""Picture of the cost of the paths around obstacles over the samples of their searches."""
 
 
 def arguments(command: Command) -> None:
@@ -60,7 +66,18 @@ def run(args: argparse.Namespace) -> int:
     planned = Planned(trajectory, [j.is_angle for j in robot.mechanism.active])
     with assets.atomic_folder(folder) as work:
         planned.write(work)
-    return show.finish(planned, args, folder, FILES[:1])
+        drawn = _drawn(f"{robot.name} on {protocol.name}", planned.rounds, work)
+    return show.finish(planned, args, folder, [FILES[0], *drawn])
+
+
+def _drawn(what: str, searches: Mapping[str, Rounds], folder: Path) -> list[str]:
+    """Draw the rounds of the searches of a plan, if there are any; return the names of the written files."""
+    if not searches:
+        return []
+    from twin.ui.report import rounds, style
+
+    (folder / _COST).write_bytes(style.png(rounds.figure(f"Paths around obstacles · {what}", searches)))
+    return [_COST]
 
 
 def _together(robot: Robot, args: argparse.Namespace) -> int:
@@ -87,4 +104,5 @@ def _together(robot: Robot, args: argparse.Namespace) -> int:
         planned = api.plan_together(args.avoid, arms, args.clearance_mm * MM, args.seed, progress)
     with assets.atomic_folder(folder) as work:
         planned.write(work)
-    return show.finish(planned, args, folder, planned.files())
+        drawn = _drawn(f"scene {scene.name}", planned.rounds, work)
+    return show.finish(planned, args, folder, [*planned.files(), *drawn])

@@ -38,6 +38,8 @@ CAPTIONS = {
     "margins": "Distance to a joint limit, the end of the reach, or a singularity. A singularity measure is shown "
     "relative to its alarm value and is 0 at the singularity; 1 is the alarm.",
     "clearance": "Minimum distance between bodies, except pairs that touch by design.",
+    "path_cost": "Cost of each path around obstacles over the number of samples of its search. Shortcuts make the path "
+    "of the tree shorter; rings mark the paths of the plan.",
 }
 """Caption of each plot, by name."""
 

@@ -10,7 +10,7 @@ import numpy as np
 from twin.core.format import quantity, seconds
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM
-from twin.ui.report import curves
+from twin.ui.report import curves, rounds
 from twin.ui.report.matrix import residual_matrix
 from twin.ui.report.style import (
     FIT,
@@ -213,6 +213,12 @@ def clearance(report: Report) -> Figure | None:
     return figure
 
 
+def path_cost(report: Report) -> Figure | None:
+    """Draw the cost of the path of each free phase over the number of samples of its search."""
+    searches = {p.name: p.rounds for p in report.phases if p.rounds is not None}
+    return rounds.figure(headline("Paths around obstacles", report), searches) if searches else None
+
+
 PLOTS: dict[str, Callable[[Report], Figure | None]] = {
     "residual_matrix": residual_matrix,
     "active_joints": active_joints,
@@ -222,6 +228,7 @@ PLOTS: dict[str, Callable[[Report], Figure | None]] = {
     "fulcrum": fulcrum,
     "margins": margins,
     "clearance": clearance,
+    "path_cost": path_cost,
 }
 """Plot functions by file name."""
 

@@ -1,0 +1,63 @@
+"""Rounds of the search of a free phase: the cost of the best path after each, by number of samples and by time."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+
+@dataclass(frozen=True)
+class Round:
+    """A path search after one of its rounds.
+
+    Costs are those of the straight connections between the corners of a path, in the unit of the search's cost.
+    They are the same each time; times are not, and comparisons leave them out.
+
+    Attributes:
+        samples: number of collision-free samples in the tree.
+        tree: cost of the path in the tree, without shortcuts; infinite if the tree has none.
+        best: cost of the best path of this round and those before, with shortcuts; infinite if there is none yet.
+        processor: processor time in s since the start of the first round.
+        wall: wall-clock time in s since the start of the first round.
+    """
+
+    samples: int
+    tree: float
+    best: float
+    processor: float = field(compare=False)
+    wall: float = field(compare=False)
+
+
+@dataclass(frozen=True)
+class Rounds:
+    """The rounds of the search of a phase, in order; at least one.
+
+    Attributes:
+        cost: name of what the search minimises (`twin.planning.costs.COSTS`).
+        unit: unit of the costs; "" for a sum of different units.
+        rounds: the rounds.
+    """
+
+    cost: str
+    unit: str
+    rounds: Sequence[Round]
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return plain data without times, so that they are the same each time; None stands for no path."""
+        return {
+            "cost": self.cost,
+            "unit": self.unit,
+            "samples": [r.samples for r in self.rounds],
+            "tree": [_finite(r.tree) for r in self.rounds],
+            "best": [_finite(r.best) for r in self.rounds],
+        }
+
+    def times(self) -> dict[str, list[float]]:
+        """Return processor time and wall-clock time in s at the end of each round."""
+        return {"processor_s": [r.processor for r in self.rounds], "wall_s": [r.wall for r in self.rounds]}
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None
