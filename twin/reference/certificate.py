@@ -71,7 +71,7 @@ def certify(seen: Stations, pairs: Pairs, which: np.ndarray, within: float, chec
             if bound[i] - ahead[i] < least - within:
                 check()
                 # beyond this distance, the pair is left out and is not the nearest
-                most = least + max(ahead[i] - within, 0.0)
+                most = least + max(float(ahead[i]) - within, 0.0)
                 bound[i] = pairs.distance(int(pair[i]), poses[row[i]], most)
                 if bound[i] < least:
                     least, at = float(bound[i]), float((places[row[i]] + 0.5) * width)
