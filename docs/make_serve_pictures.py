@@ -7,20 +7,13 @@ No graphics card is needed; three minutes.
 
 from __future__ import annotations
 
-import argparse
-import io
-import shutil
 import socket
 import subprocess
 import sys
 import time
-from pathlib import Path
 
-from PIL import Image
-from playwright.sync_api import Page, sync_playwright
-
-FOLDER = Path(__file__).parent / "pictures"
-FLAGS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--disable-dev-shm-usage"]
+from pages import draw
+from playwright.sync_api import Browser, Page
 
 PICTURES: dict[str, tuple[tuple[str, ...], str]] = {
     "vsrs_by_hand": (("vsrs",), "KeyQ"),
@@ -45,7 +38,7 @@ def until(page: Page, expression: str, seconds: float = 240.0) -> None:
         time.sleep(0.2)
 
 
-def draw(page: Page, url: str, key: str) -> Image.Image:
+def at_rest(page: Page, url: str, key: str) -> bytes:
     """Return the picture of a page at rest."""
     page.goto(url)
     until(page, "window.twin?.app.firstPicture > 0 && twin.app.loaded")
@@ -57,39 +50,30 @@ def draw(page: Page, url: str, key: str) -> Image.Image:
     time.sleep(8)
     until(page, SHARP)
     time.sleep(2)
-    return Image.open(io.BytesIO(page.screenshot())).convert("RGB")
+    return page.screenshot()
 
 
-def main() -> None:
-    """Draw the pictures."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--only", nargs="+", choices=PICTURES, default=list(PICTURES))
-    args = parser.parse_args()
-    program = shutil.which("chromium") or shutil.which("google-chrome")
-    with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=program, args=FLAGS)
-        for name in args.only:
-            options, key = PICTURES[name]
-            with socket.create_server(("127.0.0.1", 0)) as s:
-                port = s.getsockname()[1]
-            command = [sys.executable, "-m", "twin", "serve", *options, "--no-browser", "--port", str(port)]
-            server = subprocess.Popen(command, stdout=subprocess.DEVNULL)
-            try:
-                while True:
-                    with socket.socket() as s:
-                        if not s.connect_ex(("127.0.0.1", port)):
-                            break
-                    time.sleep(0.2)
-                page = browser.new_page(viewport={"width": 1280, "height": 800})
-                image = draw(page, f"http://127.0.0.1:{port}/", key)
-                page.close()
-            finally:
-                server.terminate()
-                server.wait(20)
-            file = FOLDER / f"{name}.png"
-            image.quantize(256, dither=Image.Dither.NONE).save(file, optimize=True)
-            print(f"{file.name}: {file.stat().st_size / 1e3:.0f} kB")
+def served(browser: Browser, name: str) -> bytes:
+    """Return the picture of the page that a server of its own shows."""
+    options, key = PICTURES[name]
+    with socket.create_server(("127.0.0.1", 0)) as s:
+        port = s.getsockname()[1]
+    command = [sys.executable, "-m", "twin", "serve", *options, "--no-browser", "--port", str(port)]
+    server = subprocess.Popen(command, stdout=subprocess.DEVNULL)
+    try:
+        while True:
+            with socket.socket() as s:
+                if not s.connect_ex(("127.0.0.1", port)):
+                    break
+            time.sleep(0.2)
+        page = browser.new_page(viewport={"width": 1280, "height": 800})
+        picture = at_rest(page, f"http://127.0.0.1:{port}/", key)
+        page.close()
+    finally:
+        server.terminate()
+        server.wait(20)
+    return picture
 
 
 if __name__ == "__main__":
-    main()
+    draw(__doc__, PICTURES, served)

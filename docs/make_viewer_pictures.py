@@ -7,18 +7,14 @@ No graphics card is needed; three minutes.
 
 from __future__ import annotations
 
-import argparse
-import io
-import shutil
 import threading
 import time
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-from PIL import Image
-from playwright.sync_api import Page, sync_playwright
+from pages import draw
+from playwright.sync_api import Browser, Page
 
 import twin
 from twin.cli import scene as scenes
@@ -29,9 +25,6 @@ from twin.ui.viewer.console import ConsoleFront
 from twin.ui.viewer.front import Actor, Front
 from twin.ui.viewer.page import open_page
 from twin.ui.viewer.server import serve
-
-FOLDER = Path(__file__).parent / "pictures"
-FLAGS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--disable-dev-shm-usage"]
 
 
 def tab(page: Page, name: str) -> None:
@@ -98,34 +91,26 @@ def opened(name: str) -> Front | ConsoleFront:
     return ConsoleFront(f"twin · {name}", scene, *scenes.content(scene), server)
 
 
-def main() -> None:
-    """Draw the pictures."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--only", nargs="+", choices=PICTURES, default=list(PICTURES))
-    args = parser.parse_args()
-    program = shutil.which("chromium") or shutil.which("google-chrome")
-    with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=program, args=FLAGS)
-        for name in args.only:
-            robot, prepare = PICTURES[name]
-            front = opened(robot)
-            thread = threading.Thread(target=front.run)
-            thread.start()
-            page = browser.new_page(viewport={"width": 1500, "height": 900})
-            page.set_default_timeout(300_000)  # in ms: without a graphics card pictures are slow
-            page.goto(f"http://127.0.0.1:{front.server.get_port()}")
-            page.get_by_text(front.title).first.wait_for()
-            time.sleep(5)
-            page.add_style_tag(content="[class*='mantine-Notification']{display:none!important}")
-            prepare(front, page)
-            time.sleep(20)
-            image = Image.open(io.BytesIO(page.screenshot())).convert("RGB").quantize(256, dither=Image.Dither.NONE)
-            image.save(FOLDER / f"view_{name}.png", optimize=True)
-            print(f"view_{name}.png: {(FOLDER / f'view_{name}.png').stat().st_size / 1e3:.0f} kB")
-            page.close()
-            front.stop()
-            thread.join(30)
+def shown(browser: Browser, name: str) -> bytes:
+    """Return the picture of a page after its preparation."""
+    robot, prepare = PICTURES[name]
+    front = opened(robot)
+    thread = threading.Thread(target=front.run)
+    thread.start()
+    page = browser.new_page(viewport={"width": 1500, "height": 900})
+    page.set_default_timeout(300_000)  # in ms: without a graphics card pictures are slow
+    page.goto(f"http://127.0.0.1:{front.server.get_port()}")
+    page.get_by_text(front.title).first.wait_for()
+    time.sleep(5)
+    page.add_style_tag(content="[class*='mantine-Notification']{display:none!important}")
+    prepare(front, page)
+    time.sleep(20)
+    picture = page.screenshot()
+    page.close()
+    front.stop()
+    thread.join(30)
+    return picture
 
 
 if __name__ == "__main__":
-    main()
+    draw(__doc__, PICTURES, shown, "view_")

@@ -182,7 +182,7 @@ def test_it_is_exported_and_every_format_moves_it(robot, tmp_path):
     assert "jaw" in json.dumps(track)
 
 
-def test_a_hand_leads_the_arm_and_the_jaw_stays(robot):
+def test_a_hand_moves_the_arm_and_the_jaw_stays(robot):
     desk = Desk(robot)
     q = np.array([0.1, -0.2, 0.15, 0.2, 0.8, -0.4, 0.5])
     assert desk.move_joints(q).good

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import ast
-import json
-import subprocess
 import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from made.drawing import draw
+from made.drawing import defective, draw, measured
 from twin.cad.build import read_mechanism
 from twin.cad.mesh import inertia
 from twin.cad.step import MASS_TOLERANCE, read_step
@@ -238,16 +236,7 @@ def test_the_drawing_knows_neither_twin_nor_the_equations(file):
 # -- witnesses that need OpenCASCADE ---------------------------------------------------------------------
 
 DRAW = """
-import importlib.util, json, sys
-from pathlib import Path
-
-spec = importlib.util.spec_from_file_location("model", sys.argv[1])
-model = importlib.util.module_from_spec(spec)
-spec.loader.exec_module(model)
-cad = model.cad
-out, defects = Path(sys.argv[2]), json.loads(sys.argv[3])
-d = model.dimensions(Path(sys.argv[1]).with_name("dimensions.toml"))
-where, parts = model.drawn(d), cad.parts(Path(sys.argv[1]).parent)
+where = model.drawn(d)
 tree, _ = cad.build(model.BODIES, model.draw(d), where, parts.MATERIALS)
 for label, (body, error) in defects.items():
     # Only the body with the error is drawn anew, by the same function as model.draw.
@@ -284,20 +273,11 @@ FOUND = {  # joint -> code: (size, unit), and nothing else
 @pytest.fixture(scope="module")
 def redrawn(tmp_path_factory):
     """A drawing for each defect, drawn in one process."""
-    folder = tmp_path_factory.mktemp("drawings")
-    (folder / "draw.py").write_text(DRAW)
-    command = [sys.executable, str(folder / "draw.py"), str(SHER / "model.py"), str(folder), json.dumps(DEFECTS)]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=500)
-    assert done.returncode == 0, done.stderr
-    return folder
+    return defective(SHER / "model.py", DRAW, DEFECTS, tmp_path_factory.mktemp("drawings"))
 
 
 def measured_on(folder, label):
-    home = folder / label
-    home.mkdir(exist_ok=True)
-    (home / "sher.toml").write_text((SHER / "sher.toml").read_text())
-    (home / "sher.step").write_bytes((folder / f"{label}.step").read_bytes())
-    return read_mechanism(home / "sher.toml", with_mass=False)
+    return measured(SHER / "sher.toml", folder, label)
 
 
 @pytest.mark.slow

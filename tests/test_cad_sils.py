@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import ast
 import json
-import subprocess
 import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from twin.cad.build import read_mechanism
+from made.drawing import defective, measured
 from twin.cad.mesh import inertia
 from twin.cad.step import MASS_TOLERANCE, read_step
 from twin.core import spatial
@@ -198,17 +197,8 @@ def test_the_drawing_knows_neither_twin_nor_the_equations(file):
 # -- witnesses that need OpenCASCADE ---------------------------------------------------------------------
 
 DRAW = """
-import copy, importlib.util, json, sys, tomllib
-from pathlib import Path
-
-spec = importlib.util.spec_from_file_location("model", sys.argv[1])
-model = importlib.util.module_from_spec(spec)
-spec.loader.exec_module(model)
-cad = model.cad
-out, defects = Path(sys.argv[2]), json.loads(sys.argv[3])
-d = model.dimensions(Path(sys.argv[1]).with_name("dimensions.toml"))
 where = model.placements(d, d.pose_position, d.pose_angles)
-parts, nominal = cad.parts(Path(sys.argv[1]).parent), model.draw(d)
+nominal = model.draw(d)
 tree, total = cad.build(model.BODIES, nominal, where, parts.MATERIALS)
 for label, (body, error) in defects.items():
     # Only the body with the error is drawn anew, by the same functions as model.draw.
@@ -262,22 +252,11 @@ FOUND = {  # joint -> code: (size, unit), and nothing else
 @pytest.fixture(scope="module")
 def redrawn(tmp_path_factory):
     """A drawing for each defect, drawn in one process."""
-    folder = tmp_path_factory.mktemp("drawings")
-    script = folder / "draw.py"
-    script.write_text(DRAW)
-    command = [sys.executable, str(script), str(SILS / "model.py"), str(folder), json.dumps(DEFECTS)]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=500)
-    assert done.returncode == 0, done.stderr
-    return folder
+    return defective(SILS / "model.py", DRAW, DEFECTS, tmp_path_factory.mktemp("drawings"))
 
 
 def measured_on(folder, label):
-    text = (SILS / "sils.toml").read_text().replace('step = "sils.step"', f'step = "{label}.step"')
-    home = folder / label
-    home.mkdir(exist_ok=True)
-    (home / "sils.toml").write_text(text)
-    (home / f"{label}.step").write_bytes((folder / f"{label}.step").read_bytes())
-    return read_mechanism(home / "sils.toml", with_mass=False)
+    return measured(SILS / "sils.toml", folder, label)
 
 
 @pytest.mark.slow

@@ -18,10 +18,12 @@ from pathlib import Path
 import pytest
 
 import twin
+from made import own_robot
 from twin import api
-from twin.cli import commands, doctor, main, show
+from twin.cli import chosen, main, show
 from twin.cli import scene as scenes
-from twin.cli.parser import NAMES, parser
+from twin.cli.commands import HELP, doctor
+from twin.cli.parser import parser
 from twin.core import assets
 from twin.core.errors import TwinError
 
@@ -75,15 +77,7 @@ def _json_only(report, folder):
 @pytest.fixture
 def robot(tmp_path) -> Path:
     """A robot folder of one's own, with SILS inside and two short protocols."""
-    folder = tmp_path / "my_robot"
-    for part in ("cad", "trajectories"):
-        (folder / part).mkdir(parents=True)
-    shutil.copy(ROOT / "cad/sils/sils.step", folder / "cad")
-    text = (ROOT / "cad/sils/sils.toml").read_text(encoding="utf-8")
-    (folder / "cad/sils.toml").write_text(text.replace('default_protocol = "table2"', 'default_protocol = "short"'))
-    shutil.copy(ROOT / "twin/robots/sils.py", folder / "formula.py")
-    text = SHORT.read_text(encoding="utf-8")
-    (folder / "trajectories/short.toml").write_text(text)
+    folder, text = own_robot.folder(tmp_path), SHORT.read_text(encoding="utf-8")
     (folder / "trajectories/shorter.toml").write_text(text.replace('"short"', '"shorter"').replace("210.4", "210.9"))
     return folder
 
@@ -95,7 +89,7 @@ def files_below(folder: Path) -> set[str]:
 # --------------------------------------------------------------------------------------------------- help
 
 
-@pytest.mark.parametrize("command", NAMES)
+@pytest.mark.parametrize("command", HELP)
 def test_help_of_every_command_shows_examples(command, capsys):
     with pytest.raises(SystemExit) as left:
         main([command, "--help"])
@@ -108,7 +102,7 @@ def test_help_of_every_command_shows_examples(command, capsys):
         assert option in text
 
 
-@pytest.mark.parametrize("command", NAMES)
+@pytest.mark.parametrize("command", HELP)
 def test_examples_of_the_help_are_understood(command, capsys):
     with pytest.raises(SystemExit):
         main([command, "--help"])
@@ -126,12 +120,12 @@ def test_main_help_shows_examples_and_exit_codes(capsys):
     assert "exit codes: 0 agree or done, 1 disagree, 2 could not check" in text
     for line in text[text.index("examples:") : text.index("exit codes")].strip().splitlines()[1:]:
         parser().parse_args(re.split(r"\s{2,}", line.strip())[0].split()[1:])
-    for command in NAMES:
+    for command in HELP:
         assert f"    {command} " in text
 
 
-def test_every_command_is_there():
-    assert set(commands.COMMANDS) == set(NAMES)
+def test_every_command_is_the_file_of_its_name():
+    assert {p.stem for p in (ROOT / "twin/cli/commands").glob("*.py")} == {"__init__", *HELP}
 
 
 def test_python_m_twin():
@@ -388,7 +382,7 @@ def test_bare_variant_judges_each_alone_and_all_together(run, no_pictures, tmp_p
 
 def test_bare_variant_that_one_equation_has_is_judged_once(monkeypatch):
     robot = api.load("sils")
-    assert commands._variants(robot, ["literal"]) == [{"eq2": "literal"}]
+    assert chosen.variants_of_each(robot, ["literal"]) == [{"eq2": "literal"}]
 
 
 @pytest.mark.slow
@@ -487,7 +481,7 @@ def test_no_command_shows_the_help(run):
     text = run()
     assert text.code == 2  # nothing was done
     assert text.out.startswith("usage: twin")
-    assert all(name in text.out for name in NAMES)
+    assert all(name in text.out for name in HELP)
     assert run("--json").json["verdict"] == "unchecked"
 
 
@@ -558,7 +552,7 @@ def test_unforeseen_error_is_not_taken_for_a_disagreement(run, monkeypatch):
     def fail(args):
         raise ZeroDivisionError("oh")
 
-    monkeypatch.setitem(commands.COMMANDS, "list", fail)
+    monkeypatch.setattr("twin.cli.commands.list.run", fail)
     text = run("list")
     assert text.code == 2
     assert text.err == "twin: internal error, ZeroDivisionError: oh. Please report it with the output of --debug.\n"
@@ -571,7 +565,7 @@ def test_interrupt(run, monkeypatch):
     def fail(args):
         raise KeyboardInterrupt
 
-    monkeypatch.setitem(commands.COMMANDS, "list", fail)
+    monkeypatch.setattr("twin.cli.commands.list.run", fail)
     text = run("list")
     assert (text.code, text.err) == (130, "twin: interrupted\n")
 

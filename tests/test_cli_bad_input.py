@@ -15,12 +15,12 @@ from pathlib import Path
 
 import pytest
 
+from made import own_robot
 from twin import api
 from twin.cli import main
 from twin.core.errors import TwinError
 
 ROOT = Path(__file__).parents[1]
-SHORT = ROOT / "tests/data/short.toml"
 
 
 @dataclass
@@ -55,15 +55,7 @@ class Robot:
 
 @pytest.fixture
 def robot(tmp_path) -> Robot:
-    folder = tmp_path / "my_robot"
-    for part in ("cad", "trajectories"):
-        (folder / part).mkdir(parents=True)
-    shutil.copy(ROOT / "cad/sils/sils.step", folder / "cad")
-    text = (ROOT / "cad/sils/sils.toml").read_text(encoding="utf-8")
-    (folder / "cad/sils.toml").write_text(text.replace('default_protocol = "table2"', 'default_protocol = "short"'))
-    shutil.copy(SHORT, folder / "trajectories")
-    shutil.copy(ROOT / "twin/robots/sils.py", folder / "formula.py")
-    return Robot(folder)
+    return Robot(own_robot.folder(tmp_path))
 
 
 @pytest.fixture

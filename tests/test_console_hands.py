@@ -36,7 +36,7 @@ def moved(hand, way=(0, 0, 0), turn=(0, 0, 0)):
     return spatial.pose(spatial.exp_so3(np.array(turn, float)) @ hand[:3, :3], hand[:3, 3] + way)
 
 
-def led(hand=HAND, **more):
+def guided(hand=HAND, **more):
     """A law that has begun to follow a hand at rest."""
     law = Following(TOOL, DT, **more)
     for grip in (0.0, 45 * DEG, 0.0):
@@ -46,9 +46,9 @@ def led(hand=HAND, **more):
     return law
 
 
-def play(law, hands, scale=0.5, T=T, led=True):
+def play(law, hands, scale=0.5, T=T, guided=True):
     """Return the goals (k, 4, 4); the tool is where it is asked to be."""
-    if not led:
+    if not guided:
         law.release()
         return np.array([law.goal] * len(hands))
     return np.array([law.step(W, 0.0, law.goal, T, scale) for W in hands])
@@ -98,7 +98,7 @@ def test_a_hand_that_nobody_holds_never_begins():
 
 
 def test_a_device_without_motors_begins_at_any_attitude():
-    assert led(moved(HAND, turn=(1.0, 0, 0))).follows
+    assert guided(moved(HAND, turn=(1.0, 0, 0))).follows
 
 
 # -- following ------------------------------------------------------------------------------------------------------
@@ -107,7 +107,7 @@ def test_a_device_without_motors_begins_at_any_attitude():
 def test_the_attitude_between_hand_and_tool_is_kept():
     """R = R_H A0, with A0 of the start: 4 deg of misalignment stay 4 deg, and are not turned away."""
     start = spatial.pose(spatial.exp_so3(np.array([4 * DEG, 0, 0])) @ ALIGNED[:3, :3], HAND[:3, 3])
-    law = led(start, aligns=True)
+    law = guided(start, aligns=True)
     end = along(start, (0.02, 0.01, 0), (0.3, -0.5, 0.2), k=200)
     goal = play(law, end)[-1]
     A0 = (T[:3, :3] @ start[:3, :3]).T @ TOOL[:3, :3]
@@ -118,10 +118,10 @@ def test_the_attitude_between_hand_and_tool_is_kept():
 
 @pytest.mark.parametrize("aligns", [False, True])
 def test_clutch_and_regrip_move_nothing(aligns):
-    law = led(ALIGNED, aligns=aligns)
+    law = guided(ALIGNED, aligns=aligns)
     before = play(law, along(ALIGNED, (0.01, 0, 0)))[-1]
     away = along(moved(ALIGNED, (0.01, 0, 0)), (0.05, 0.02, 0), (0.01, 0.01, 0))
-    assert np.array_equal(play(law, away, led=False)[-1], before)
+    assert np.array_equal(play(law, away, guided=False)[-1], before)
     assert not law.follows
     again = play(law, [away[-1]] * 3)
     assert law.follows
@@ -131,8 +131,8 @@ def test_clutch_and_regrip_move_nothing(aligns):
 
 
 def test_after_a_clutch_a_handle_with_motors_must_be_turned_within_two_degrees():
-    law = led(ALIGNED, aligns=True)
-    play(law, [ALIGNED], led=False)
+    law = guided(ALIGNED, aligns=True)
+    play(law, [ALIGNED], guided=False)
     turned = moved(ALIGNED, turn=(2.5 * DEG, 0, 0))
     play(law, [turned] * 3)
     assert not law.follows
@@ -141,7 +141,7 @@ def test_after_a_clutch_a_handle_with_motors_must_be_turned_within_two_degrees()
 
 
 def test_another_scale_while_moving_does_not_jump():
-    law = led()
+    law = guided()
     path = along(HAND, (0.04, 0, 0), k=100)
     scales = [0.5] * 50 + [0.05] * 25 + [1.0] * 25
     goals = np.array([law.step(W, 0.0, law.goal, T, s) for W, s in zip(path, scales, strict=True)])
@@ -159,7 +159,7 @@ def test_the_scale_keeps_its_range(asked, used):
 
 
 def test_a_camera_that_moves_leaves_the_tool_at_rest():
-    law = led()
+    law = guided()
     before = play(law, along(HAND, (0.01, 0, 0)))[-1]
     here = moved(HAND, (0.01, 0, 0))
     other = T @ spatial.pose(spatial.exp_so3(np.array([0, 0, 0.4])), (0.05, 0, 0))
@@ -171,7 +171,7 @@ def test_a_camera_that_moves_leaves_the_tool_at_rest():
 
 
 def test_ten_thousand_ticks_round_a_loop_come_back():
-    law = led()
+    law = guided()
     phase = np.linspace(0, 2 * np.pi, 10_001)[1:]
     for a in phase[9::10]:  # what is asked for depends on the hand, not on the way there
         law.step(
@@ -182,7 +182,7 @@ def test_ten_thousand_ticks_round_a_loop_come_back():
 
 @pytest.mark.parametrize("way", [(0.05, 0, 0), (0, 0, 0)])
 def test_a_hand_that_jumps_moves_nothing_and_is_counted(way):
-    law = led()
+    law = guided()
     before = play(law, along(HAND, (0.01, 0, 0)))[-1]
     there = moved(HAND, np.add((0.01, 0, 0), way), (0, 0, 0) if any(way) else (0.9, 0, 0))
     assert np.allclose(play(law, [there] * 3), before, atol=1e-15)
@@ -211,7 +211,7 @@ def spoilt(row, column, value):
     ],
 )
 def test_what_is_no_pose_moves_nothing(bad):
-    law = led()
+    law = guided()
     before = play(law, along(HAND, (0.01, 0, 0)))[-1]
     goals = play(law, [bad, bad, moved(HAND, (0.03, 0, 0)), moved(HAND, (0.03, 0, 0))])
     assert np.allclose(goals, before, atol=1e-15)
@@ -219,9 +219,9 @@ def test_what_is_no_pose_moves_nothing(bad):
 
 @settings(max_examples=25, deadline=None)
 @given(st.lists(st.tuples(*6 * [st.floats(-0.02, 0.02)]), min_size=2, max_size=30), st.floats(0.05, 1))
-def test_no_hand_leads_the_tool_faster_than_its_pace(steps, scale):
+def test_no_hand_moves_the_tool_faster_than_its_pace(steps, scale):
     pace = Pace(speed=0.2, turn=3.0)
-    law, hand = led(pace=pace), HAND
+    law, hand = guided(pace=pace), HAND
     last = law.goal
     for step in steps:
         hand = moved(hand, step[:3], np.multiply(step[3:], 10))
@@ -232,7 +232,7 @@ def test_no_hand_leads_the_tool_faster_than_its_pace(steps, scale):
 
 
 def test_a_tool_that_was_slow_arrives():
-    law = led(pace=Pace(speed=0.1, turn=1.0))
+    law = guided(pace=Pace(speed=0.1, turn=1.0))
     hand = moved(HAND, (0.01, 0, 0), (0.1, 0, 0))
     goal = play(law, [hand] * 400)[-1]
     assert np.allclose(goal[:3, 3] - TOOL[:3, 3], 0.5 * T[:3, :3] @ (0.01, 0, 0), atol=1e-14)
@@ -271,7 +271,7 @@ def test_a_quick_tap_is_counted_and_a_long_one_not(ticks, taps):
 
 
 def jaw(offset=0.0):
-    """A jaw whose gripper was closed at `offset` before it led, and has led it to 30 deg."""
+    """A jaw whose gripper was closed at `offset` before it moved the jaw, and has moved it to 30 deg."""
     law = Jaw(0.0, 60 * DEG, 0.0, DT)
     for grip in (20 * DEG, 0.0, 10 * DEG):
         law.step(grip + offset, False)
@@ -414,7 +414,7 @@ def test_instruments_stand_while_the_clutch_or_the_camera_is_led(session):
     assert np.array_equal(at[mode != CAMERA][:300], np.tile(at[0], (300, 1)))
 
 
-def test_a_quick_tap_leads_the_other_arm(session):
+def test_a_quick_tap_gives_the_hand_the_other_arm(session):
     """The clutch was down for 0.07 s: from then on the right hand moves the third arm, and the first stands."""
     taps = session["console.taps"][:, 0]
     after = taps == 1
@@ -459,7 +459,7 @@ def test_two_instruments_and_an_endoscope_go_where_they_are_asked_to(operation):
         assert np.ptp(q, axis=0)[:4].min() > 1e-4, "every joint of the arm has moved"
 
 
-def test_the_jaws_open_while_the_hands_lead(operation):
+def test_the_jaws_open_while_the_hands_move_the_tools(operation):
     jaw = operation["psm1.jaw"][:, 0]
     assert np.array_equal(operation["psm1.q"][:, -1], jaw)
     assert np.ptp(jaw) > 1 * DEG

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import shutil
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -13,6 +12,7 @@ import pytest
 
 import twin
 import twin.exchange.audit
+from made import own_robot
 from twin import api
 from twin.cli import main
 from twin.core.errors import TwinError
@@ -356,15 +356,7 @@ def test_a_stage_with_motion_hands_its_samples_on(tmp_path):
 @pytest.fixture
 def own(tmp_path) -> Path:
     """A robot folder of one's own, with SILS inside and one short protocol."""
-    folder = tmp_path / "my_robot"
-    for part in ("cad", "trajectories"):
-        (folder / part).mkdir(parents=True)
-    shutil.copy(ROOT / "cad/sils/sils.step", folder / "cad")
-    text = (ROOT / "cad/sils/sils.toml").read_text(encoding="utf-8")
-    (folder / "cad/sils.toml").write_text(text.replace('default_protocol = "table2"', 'default_protocol = "short"'))
-    shutil.copy(ROOT / "twin/robots/sils.py", folder / "formula.py")
-    shutil.copy(SHORT, folder / "trajectories/short.toml")
-    return folder
+    return own_robot.folder(tmp_path)
 
 
 def test_a_robot_folder_of_ones_own(own, no_audit, tmp_path):

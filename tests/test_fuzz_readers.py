@@ -2,22 +2,16 @@
 
 from __future__ import annotations
 
-import importlib.util
 import os
 import signal
-import sys
 from pathlib import Path
 
 import pytest
 
+import fuzz_readers as fuzz
 from twin.core.errors import SourceError
 
 HERE = Path(__file__).parent
-spec = importlib.util.spec_from_file_location("fuzz_readers", HERE / "fuzz_readers.py")
-fuzz = importlib.util.module_from_spec(spec)
-sys.modules["fuzz_readers"] = fuzz
-spec.loader.exec_module(fuzz)
-
 READERS = sorted(fuzz.readers())
 
 

@@ -1,4 +1,4 @@
-"""The robots of a scene under hands that come through the stream: they lead, and nothing moves by surprise."""
+"""The robots of a scene under hands that come through the stream: they move it, and nothing else moves by surprise."""
 
 from __future__ import annotations
 
@@ -117,7 +117,7 @@ def moved(before, after):
     return {n for n, q in after.items() if not np.allclose(q, before[n], atol=1e-12, rtol=0)}
 
 
-# -- leading --------------------------------------------------------------------------------------------------------
+# -- motion by hands --------------------------------------------------------------------------------------------------
 
 
 def test_the_scene_begins_with_both_tips_in_the_picture_before_the_lens(hands):
@@ -162,7 +162,7 @@ def test_a_tool_goes_in_the_picture_as_its_hand_does_and_turns_with_it(hands, si
     assert hands.state()["scale"] == 0.1
 
 
-def test_a_gripper_leads_its_jaw(hands):
+def test_a_gripper_moves_its_jaw(hands):
     hands.start()
     before = hands.q()
     hands.grip["left"] = 30 * DEG
@@ -269,7 +269,7 @@ def test_a_broken_message_is_refused_by_name(change, text):
         wire.Drag(type="drag", value=1.0, robot="psm1"),
     ],
 )
-def test_nothing_else_moves_what_the_hands_lead(hands, message):
+def test_nothing_else_moves_what_the_hands_move(hands, message):
     with pytest.raises(RefusedError, match="only the hands of the console control"):
         hands.op.ask("c1", message)
 
@@ -338,7 +338,7 @@ def test_hands_come_through_the_stream_and_end_with_it(scene, robots):
                 assert peer.last("hello")["protocol"] == 2
                 await peer.until(lambda: len(peer.frames) > 3)  # the first tick may round joint values by 1e-16
                 start, other = (r.q for r in peer.frames[-1].robots[:2])
-                for n in range(400):  # until it is led: a busy machine is slow
+                for n in range(400):  # until it moves: a busy machine is slow
                     await peer.say("hands", **hands_of(0.08 + 1e-4 * n, 5 * DEG * (n > 10), n))
                     await asyncio.sleep(0.01)
                     if n > 50 and np.abs(peer.frames[-1].robots[0].q - start).max() > 1e-3:

@@ -1,4 +1,4 @@
-"""The robots of `twin serve davinci` under UDP packets: they lead in place of a page, and nothing moves by surprise."""
+"""The robots of `twin serve davinci` under UDP packets instead of a page: nothing moves by surprise."""
 
 from __future__ import annotations
 
@@ -105,10 +105,10 @@ def page(client="c1", number=1, x=0.3):
     return client, wire.parse(json.dumps({"type": "hands", "number": number, **both, "clutch": False, "camera": False}))
 
 
-# -- leading --------------------------------------------------------------------------------------------------------
+# -- motion by packets ------------------------------------------------------------------------------------------------
 
 
-def test_packets_lead_both_instruments_and_the_page_says_so(running):
+def test_packets_move_both_instruments_and_the_page_says_so(running):
     q = running.q()
     running.start()
     assert np.allclose(running.q(), q, atol=1e-12), "the roll that shows that somebody is there moves nothing"
@@ -299,7 +299,7 @@ def test_no_packets_of_strangers_move_anything(running, packets):
 
 
 def session(running, ticks=700, delay=100, lost=0.05):
-    """Lead both tools at 1 kHz for some ticks: 5 % are lost, all come 100 ms late, out of order by up to 7 ms.
+    """Move both tools at 1 kHz for some ticks: 5 % are lost, all come 100 ms late, out of order by up to 7 ms.
 
     Return how many packets of each hand never came in time.
     """
@@ -353,7 +353,7 @@ def test_a_bad_network_makes_no_tool_jump_and_its_loss_is_shown(scene, robots, m
 
 
 def test_through_the_server(scene, robots):
-    """A program at 1 kHz leads through the running server; a page watches, and takes the hands when it ends."""
+    """A program at 1 kHz moves the hands through the running server; a page watches, and takes over when it ends."""
 
     async def go():
         async with serving(lambda: served.of_console(scene, robots, None, packets=("127.0.0.1", 0))) as s:
@@ -361,7 +361,7 @@ def test_through_the_server(scene, robots):
             async with joined(s.port) as peer:
                 start = peer.frames[-1].robots[0].q
                 begin, sent = time.monotonic(), 0
-                while sent < 4000:  # until it is led: a busy machine is slow
+                while sent < 4000:  # until it moves: a busy machine is slow
                     while sent < 1000 * (time.monotonic() - begin):
                         sent += 1
                         pens.p["right"] = np.array([0.08 + 0.02 * np.sin(5e-3 * sent), 0, 0])

@@ -93,7 +93,7 @@ def test_a_protocol_is_played_and_scrubbed(desk, robot):
     desk.until("twin.app.model.state.speed === 1", "it is as fast as it was")
 
 
-def test_the_mouse_leads_the_platform(desk, robot):
+def test_the_mouse_moves_the_platform(desk, robot):
     before = desk.tool()
     start = desk.pixel(desk.to_scene(before[:3, 3]))
     wanted = before[:3, 3] + np.array([0.0, 0.0, -25 * MM])
@@ -101,7 +101,7 @@ def test_the_mouse_leads_the_platform(desk, robot):
     desk.settled()
     after = desk.tool()
     assert 15 * MM < np.linalg.norm(after[:3, 3] - before[:3, 3]) < 60 * MM
-    np.testing.assert_allclose(after[:3, :3], before[:3, :3], atol=1e-5)  # it is led, not turned
+    np.testing.assert_allclose(after[:3, :3], before[:3, :3], atol=1e-5)  # it is moved, not turned
     seen = desk.pixel(desk.to_scene(after[:3, 3]))
     np.testing.assert_allclose(seen, desk.pixel(desk.to_scene(wanted)), atol=1.5)  # it is where the mouse let go
     headset.agrees(desk, robot)
@@ -146,7 +146,7 @@ def test_what_is_wrong_is_red(desk, robot):
     desk.until("document.querySelector('[data-id=measure-rcm]').dataset.tone === 'bad'", "the alarm")
     colour = desk("getComputedStyle(document.querySelector('[data-id=measure-rcm]')).color")
     assert colour == "rgb(179, 16, 30)"
-    assert desk.id("measure-residual").get_attribute("data-tone") == "plain"  # it goes where it is led: they agree
+    assert desk.id("measure-residual").get_attribute("data-tone") == "plain"  # it goes where it is moved: they agree
 
 
 def test_every_trocar_of_a_robot_is_drawn(chromium, tmp_path):

@@ -1,4 +1,4 @@
-"""The page of a scene with a console, in Chromium: mouse, keys and a gamepad lead both instruments and the camera."""
+"""The page of a scene with a console, in Chromium: mouse, keys and a gamepad move both instruments and the camera."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def drag(page, start, way, until, button="left"):
 
 
 @pytest.mark.parametrize("side", ARMS)
-def test_the_mouse_leads_the_instrument_beside_it(page, side):
+def test_the_mouse_moves_the_instrument_beside_it(page, side):
     before, (x, y, _) = joints(page), tips(page)[side]
     drag(page, (x + 4, y + 4), (70, 0), lambda: tips(page)[side][0] > x + 15)
     assert moved(before, rest(page)) == {ARMS[side]}
@@ -63,7 +63,7 @@ def test_the_mouse_leads_the_instrument_beside_it(page, side):
     assert abs(there[1] - y) < 15, "it goes in the picture as the mouse does"
 
 
-def test_the_wheel_leads_it_deeper_and_shift_turns_it(page):
+def test_the_wheel_moves_it_deeper_and_shift_turns_it(page):
     before, (x, y, depth) = joints(page), tips(page)["left"]
     page.page.mouse.move(x, y)
 
@@ -99,7 +99,7 @@ def hold(page, keys, until):
 
 
 @pytest.mark.parametrize(("keys", "name"), [("d", "psm2"), ("l", "psm1"), ("q", "psm2"), ("u", "psm1"), ("cd", "ecm")])
-def test_keys_lead_each_hand_and_the_camera(page, keys, name):
+def test_keys_move_each_hand_and_the_camera(page, keys, name):
     before = joints(page)
     after = hold(page, keys, lambda: name in moved(before, joints(page)))
     assert moved(before, after) == {name}
@@ -132,23 +132,23 @@ def test_keys_change_the_motion_scale(page):
     page.until(f"twin.app.console.scale > {before - 0.01}", "the scale of before")
 
 
-def test_a_gamepad_leads_both_hands_pedals_and_jaws_and_rumbles_at_a_wall(page):
+def test_a_gamepad_moves_both_hands_pedals_and_jaws_and_rumbles_at_a_wall(page):
     page("window.pad.connected = true")
     page.until("twin.app.console.pad.name !== ''", "the pad is seen")
     before = joints(page)
     page("window.pad.axes = [-0.8, 0, 0.8, 0]")
-    headset.until(lambda: moved(before, joints(page)) == {"psm1", "psm2"}, "both sticks lead")
+    headset.until(lambda: moved(before, joints(page)) == {"psm1", "psm2"}, "both sticks move an arm")
     page("window.pad.axes = [0.05, 0, -0.05, 0.1]")  # at rest a stick is never quite at zero
     before = rest(page)
     page("window.pad.buttons[5] = {pressed: true, value: 1}; window.pad.axes = [0.8, 0, 0, 0]")
-    headset.until(lambda: moved(before, joints(page)) == {"ecm"}, "the bumper and a stick lead the camera")
+    headset.until(lambda: moved(before, joints(page)) == {"ecm"}, "the bumper and a stick move the camera")
     page("window.pad.buttons[4] = {pressed: true, value: 1}")
     page.until("twin.app.model.console.mode === 'nothing'", "the other bumper is the clutch")
     page("for (const k of [4, 5]) window.pad.buttons[k] = {pressed: false, value: 0}; window.pad.axes = [0, 0, 0, 0]")
     before = rest(page)
     page("window.pad.buttons[7] = {pressed: true, value: 0.8}")
     headset.until(lambda: joints(page)[0][6] > before[0][6] + 0.2, "a trigger opens the jaw")
-    # On a busy machine the sticks led an arm to one of its limits, which was felt, too.
+    # On a busy machine the sticks moved an arm to one of its limits, which was felt, too.
     page("window.pad.buttons[7] = {pressed: false, value: 0}; twin.app.console.walls = () => 0")
     page.until("twin.app.console.pad.walls === 0", "no wall")
     page("window.felt = []; twin.app.console.walls = () => 1")
@@ -172,12 +172,12 @@ def test_a_page_that_loses_the_focus_in_mid_drag_lets_go(page):
     assert "psm2" not in moved(before, rest(page))
 
 
-def test_another_page_watches_and_is_told_who_leads(page, browser, serving):
+def test_another_page_watches_and_is_told_who_controls_the_hands(page, browser, serving):
     with headset.shown(browser, serving.url, size=(700, 420)) as other:
         page.page.keyboard.down("d")
-        other.until("twin.app.model.console.owner !== null && !twin.app.model.console.silent", "somebody leads")
+        other.until("twin.app.model.console.owner !== null && !twin.app.model.console.silent", "a page has the hands")
         other("twin.app.refresh()")
-        headset.until(lambda: "controls the hands" in other.id("status").inner_text(), "who leads")
+        headset.until(lambda: "controls the hands" in other.id("status").inner_text(), "who controls the hands")
         page.page.keyboard.up("d")
 
 

@@ -80,8 +80,6 @@ def test_no_panel_covers_a_tip_or_a_button(page, size):
     page.until(f"{STATE} !== null && {STATE}.robots.raven_left.level === 'PEDAL_UP'", "the machine is at home")
     page.page.set_viewport_size({"width": size[0], "height": size[1]})
     try:
-        if size[0] < 760:
-            page.tab("Console")  # folds the controls
         page.until(f"{TIPS}.every((free) => free)", "both tips are seen")
         page.until(BUTTONS, "all buttons are free")
         page(f"(() => {{ const r = {STATE}.robots.raven_left; r.why = 'too fast '.repeat(80); }})()")

@@ -1,4 +1,4 @@
-"""The page of a console that UDP packets lead and whose motion scale comes by MQTT, in Chromium."""
+"""The page of a console that UDP packets control and whose motion scale comes by MQTT, in Chromium."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def says(page, name, said):
     headset.until(lambda: said in text(page, name), f"the page says: {said}")
 
 
-def test_the_page_says_who_leads_what_is_lost_and_what_is_wrong(page):
+def test_the_page_says_who_controls_it_what_is_lost_and_what_is_wrong(page):
     says(page, "status", "Ready")
     q = np.array(page("[...twin.app.model.robots[0].frame.q]"))
     pens = Streaming(page.port)

@@ -126,8 +126,6 @@ BOXES = """
 @pytest.mark.parametrize("size", [(1280, 800), (1000, 700)])
 def test_no_panel_covers_another(page, size):
     again(page)
-    before = page.page.viewport_size
-    page.page.set_viewport_size({"width": size[0], "height": size[1]})
 
     def apart():
         b = page(BOXES)
@@ -140,10 +138,8 @@ def test_no_panel_covers_another(page, size):
             and b[".heading"]["right"] <= side
         )
 
-    try:
+    with page.sized(*size):
         headset.until(apart, f"the panels stand apart at {size}", 20)
-    finally:
-        page.page.set_viewport_size(before)
 
 
 GALLBLADDER = """
@@ -161,8 +157,6 @@ GALLBLADDER = """
 @pytest.mark.parametrize("size", [(1280, 800), (390, 844)])
 def test_the_board_hides_neither_the_gallbladder_nor_the_tools(page, player, size):
     again(page)
-    before = page.page.viewport_size
-    page.page.set_viewport_size({"width": size[0], "height": size[1]})
 
     def free():
         b = page(BOXES)
@@ -172,10 +166,8 @@ def test_the_board_hides_neither_the_gallbladder_nor_the_tools(page, player, siz
         beside = x > board["right"] and y < tools["top"] and tools["left"] >= inset["right"]
         return tools["width"] > 300 and (across or beside)
 
-    try:
+    with page.sized(*size):
         headset.until(free, f"the panels stand apart at {size}", 20)
-    finally:
-        page.page.set_viewport_size(before)
 
 
 @pytest.mark.long

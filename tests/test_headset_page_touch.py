@@ -69,7 +69,7 @@ def fingers(page):
 
 
 @pytest.mark.parametrize("side", ARMS)
-def test_a_finger_leads_the_nearest_instrument(page, fingers, side):
+def test_a_finger_moves_the_nearest_instrument(page, fingers, side):
     before, (x, y, _) = joints(page), tips(page)[side]
     fingers.drag([(x, y)], [(x + 40, y)], lambda: tips(page)[side][0] > x + 12)
     assert moved(before, rest(page)) == {ARMS[side]}
@@ -100,7 +100,7 @@ def test_fingers_that_leave_the_picture_fast_move_the_camera_only(page, fingers)
     assert moved(before, rest(page)) <= {"ecm"}
 
 
-def test_a_finger_left_of_two_leads_nothing(page, fingers):
+def test_a_finger_left_of_two_moves_nothing(page, fingers):
     x, y, _ = tips(page)["right"]
     page("addEventListener('pointerdown', (e) => (window.second = e.pointerId), {capture: true})")
     fingers.touch((x, y))

@@ -21,7 +21,7 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 
 import twin
 from made.streaming import PAGE, Peer, Planned, http, joined, serving
-from twin.cli import serve as command_line
+from twin.cli.serving import _tls
 from twin.core.errors import TwinError
 from twin.core.units import MM
 from twin.ui.door import connection as connections
@@ -210,8 +210,8 @@ def test_tls_streams_and_its_cookie_is_secure(sils, planned, tmp_path):
     subprocess.run(command, check=True, capture_output=True)
     for cert, key in ((None, "k"), (str(tmp_path / "none"), None), (str(tmp_path / "cert.pem"), None)):
         with pytest.raises(TwinError, match=r"--cert|--key"):
-            command_line._tls(cert, key)
-    context = command_line._tls(str(tmp_path / "cert.pem"), str(tmp_path / "key.pem"))
+            _tls(cert, key)
+    context = _tls(str(tmp_path / "cert.pem"), str(tmp_path / "key.pem"))
     trust = ssl.create_default_context(cafile=str(tmp_path / "cert.pem"))
 
     async def go():

@@ -13,6 +13,7 @@ import pytest
 from made import headset_page as headset
 from twin.ui.door.answers import POLICY
 from twin.ui.headset.files import page_files
+from witness import environments
 
 ROOT = Path(__file__).parents[1]
 WEB = ROOT / "twin/ui/headset/web"
@@ -72,7 +73,7 @@ def test_sources_are_pinned():
 @pytest.mark.slow
 def test_a_rebuild_is_what_is_shipped(tmp_path):
     """The sources pass the type checker, and make the same bytes with the packages of the lock file."""
-    packages, node = headset.npm_environment("web"), headset.witness_environments().node()
+    packages, node = headset.npm_environment("web"), environments.node()
     for item in ("src", "build.mjs", "tsconfig.json", "package.json"):
         source = WEB / item
         (shutil.copytree if source.is_dir() else shutil.copy)(source, tmp_path / item)

@@ -55,8 +55,8 @@ def look_at(page, target):
     page.pictures(3)
 
 
-def led(page, robot, kind, wanted, reachable=True):
-    """Take the tool by hand or controller, lead it by a step (3,) of the robot's world, and check what follows."""
+def guided(page, robot, kind, wanted, reachable=True):
+    """Take the tool by hand or controller, move it by a step (3,) of the robot's world, and check what follows."""
     before = page.tool()
     handle = page.to_scene(before[:3, 3])
     start = EYES + np.array([0.25, -0.3, -0.2])
@@ -72,14 +72,14 @@ def led(page, robot, kind, wanted, reachable=True):
         page.pictures(2)
     there = before[:3, 3] + wanted
     if reachable:
-        headset.until(lambda: np.linalg.norm(page.tool()[:3, 3] - there) < 1 * MM, "the tool is where it is led")
+        headset.until(lambda: np.linalg.norm(page.tool()[:3, 3] - there) < 1 * MM, "the tool is where it was moved")
     else:
         page.until(
             "twin.app.model.refused && twin.app.model.status().text.startsWith('Target not reached: ')", "the refusal"
         )
         assert page("twin.app.grab.ghostHand.visible && twin.app.grab.label.sprite.visible")
         np.testing.assert_allclose(page("twin.app.grab.ghostHand.position.toArray()"), there, atol=2 * MM)
-    np.testing.assert_allclose(page.tool()[:3, :3], before[:3, :3], atol=1e-5)  # led, not turned
+    np.testing.assert_allclose(page.tool()[:3, :3], before[:3, :3], atol=1e-5)  # moved, not turned
     page.select(False, kind=kind)
     page.until("twin.app.grab.held === null", "it is let go")
     headset.agrees(page, robot)  # the server has closed the loops
@@ -126,10 +126,10 @@ def test_ar_on_a_quest_places_plays_and_is_led(chromium, server, emulator, robot
         assert total >= 50
         assert right >= 0.95 * total, missed
 
-        led(page, robot, "controllers", np.array([15, 10, -20]) * MM)
+        guided(page, robot, "controllers", np.array([15, 10, -20]) * MM)
 
         # Led out of reach: said, shown where the hand is, and the last good pose stays.
-        led(page, robot, "controllers", np.array([0, 0, 300]) * MM, reachable=False)
+        guided(page, robot, "controllers", np.array([0, 0, 300]) * MM, reachable=False)
 
         # Half as large, by the two grips: it is the picture that shrinks, not the robot.
         scale = page("twin.app.place.scale")
@@ -173,7 +173,7 @@ def test_ar_on_additive_glasses_with_hands_only(chromium, server, emulator, robo
         colors = page("twin.app.robot.targets().map(m => m.material.color.getHSL({h: 0, s: 0, l: 0}).l)")
         assert min(colors) > 0.2
         page.draws(False)
-        led(page, robot, "hands", np.array([-15, 10, -20]) * MM)
+        guided(page, robot, "hands", np.array([-15, 10, -20]) * MM)
         page.press("tab-scene", kind="hands")
         page.pictures(8)
         page.press("look", kind="hands")

@@ -72,7 +72,7 @@ class Tracked:
             self.page(f"device.hands.{side}.updatePinchValue({1 - open})")
 
     def take(self, *sides):
-        """Shut the gripper, by which a hand begins to lead; open it again."""
+        """Shut the gripper, by which a hand begins to move its tool; open it again."""
         for side in sides:
             self.grip(side, 0.0)
         self.page.until(f"twin.app.console.hands.leading.size >= {len(sides)}", "the hands move")
@@ -100,11 +100,11 @@ def hands(opened, request):
     let_go(opened)
 
 
-def test_hands_lead_arms_jaws_pedals_and_camera(hands):
+def test_hands_move_arms_jaws_pedals_and_camera(hands):
     page = hands.page
     before = rest(page)
     hands.move([0.03, 0, 0], *ARMS)
-    assert moved(before, rest(page)) == set(), "hands that have not shut a gripper lead nothing"
+    assert moved(before, rest(page)) == set(), "hands that have not closed a gripper move nothing"
 
     hands.take(*ARMS)
     assert moved(before, rest(page)) == set(), "taking an instrument does not move it"
@@ -160,14 +160,14 @@ def test_a_hand_that_is_lost_lets_nothing_move(hands):
     page.until("!twin.app.model.console.silent && twin.app.model.console.hands.right.follows", "the hands are back")
     assert moved(before, rest(page)) == set(), "nothing jumps to where a hand is now"
 
-    def leads():
+    def moves():
         hands.move([0, 0.01, 0], "right")
         return moved(before, joints(page)) == {"psm1"}
 
-    headset.until(leads, "the right hand moves again")
+    headset.until(moves, "the right hand moves again")
 
 
-def test_a_hand_that_points_at_the_panel_leads_nothing(hands):
+def test_a_hand_that_points_at_the_panel_moves_nothing(hands):
     page = hands.page
     hands.take("right")
     hands.grip("right", 1.0)

@@ -30,8 +30,8 @@ def opened(tmp_path_factory):
     server.stop()
 
 
-def lead(hands, side, goal, near=1.5 * MM):
-    """Move a hand until the tip that it leads rests at a place (3,) in the World in m, as a person who looks."""
+def guide(hands, side, goal, near=1.5 * MM):
+    """Move a hand until the tip that it moves rests at a place (3,) in the World in m, as a person who looks."""
     page = hands.page
     for _ in range(30):
         off = np.array(page(f"player.off('{side}', {np.asarray(goal).tolist()}).toArray()"))
@@ -51,13 +51,13 @@ def grasp_and_lift(hands):
     hands.take("left")
     hands.grip("left", 1.0)
     page.until("twin.app.model.console.hands.left.open", "the jaws are open")
-    lead(hands, "left", seen.fundus("cystic_duct") + np.array([0, 0, 12 * MM]), 3 * MM)
-    lead(hands, "left", seen.fundus("cystic_duct"))
+    guide(hands, "left", seen.fundus("cystic_duct") + np.array([0, 0, 12 * MM]), 3 * MM)
+    guide(hands, "left", seen.fundus("cystic_duct"))
     at = seen.tip("left")
     hands.grip("left", 0.0)
     page.until("twin.app.model.console.task.events.some(e => e[2].includes('holds the'))", "it is held", 20)
     assert np.linalg.norm(seen.tip("left") - at) < 0.3 * MM, "fingers that close the jaws do not move the instrument"
-    lead(hands, "left", seen.tip("left") + np.array([-0.010, -0.006, 0.022]))
+    guide(hands, "left", seen.tip("left") + np.array([-0.010, -0.006, 0.022]))
     page.until("twin.app.model.console.task.stages[0][1] === 'done'", "exposed")
     assert np.linalg.norm(seen.vertices("gallbladder") - before, axis=1).max() > 8 * MM
     return seen

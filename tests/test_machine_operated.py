@@ -37,7 +37,7 @@ def operated(scene):
 @pytest.mark.alone  # three processes in real time: other work changes the waits between packets
 @pytest.mark.parametrize("name", ["raven_left", "raven_right"])
 def test_a_rehearsed_motion_is_replayed_on_the_machine_and_refused_elsewhere(operated, name):
-    """Both arms are machine processes, which the two hands of one console lead."""
+    """Both arms are machine processes, which the two hands of one console move."""
     machine = {m.robot: m for m in operated.training}[name]
     done = {Phase.REHEARSE, Phase.JUDGED, Phase.REPLAY, Phase.STOPPED}
     steps = {s.phase: s for s in machine.steps if s.phase in done}

@@ -73,6 +73,43 @@ def test_a_bound_is_never_on_the_wrong_side_of_the_exact_distance(first, second)
     refused, reached = bounds.at(poses, row, 0 * row, np.full(len(Ts), 0.02), np.full(len(Ts), 0.01))
     assert np.all(true[reached < 0.01] < 0.01)
     assert np.all(refused <= true + 1e-9)
+    swapped = Bounds([b.triangles, a.triangles], np.array([[0, 1]])).at(
+        poses[:, ::-1], row, 0 * row, np.full(len(Ts), 0.02)
+    )
+    np.testing.assert_array_equal(swapped, (low, high))
+
+
+def test_the_shape_with_the_grid_is_the_one_that_gives_the_closer_bounds():
+    """A long thin rod has smaller balls than a plate, and hardly a finer grid."""
+    plate, rod = (Shape(n, n, [SHAPES[n]()]).triangles for n in ("plate", "rod"))
+    rng = np.random.default_rng(0)
+    Ts = np.array(
+        [spatial.pose(spatial.exp_so3(rng.normal(size=3) * 2), rng.uniform(-0.1, 0.1, 3)) for _ in range(100)]
+    )
+    poses, row = np.stack([np.broadcast_to(np.eye(4), Ts.shape), Ts], axis=1), np.arange(len(Ts))
+    wide = {}
+    for order in ([0, 1], [1, 0]):
+        bounds = Bounds([plate, rod], np.array([order]))
+        chosen = bounds._pairs.tolist() == [order]
+        bounds._pairs = np.array([order])
+        low, high = bounds.at(poses, row, 0 * row, np.full(len(Ts), np.inf))
+        wide[chosen] = float(np.mean(high - low))
+    assert wide[True] < wide[False]
+
+
+def test_nearer_agrees_with_the_exact_distance_at_every_margin():
+    pairs, rng = Pairs(ReferenceModel(arm(4)), [post(0.3, 0.1)], 5 * MM), np.random.default_rng(3)
+    seen = 0
+    for poses in pairs.poses(rng.uniform(-2.5, 2.5, (60, 4))):
+        for row, (a, b) in enumerate(pairs.rows):
+            true = exact(pairs.shapes[a], pairs.shapes[b], poses[a], poses[b])
+            assert pairs.nearer(row, poses, true + 1e-4)
+            assert pairs.distance(row, poses) == true
+            assert pairs.distance(row, poses, 20 * MM) == min(true, 20 * MM)
+            for margin in (1e-6, 1 * MM, 20 * MM, true - 1e-4):
+                assert pairs.nearer(row, poses, margin) == (true < margin)
+            seen += true == 0
+    assert seen > 5, "some of the bodies must collide"
 
 
 def test_a_damaged_cache_is_made_again(tmp_path, monkeypatch):

@@ -45,7 +45,7 @@ def test_jaws_that_begin_open_wait_until_the_gripper_was_opened():
     assert jaws((0, 1), (0, 1), (OPEN, 1), (0, 1), (OPEN, 1)) == [(1, 0), (1, 0), (1, 1), (0, 0), (1, 1)]
 
 
-def test_jaws_stay_as_they_are_while_the_hand_does_not_lead_and_until_the_gripper_is_as_they_are():
+def test_jaws_stay_as_they_are_while_the_hand_moves_no_tool_and_until_the_gripper_is_as_they_are():
     found = jaws((OPEN, 1), (0, 1), (OPEN, 0), (OPEN, 1), (0, 1), (OPEN, 1), (OPEN, 0), (0, 0), (0, 1))
     assert [o for o, _ in found] == [1, 0, 0, 0, 0, 1, 1, 1, 1]
     assert [p for _, p in found] == [1, 0, 0, 0, 0, 1, 0, 0, 0], "no energy without a hand"
@@ -134,7 +134,7 @@ def test_page_is_led_through_the_five_stages(vsrs):
     [
         ({"cystic_duct__cut": 1}, {2, 3}, "0 clips closed the cystic_duct before it was cut"),
         ({"clip_1__on": 0, "clip_1__cover": 1}, {0, 1}, "was 0.0 mm above its place when the first clip"),
-        ({"clip_1__on": 1, "clip_1__cover": 1}, {0, 1, 6}, "a clip shuts the common_duct"),
+        ({"clip_1__on": 1, "clip_1__cover": 1}, {0, 1, 6}, "a clip closes the common_duct"),
         ({"liver__depth": 0.009}, {5}, "deepest tip 9.0 mm below"),
         ({"hepatic_artery__cut": 1}, {6}, "cuts of the hepatic_artery"),
     ],

@@ -27,7 +27,8 @@ from twin.model.scene import load_scene
 from twin.model.task import Target, Task
 from twin.reference import ReferenceModel
 from twin.simulation.devices.given import HandState
-from twin.simulation.devices.surgeon import Eye, Habits, ScriptedSurgeon
+from twin.simulation.devices.surgeon import ScriptedSurgeon
+from twin.simulation.devices.surgeon_hands import Eye, Habits, Seat
 from twin.simulation.session import file as session_file
 from twin.simulation.session import run
 from twin.simulation.session.file import CHUNK, SessionWriter, read_session
@@ -96,7 +97,8 @@ class Room:
         self.T = spatial.pose(None, (0, 0, 0.08))
         eyes = {hand: Eye(hand, Free(), np.eye(4), np.eye(4)) for hand in self.q}
         named = [(f"t{i}", {h: np.array(p) * MM for h, p in t.items()}) for i, t in enumerate(targets)]
-        self.surgeon = ScriptedSurgeon("pedals", eyes, "ecm", 70 * DEG, named, 1 * MM, 0.1, 0.5, STEP, seed, habits)
+        seat = Seat("pedals", eyes, "ecm", 70 * DEG, 0.5, STEP, seed)
+        self.surgeon = ScriptedSurgeon(seat, named, 1 * MM, 0.1, habits)
         self.log = []
 
     def run(self, stuck=False):
@@ -398,7 +400,7 @@ def test_a_session_of_a_world_with_other_signals_is_refused(recorded, near, memb
 # -- a person's hands -----------------------------------------------------------------------------------------------
 
 
-def lead(operation, seconds, begin=0):
+def guide(operation, seconds, begin=0):
     """Both hands show that somebody is there, then move for some seconds; the clutch is pressed once."""
     for k in range(begin, begin + round(seconds * RATE)):
         s = k / RATE
@@ -416,7 +418,7 @@ def person(davinci, robots, tmp_path_factory):
         patch.setattr("twin.ui.session.console._BUDGET", np.inf)
         operation = Operation(davinci, robots, path, props=props_of(davinci))
         operation.frame(0, 0.0)
-        lead(operation, 1.1)
+        guide(operation, 1.1)
         operation.close()
         operation.close()  # the server and the command both close it
     return path
@@ -443,7 +445,7 @@ def test_what_is_served_is_written_as_it_runs(davinci, robots, tmp_path, monkeyp
     path = tmp_path / "hands.session"
     operation = Operation(davinci, robots, path)
     operation.frame(0, 0.0)
-    lead(operation, 0.3)
+    guide(operation, 0.3)
     found = read_session(tmp_path / "hands.session.part")  # the server is still running
     assert len(found.device) == 200
 
@@ -452,7 +454,7 @@ def test_what_is_served_is_written_as_it_runs(davinci, robots, tmp_path, monkeyp
 
     monkeypatch.setattr(SessionWriter, "_put", full)
     with caplog.at_level(logging.ERROR):
-        lead(operation, 0.3, begin=18)
+        guide(operation, 0.3, begin=18)
         operation.close()
     assert "the session is no longer recorded: cannot write to hands.session.part" in caplog.text
     assert operation.world.tick > 500, "the World goes on"
@@ -464,7 +466,7 @@ def test_a_session_ends_at_its_maximum(tmp_path, davinci, robots, monkeypatch, c
     monkeypatch.setattr(session_file, "LONGEST", 0.1)
     operation = Operation(davinci, robots, tmp_path / "a.session")
     operation.frame(0, 0.0)
-    lead(operation, 0.3)
+    guide(operation, 0.3)
     operation.close()
     assert "the maximum" in caplog.text
     assert 100 <= len(read_session(tmp_path / "a.session").device) < 150
@@ -478,7 +480,7 @@ def exported(replayed, performed, recorded, tmp_path_factory):
     """What `twin session --out` writes; here with the file of the surgeon, as `twin operate` does."""
     folder = tmp_path_factory.mktemp("exported") / "out"
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("twin.cli.session.replay_session", lambda *args: replace(replayed, recorded=performed.recorded))
+        patch.setattr("twin.api.session.replay_session", lambda *args: replace(replayed, recorded=performed.recorded))
         assert main(["session", str(recorded), "--out", str(folder), "--quiet"]) == 0
     return folder
 

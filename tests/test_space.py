@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import twin
+from made import protocols
 from made.arm import CLEARANCE, DENSE, arm, clearances, post, space_of
 from made.mechanisms import box, four_bar
 from twin.core import spatial
@@ -332,63 +333,15 @@ def test_a_rounded_way_is_smooth_keeps_its_ends_and_comes_near_its_corners(seed)
 
 # -- in a protocol ---------------------------------------------------------------------------------------------------
 
-PROTOCOL = """name = "over"
-title = "Over an obstacle"
-source = "made for a test"
-robot = "{robot}"
-frame = "{frame}"
-shaft_axis = {shaft}
-rotation = "zyx"
-start = "a"
-no_patient = "made for a test"
-
-[tolerances]
-rcm_mm = 0.1
-rcm_alarm_mm = 1
-straightness_mm = 0.05
-waypoint_mm = 0.01
-waypoint_deg = 0.01
-provenance = "ASSUMED"
-note = "made for a test"
-
-[limits.free]
-tip_speed_mm_s = 300
-tip_acceleration_mm_s2 = 900
-rotation_speed_deg_s = 90
-rotation_acceleration_deg_s2 = 300
-provenance = "ASSUMED"
-note = "made for a test"
-
-[waypoints.a]
-position_mm = {a}
-angles_deg = {angles}
-provenance = "ASSUMED"
-note = "made for a test"
-
-[waypoints.b]
-position_mm = {b}
-angles_deg = {angles}
-provenance = "ASSUMED"
-note = "made for a test"
-
-[[phases]]
-name = "across"
-type = "free"
-to = "b"
-{more}
-"""
-
 PLACES = {
     "pa10": {
         "frame": "instrument_tip",
-        "shaft": [0, 0, 1],
         "a": [310, 480, 160],
         "b": [-310, 480, 160],
         "angles": [0, 180, 0],
     },
     "sils": {
         "frame": "endoscope_tip",
-        "shaft": [0, 0, 1],
         "a": [478, 320, 10],
         "b": [528, 318, 15],
         "angles": [0, 0, 0],
@@ -401,8 +354,13 @@ POSTS = {"pa10": 20 * MM, "sils": 4 * MM}
 
 
 def written(folder, robot, more=""):
-    path = folder / "over.toml"
-    path.write_text(PROTOCOL.format(robot=robot, more=more, **PLACES[robot]), encoding="utf-8")
+    place, path = PLACES[robot], folder / "over.toml"
+    head = {"name": "over", "title": "Over an obstacle", "robot": robot, "frame": place["frame"], "start": "a"}
+    waypoints = [protocols.waypoint(k, place["angles"], position_mm=place[k]) for k in "ab"]
+    parts = [*waypoints, protocols.phase(name="across", type="free", to="b"), more]
+    limits = {"free": (300, 900, 90, 300)}
+    text = protocols.text(head | {"no_patient": "made for a test"}, "", limits, parts)
+    path.write_text(text, encoding="utf-8")
     return path
 
 

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 import twin
+from made import protocols
 from made.arm import CLEARANCE, LINK, SIZE, arm, space_of
 from made.mechanisms import four_bar
 from twin import api
@@ -143,50 +144,6 @@ def test_joined_arms_have_the_poses_of_the_single_ones():
             np.testing.assert_allclose(links[f"{name}_{body}"], T_world_base @ T_base_body, atol=1e-9)
 
 
-PROTOCOL = """name = "over"
-title = "Two arms"
-source = "made for a test"
-robot = "arm"
-frame = "{frame}"
-shaft_axis = [1, 0, 0]
-rotation = "zyx"
-start = "a"
-no_patient = "made for a test"
-
-[tolerances]
-rcm_mm = 0.1
-rcm_alarm_mm = 1
-straightness_mm = 0.05
-waypoint_mm = 0.01
-waypoint_deg = 0.01
-provenance = "ASSUMED"
-note = "made for a test"
-
-[limits.free]
-tip_speed_mm_s = 300
-tip_acceleration_mm_s2 = 900
-rotation_speed_deg_s = 90
-rotation_acceleration_deg_s2 = 300
-{limits}
-provenance = "ASSUMED"
-note = "made for a test"
-"""
-WAYPOINT = """
-[waypoints.w{k}]
-label = "w{k}"
-joints = {{ q0_deg = {q[0]}, q1_deg = {q[1]}, q2_deg = {q[2]} }}
-provenance = "ASSUMED"
-note = "test"
-"""
-PHASE = """
-[[phases]]
-type = "free"
-name = "to_w{k}"
-to = "w{k}"
-clearance_mm = 5
-"""
-
-
 class Robot:
     """A planar arm as `twin.load` returns robots; `bound` returns it with another mechanism, if there is one."""
 
@@ -204,9 +161,15 @@ class Robot:
 
 def protocol_of(tmp_path, *waypoints, frame="tool", limits=""):
     """Return a protocol with free phases between waypoints (3,) in rad."""
-    text = PROTOCOL.format(frame=frame, limits=limits).replace('start = "a"', 'start = "w0"')
-    text += "".join(WAYPOINT.format(k=k, q=np.round(np.rad2deg(q), 9)) for k, q in enumerate(waypoints))
-    text += "".join(PHASE.format(k=k) for k in range(1, len(waypoints)))
+    head = {"name": "over", "title": "Two arms", "robot": "arm", "frame": frame, "shaft_axis": [1, 0, 0], "start": "w0"}
+    parts = []
+    for k, q in enumerate(waypoints):
+        values = ", ".join(f"q{i}_deg = {v}" for i, v in enumerate(np.round(np.rad2deg(q), 9)))
+        parts.append(protocols.waypoint(f"w{k}", label=f"w{k}", joints=f"{{ {values} }}"))
+        parts.append(protocols.phase(type="free", name=f"to_w{k}", to=f"w{k}", clearance_mm=5) if k else "")
+    most = {"free": (300, 900, 90, 300)}
+    text = protocols.text(head | {"no_patient": "made for a test"}, "", most, parts)
+    text = text.replace("rotation_acceleration_deg_s2 = 300\n", f"rotation_acceleration_deg_s2 = 300\n{limits}\n")
     file = tmp_path / "over.toml"
     file.write_text(text, encoding="utf-8")
     return load_protocol(file)

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 import twin
 from twin.api.machine import machine, machine_parts
-from twin.cli.machine import running
+from twin.cli.machines import running
 from twin.core import spatial
 from twin.core.errors import DescriptionError, DeviceError, TwinError
 from twin.model.scene import load_scene
@@ -146,7 +146,7 @@ def test_both_get_the_same_packets_and_the_model_begins_where_the_machine_is(des
     assert desk.step()[4][9] == 0
 
 
-def test_a_plan_leads_both_without_a_hand(desk):
+def test_a_plan_moves_both_without_a_hand(desk):
     desk.set("arm.follows", 0.0)
     assert np.array_equal(desk.step()[3], STILL)
     desk.set("arm.planned", RUN, 0)

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import importlib.util
 import json
 import re
-import sys
 from collections import Counter
 from pathlib import Path
 
@@ -18,19 +16,11 @@ from twin.core.spatial import matrix_from_quat_wxyz
 from twin.exchange.write import unity
 from twin.exchange.write.unity import PACKAGE, package_files, write_unity
 from twin.schema.track import Track
+from unity import make_golden
+from unity import make_metas as metas
 
 ROOT = Path(__file__).parents[1]
 
-
-def _load(name: str):
-    spec = importlib.util.spec_from_file_location(f"unity_{name}", ROOT / f"tests/unity/{name}.py")
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module
-    spec.loader.exec_module(module)
-    return module
-
-
-metas, make_golden = _load("make_metas"), _load("make_golden")
 
 MANIFEST = json.loads((PACKAGE / "package.json").read_text(encoding="utf-8"))
 CODE = sorted(PACKAGE.rglob("*.cs"))

@@ -192,10 +192,10 @@ def test_one_fault_has_one_number_everywhere(printed):
 
 
 def test_what_to_do_is_the_last_line_on_the_terminal_and_on_the_first_screen_of_the_page(printed, capsys):
-    from twin.cli.commands import _finish
+    from twin.cli import reports
     from twin.ui.report import render_html
 
-    assert _finish([(printed, Path("here"))], SimpleNamespace(json=False)) == 1
+    assert reports.finish([(printed, Path("here"))], SimpleNamespace(json=False)) == 1
     said = capsys.readouterr().out
     assert "DISAGREE: equations (A) and CAD (B) differ" in said
     assert said.rstrip().splitlines()[-1].strip() == f"what to do: {printed.what_to_do}"

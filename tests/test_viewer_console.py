@@ -1,4 +1,4 @@
-"""The live console in the viewer: arrows, sliders and pedals lead the World of the scene as any other device does."""
+"""The live console in the viewer: arrows, sliders and pedals move the World of the scene as any other device does."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ class Desk:
     def q(self):
         return {n: self.live.world.signals[f"{n}.q"].copy() for n in ("psm1", "psm2", "ecm")}
 
-    def lead(self, hand, way=(0, 0, 0), turn=(0, 0, 0), client="page 1"):
+    def move(self, hand, way=(0, 0, 0), turn=(0, 0, 0), client="page 1"):
         """Drag the arrows of a hand by a way in m and a turn in rad, in the World."""
         T = self.live.tool(hand)
         to = spatial.pose(spatial.exp_so3(np.array(turn)) @ T[:3, :3], T[:3, 3] + way)
@@ -88,19 +88,19 @@ def moved(before, after):
 @pytest.mark.parametrize("hand", ARMS)
 def test_a_tool_goes_where_its_arrows_are_dragged_and_nothing_else_moves(desk, hand):
     before = desk.q()
-    to = desk.lead(hand, (0.006, -0.004, 0.008), (0.1, -0.05, 0.2))
+    to = desk.move(hand, (0.006, -0.004, 0.008), (0.1, -0.05, 0.2))
     desk.rest()
     np.testing.assert_allclose(desk.live.tool(hand), to, atol=1e-9)
     assert moved(before, desk.q()) == {ARMS[hand]}
     desk.live.rescale("page 1", 0.1)
     desk.wait(FRAME)
-    to = desk.lead(hand, (-0.006, 0.004, -0.008))
+    to = desk.move(hand, (-0.006, 0.004, -0.008))
     desk.rest()
     np.testing.assert_allclose(desk.live.tool(hand), to, atol=1e-9)
 
 
 def test_a_far_drag_is_no_jump_and_as_fast_as_the_tool_may_be(desk):
-    to = desk.lead("right", (0.0, 0.0, 0.03))
+    to = desk.move("right", (0.0, 0.0, 0.03))
     at = [desk.live.tool("right")[:3, 3]]
     for _ in range(60):
         desk.wait(FRAME)
@@ -114,7 +114,7 @@ def test_a_far_drag_is_no_jump_and_as_fast_as_the_tool_may_be(desk):
 def test_what_is_beyond_a_limit_is_told_and_nothing_is_left_to_go_back(desk, caplog):
     before = desk.q()
     with caplog.at_level(logging.WARNING):
-        desk.lead("right", 0.1 * desk.live.view[:3, 2])  # out of the patient
+        desk.move("right", 0.1 * desk.live.view[:3, 2])  # out of the patient
         desk.rest()
     wall = desk.live.reading["hands"]["right"]["wall"]
     assert "is at its limit" in wall
@@ -127,7 +127,7 @@ def test_what_is_beyond_a_limit_is_told_and_nothing_is_left_to_go_back(desk, cap
     desk.rest()
     assert np.abs(desk.q()["psm1"] - at["psm1"]).max() < 1e-4
     assert desk.live.reading["hands"]["right"]["wall"] is None
-    to = desk.lead("right", -0.01 * desk.live.view[:3, 2])
+    to = desk.move("right", -0.01 * desk.live.view[:3, 2])
     desk.rest()
     np.testing.assert_allclose(desk.live.tool("right")[:3, 3], to[:3, 3], atol=1e-6)
 
@@ -145,18 +145,18 @@ def test_a_jaw_opens_by_parts_of_its_range(desk):
 
 
 def test_under_the_clutch_arrows_move_freely_and_the_instruments_stand(desk):
-    desk.lead("right", (0.002, 0, 0))
+    desk.move("right", (0.002, 0, 0))
     desk.rest()
     before = desk.q()
     desk.pens.press("page 1", clutch=True)
     desk.wait(0.1)
     assert status(desk.live.reading) == ("good", "Clutch: only the arrows move; the instruments are at rest.")
-    desk.lead("right", (0.02, 0, 0))
+    desk.move("right", (0.02, 0, 0))
     desk.wait(0.5)
     desk.pens.press("page 1", clutch=False)
     desk.rest()
     assert moved(before, desk.q()) == set()
-    to = desk.lead("right", (0.0, 0.003, 0))
+    to = desk.move("right", (0.0, 0.003, 0))
     desk.rest()
     np.testing.assert_allclose(desk.live.tool("right"), to, atol=1e-6)
 
@@ -168,13 +168,13 @@ def test_with_the_camera_pedal_the_scene_goes_with_the_arrows(desk):
     R, lever = T[:3, :3], Drag().lever
     seen = np.linalg.solve(T, [*(T[:3, 3] - lever * T[:3, 2]), 1.0])  # a point of the scene, before the lens
     p = T @ seen
-    desk.lead("left", R @ (0.004, 0.003, 0.0))
+    desk.move("left", R @ (0.004, 0.003, 0.0))
     desk.rest()
     assert moved(before, desk.q()) == {"ecm"}
     shown = np.linalg.solve(desk.live.view, p)[:3] - seen[:3]
     np.testing.assert_allclose(shown, (0.004, 0.003, 0.0), atol=0.6 * MM)
     roll = desk.live.camera_at[3]
-    desk.lead("left", turn=0.2 * desk.live.view[:3, 2])
+    desk.move("left", turn=0.2 * desk.live.view[:3, 2])
     desk.rest()
     assert desk.live.camera_at[3] == pytest.approx(roll - 0.2, abs=1e-6)
 
@@ -207,12 +207,12 @@ def test_where_the_hands_go_is_the_inverse_of_the_cameras_law():
 
 
 def test_hands_are_let_go_after_a_while_and_taken_by_one_page_at_a_time(desk):
-    desk.lead("right", (0.002, 0, 0))
+    desk.move("right", (0.002, 0, 0))
     desk.wait(0.3)
     assert desk.live.owner == "page 1"
     assert status(desk.live.reading) == ("good", "page 1 controls psm1.")
     with pytest.raises(HeldError, match="page 1 controls the hands"):
-        desk.lead("left", (0.002, 0, 0), client="page 2")
+        desk.move("left", (0.002, 0, 0), client="page 2")
     desk.pens.press("page 1", clutch=True)
     desk.wait(IDLE + 0.5)
     assert desk.live.owner == "page 1", "a pedal is held"
@@ -221,14 +221,14 @@ def test_hands_are_let_go_after_a_while_and_taken_by_one_page_at_a_time(desk):
     assert desk.live.owner is None
     assert status(desk.live.reading) == ("plain", "No client controls the hands: nothing moves.")
     before = desk.q()
-    to = desk.lead("left", (0.002, 0, 0), client="page 2")
+    to = desk.move("left", (0.002, 0, 0), client="page 2")
     desk.rest()
     np.testing.assert_allclose(desk.live.tool("left"), to, atol=1e-9)
     assert moved(before, desk.q()) == {"psm2"}
 
 
 def test_another_device_that_has_the_hands_is_left_alone(desk):
-    desk.lead("right", (0.002, 0, 0))
+    desk.move("right", (0.002, 0, 0))
     desk.wait(0.3)
     desk.pens.say(FRAME)
     desk.live.release("page 1")
@@ -240,7 +240,7 @@ def test_another_device_that_has_the_hands_is_left_alone(desk):
 
 
 def test_silence_and_a_world_that_fails_are_told(desk, monkeypatch):
-    desk.lead("right", (0.002, 0, 0))
+    desk.move("right", (0.002, 0, 0))
     desk.wait(0.3)
     for _ in range(30):
         desk.live.advance(FRAME)
@@ -330,7 +330,7 @@ def test_views_look_at_the_tools_and_through_the_endoscope(front):
     assert up @ along == pytest.approx(0, abs=1e-12)
 
 
-def test_arrows_lead_a_tool_and_come_back_to_it(front):
+def test_arrows_move_a_tool_and_come_back_to_it(front):
     drag(front, "right", (0.001, 0.0, 0.0), ended=False)
     T = drag(front, "right", (0.004, 0.002, 0.0), ended=False)
     go_on(front, lambda: np.allclose(front.console.tool("right"), T, atol=1e-8))
@@ -428,7 +428,7 @@ def test_the_mouse_drags_an_instrument_by_its_arrows(look):
     T, ecm = front.console.tool("right"), front.console.world.signals["ecm.q"]
     p, middle, other = T[:3, 3], np.array(look.at(T[:3, 3])), np.array(look.at(front.console.tool("left")[:3, 3]))
     ways = np.array([look.at(p + 1 * MM * axis) for axis in T[:3, :3].T]) - middle
-    k = int(np.argmin(ways @ (other - middle)))  # the arrow that leads away from the other hand
+    k = int(np.argmin(ways @ (other - middle)))  # the arrow that points away from the other hand
     axis, along = T[:3, k], ways[k] / np.linalg.norm(ways[k])
     start = middle + 0.6 * ARROWS * along
     look.drag(start, start + 40 * along)

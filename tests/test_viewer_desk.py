@@ -123,7 +123,7 @@ def test_any_point_of_a_link_can_be_led_and_the_loops_follow(any_desk):
     assert desk.assembly.worst_gap < 1e-9
 
 
-def test_a_passive_link_leads_its_loop(sils):
+def test_a_passive_link_moves_its_loop(sils):
     body, p = "strut1", np.zeros(3)
     before = sils.assembly.link_poses[body][:3, 3].copy()
     vertices = next(m.vertices for m in sils.mechanism.body(body).meshes)

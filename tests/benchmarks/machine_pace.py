@@ -4,7 +4,7 @@
     python tests/benchmarks/machine_pace.py --both [--priority]
 
 --priority gives the machines real-time priority (chrt -f 1), which needs the right to do so. --both: two machines
-that `twin operate raven` leads with both hands; the figures are those from its start to its end.
+that `twin operate raven` controls with both hands; the figures are those from its start to its end.
 """
 
 from __future__ import annotations

@@ -50,7 +50,7 @@ async def listen(port: int, seconds: float, play: bool, drag: bool) -> list[tupl
         if play:
             await ws.send('{"type":"play","on":true}')
         if drag:
-            hand = asyncio.ensure_future(lead(ws))
+            hand = asyncio.ensure_future(guide(ws))
         until = time.monotonic() + seconds
         try:
             async for message in ws:
@@ -65,7 +65,7 @@ async def listen(port: int, seconds: float, play: bool, drag: bool) -> list[tupl
     raise SystemExit("the server has ended the connection of a good client")
 
 
-async def lead(ws) -> None:
+async def guide(ws) -> None:
     """Drag the first joint to and fro, 90 times a second."""
     about = json.loads(os.environ["ABOUT"])
     await ws.send(json.dumps({"type": "grab", "target": "joint", "name": about["joint"]}))

@@ -58,7 +58,7 @@ class Hands(Block):
 
 
 def world(device, hazards=(), taps=False):
-    """Two arms `one` and `two`, each led by a hand; with `taps` the right hand can lead `three` as well."""
+    """Two arms `one` and `two`, each moved by a hand; with `taps` the right hand can move `three` as well."""
     kin, mechanism = twin.load(ROBOT).kinematics(), twin.load(ROBOT).mechanism
     limits, q = Limits.of(mechanism), start(kin)
     places = {n: spatial.pose(None, (x, 0, 0)) for n, x in (("one", 0.5), ("two", -0.5), ("three", 1.5))[: 2 + taps]}

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import json
 import multiprocessing
 import os
 import runpy
+import shutil
+import subprocess
 import sys
 import tempfile
 from pathlib import Path
@@ -28,6 +31,43 @@ def draw(model: Path, *arguments: object) -> None:
         if code:
             text = Path(said.name).read_text("utf-8", "replace")[-2000:]
             raise ChildProcessError(f"{model} ended with {code}\n{text}")
+
+
+_LOAD = """
+import importlib.util, json, sys
+from pathlib import Path
+
+spec = importlib.util.spec_from_file_location("model", sys.argv[1])
+model = importlib.util.module_from_spec(spec)
+spec.loader.exec_module(model)
+cad = model.cad
+out, defects = Path(sys.argv[2]), json.loads(sys.argv[3])
+d = model.dimensions(Path(sys.argv[1]).with_name("dimensions.toml"))
+parts = cad.parts(Path(sys.argv[1]).parent)
+"""
+
+
+def defective(model: Path, script: str, defects: dict, folder: Path) -> Path:
+    """Draw a robot once for each defect, in one process; return the folder with the STEP files, one for each label.
+
+    The script finds the modules `model`, `cad` and `parts`, the dimensions `d`, and `out`, `defects`.
+    """
+    (folder / "draw.py").write_text(_LOAD + script)
+    command = [sys.executable, str(folder / "draw.py"), str(model), str(folder), json.dumps(defects)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=500)
+    assert done.returncode == 0, done.stderr
+    return folder
+
+
+def measured(description: Path, folder: Path, label: str):
+    """Read the drawing of a defect by the description of its robot."""
+    from twin.cad.build import read_mechanism  # the processes that draw need nothing of twin
+
+    home = folder / label
+    home.mkdir(exist_ok=True)
+    shutil.copy(description, home)
+    shutil.copy(folder / f"{label}.step", home / f"{description.stem}.step")
+    return read_mechanism(home / description.name, with_mass=False)
 
 
 def _run(model: str, arguments: list[str], said: str) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import io
 import os
 import shutil
@@ -19,6 +18,7 @@ import pytest
 from PIL import Image
 
 from twin.core import spatial
+from witness import environments
 
 ROOT = Path(__file__).parents[2]
 FLAGS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--disable-dev-shm-usage"]
@@ -37,24 +37,11 @@ def until(condition, what, seconds=WAIT):
     return found
 
 
-def witness_environments():
-    """Return tests/witness/environments.py as a module: tests are no package."""
-    name = "twin_witness_environments"
-    if name not in sys.modules:
-        spec = importlib.util.spec_from_file_location(name, ROOT / "tests/witness/environments.py")
-        assert spec
-        assert spec.loader
-        sys.modules[name] = module = importlib.util.module_from_spec(spec)
-        spec.loader.exec_module(module)
-    return sys.modules[name]
-
-
 def npm_environment(name):
     """Return the folder with the packages of a lock file; without it skip loudly, or fail where it is required."""
-    module = witness_environments()
     try:
-        return module.environment(name).folder
-    except module.NotThereError as error:
+        return environments.environment(name).folder
+    except environments.NotThereError as error:
         if os.environ.get("TWIN_WITNESS_REQUIRED"):
             pytest.fail(str(error), pytrace=False)
         pytest.skip(str(error))
@@ -67,7 +54,7 @@ def bundled_emulator(folder):
         shutil.copy(ROOT / "tests/witness/emulator" / name, folder)
     (folder / "node_modules").symlink_to(packages / "node_modules")
     out = folder / "emulator.js"
-    node = witness_environments().node()
+    node = environments.node()
     done = subprocess.run([node, "build.mjs", out], cwd=folder, capture_output=True, text=True, timeout=120)
     assert done.returncode == 0, done.stderr
     return out
@@ -174,6 +161,16 @@ class Page:
             })"""
             f"({str(on).lower()})"
         )
+
+    @contextmanager
+    def sized(self, width, height):
+        """Give the window another size for a while."""
+        before = self.page.viewport_size
+        self.page.set_viewport_size({"width": width, "height": height})
+        try:
+            yield
+        finally:
+            self.page.set_viewport_size(before)
 
     def close(self):
         self.page.close()

@@ -61,7 +61,7 @@ Object.assign(player, {
 })();
 """
 )
-"""Script of a page: a gamepad whose sticks and depth buttons lead the tips to `window.steer`, as a person who looks."""
+"""Script of a page: a gamepad whose sticks and depth buttons move the tips to `window.steer`, as a person who looks."""
 
 _TRIGGER = {"left": 6, "right": 7}
 _NEXT = {"left": 14, "right": 2}

@@ -11,9 +11,10 @@ Limits = tuple[float, float, float, float]
 _WHY = 'provenance = "ASSUMED"\nnote = "of a test"\n'
 
 
-def waypoint(name: str, angles_deg: Sequence[float], **place: Any) -> str:
-    """Return a waypoint; `place` is position_mm or depth_mm."""
-    return f"\n[waypoints.{name}]\n{_lines(place)}angles_deg = {[float(a) for a in angles_deg]}\n{_WHY}"
+def waypoint(name: str, angles_deg: Sequence[float] | None = None, **place: Any) -> str:
+    """Return a waypoint; `place` is position_mm or depth_mm, or joints without angles."""
+    angles = "" if angles_deg is None else f"angles_deg = {[float(a) for a in angles_deg]}\n"
+    return f"\n[waypoints.{name}]\n{_lines(place)}{angles}{_WHY}"
 
 
 def limits(kind: str, values: Limits) -> str:
@@ -28,15 +29,16 @@ def phase(**keys: Any) -> str:
 
 
 def text(head: Mapping[str, Any], tables: str, most: Mapping[str, Limits], parts: Iterable[str]) -> str:
-    """Return a protocol of the frame `tool`.
+    """Return a protocol.
 
     Args:
-        head: name, title, robot, start, and whatever else is stated at the top.
+        head: name, title, robot, start, and whatever else is stated at the top; the frame is `tool` by default, with
+            its z axis along the shaft.
         tables: of trocars and the patient, as text.
         most: limits by kind of phase.
         parts: waypoints and phases.
     """
-    top = {**head, "source": "a test", "frame": "tool", "shaft_axis": [0, 0, 1], "rotation": "zyx"}
+    top = {"source": "a test", "frame": "tool", "shaft_axis": [0, 0, 1], "rotation": "zyx", **head}
     tolerances = {"rcm_mm": 0.1, "rcm_alarm_mm": 1, "straightness_mm": 0.1, "waypoint_mm": 0.01, "waypoint_deg": 0.01}
     known = "".join(limits(kind, values) for kind, values in most.items())
     return f"{_lines(top)}{tables}\n[tolerances]\n{_lines(tolerances)}{_WHY}{known}{''.join(parts)}"

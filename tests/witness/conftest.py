@@ -11,10 +11,8 @@ The table is printed when the tests are done and written to twin-out/witness.md.
 
 from __future__ import annotations
 
-import importlib.util
 import json
 import os
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -22,6 +20,9 @@ from typing import Any
 import pytest
 
 from twin.core import assets
+from unity import mono
+from witness import bundles as exports
+from witness import environments
 
 HERE = Path(__file__).parent
 ROOT = HERE.parents[1]
@@ -29,30 +30,17 @@ TABLE = ROOT / "twin-out/witness.md"
 PROPERTY = "witness_figure"
 
 
-def _load(name: str):
-    """Return a module of this folder: tests are no package."""
-    full = f"twin_witness_{name}"
-    if full not in sys.modules:
-        spec = importlib.util.spec_from_file_location(full, HERE / f"{name}.py")
-        assert spec
-        assert spec.loader
-        sys.modules[full] = module = importlib.util.module_from_spec(spec)
-        spec.loader.exec_module(module)
-    return sys.modules[full]
-
-
 class Foreign:
     """Programs that are not ours, by the names of tests/witness/environments.py."""
 
     def __init__(self) -> None:
-        self._environments = _load("environments")
         self._kept: dict[tuple[str, str], Any] = {}
 
     def need(self, name: str):
         """Return the environment of a witness; without it the test skips loudly, or fails where it is required."""
         try:
-            return self._environments.environment(name)
-        except self._environments.NotThereError as error:
+            return environments.environment(name)
+        except environments.NotThereError as error:
             if os.environ.get("TWIN_WITNESS_REQUIRED"):
                 pytest.fail(str(error), pytrace=False)
             pytest.skip(str(error))
@@ -60,14 +48,14 @@ class Foreign:
     def read(self, name: str, script: str, *arguments: object, timeout: float = 300.0) -> Any:
         """Return what a reader of this folder printed as JSON; see `environments.read`."""
         self.need(name)
-        return self._environments.read(name, script, *arguments, timeout=timeout)
+        return environments.read(name, script, *arguments, timeout=timeout)
 
     def ask(self, name: str, script: str, argument: object, timeout: float = 300.0) -> Any:
         """Return what a reader that is kept running answers; see `environments.Kept`. One that failed begins anew."""
         self.need(name)
         kept = self._kept.get((name, script))
         if kept is None:
-            kept = self._kept[name, script] = self._environments.Kept(name, script)
+            kept = self._kept[name, script] = environments.Kept(name, script)
         try:
             return kept.ask(argument, timeout)
         except BaseException:
@@ -166,16 +154,23 @@ def _table() -> Iterator[str]:
         yield f"| {file} | {seconds:.1f} |"
 
 
+@pytest.fixture(scope="module")
+def build(foreign, tmp_path_factory):
+    """The Unity package, compiled by mono."""
+    foreign.need("mono")
+    return mono.Build(tmp_path_factory.mktemp("unity"))
+
+
 @pytest.fixture(scope="session")
 def witness_environments():
     """The module tests/witness/environments.py."""
-    return _load("environments")
+    return environments
 
 
 @pytest.fixture(scope="session")
 def bundles():
     """The module tests/witness/bundles.py."""
-    return _load("bundles")
+    return exports
 
 
 @pytest.fixture(scope="session", params=assets.names())

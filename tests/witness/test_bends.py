@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import importlib.util
 import json
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,13 +11,7 @@ from pxr import Usd, UsdGeom
 from made import organs as made
 from twin.exchange.write.glb import bends_glb
 from twin.usd.write.bends import write_bends
-
-_spec = importlib.util.spec_from_file_location("unity_mono", Path(__file__).parents[1] / "unity/mono.py")
-assert _spec
-assert _spec.loader
-mono = importlib.util.module_from_spec(_spec)
-sys.modules[_spec.name] = mono  # dataclasses look their module up
-_spec.loader.exec_module(mono)
+from unity import mono
 
 pytestmark = pytest.mark.witness
 LIMIT = 10e-6
@@ -85,16 +76,10 @@ def test_blender_plays_the_vertices(files, bends, foreign, figures, name):
     judge(foreign.read("bpy", "read_bends.py", files / name, at()), bends, files / name, figures)
 
 
-@pytest.fixture(scope="module")
-def unity(foreign, tmp_path_factory):
-    foreign.need("mono")
-    return mono.Build(tmp_path_factory.mktemp("unity"))
-
-
 @pytest.mark.parametrize("convention", mono.CONVENTIONS)
-def test_unity_package_plays_the_vertices(files, bends, unity, figures, convention):
+def test_unity_package_plays_the_vertices(files, bends, build, figures, convention):
     """On a stub of the engine, which is ours; the triangles are reversed with the coordinates."""
-    program = unity.folder / "PlayBends.exe"
+    program = build.folder / "PlayBends.exe"
     done = mono.run(["mono", str(program), str(files / "organs.glb"), convention, *map(str, TIMES)])
     assert done.returncode == 0, done.stderr
     found = json.loads(done.stdout)

@@ -5,35 +5,14 @@ The stub is ours: this shows that the arithmetic, the readers and the stream are
 
 from __future__ import annotations
 
-import importlib.util
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-ROOT = Path(__file__).parents[2]
+from unity import mono
 
 pytestmark = pytest.mark.witness
-
-
-def _load(name: str):
-    spec = importlib.util.spec_from_file_location(f"unity_{name}", ROOT / f"tests/unity/{name}.py")
-    module = importlib.util.module_from_spec(spec)
-    import sys
-
-    sys.modules[spec.name] = module  # dataclasses look their module up
-    spec.loader.exec_module(module)
-    return module
-
-
-mono = _load("mono")
-
-
-@pytest.fixture(scope="module")
-def build(foreign, tmp_path_factory):
-    foreign.need("mono")
-    return mono.Build(tmp_path_factory.mktemp("unity"))
 
 
 def test_every_test_of_the_package_passes(build):

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import asyncio
-import importlib.util
 import json
 import socket
 import struct
-import sys
 import time
 from contextlib import asynccontextmanager
 from pathlib import Path
@@ -16,6 +14,9 @@ import pytest
 from websockets.asyncio.server import serve
 from websockets.datastructures import Headers
 from websockets.http11 import Response
+
+from made.cloth import Cloth
+from unity import mono
 
 ROOT = Path(__file__).parents[2]
 LINKS = ["base", "arm", "tool_link"]
@@ -31,23 +32,6 @@ ROBOT = {
 }
 
 pytestmark = pytest.mark.witness
-
-
-def _load(name: str):
-    spec = importlib.util.spec_from_file_location(f"unity_{name}", ROOT / f"tests/unity/{name}.py")
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module
-    spec.loader.exec_module(module)
-    return module
-
-
-mono = _load("mono")
-
-
-@pytest.fixture(scope="module")
-def build(foreign, tmp_path_factory):
-    foreign.need("mono")
-    return mono.Build(tmp_path_factory.mktemp("unity"))
 
 
 def frame(seq: int, x: float = 0.0, links: int = 3, magic: bytes = b"TWN1") -> bytes:
@@ -270,9 +254,6 @@ async def a_scene(folder: Path) -> None:
     from twin.ui.door.gate import Gate
     from twin.ui.headset import served
     from twin.ui.headset.server import StreamServer
-
-    sys.path.insert(0, str(ROOT / "tests"))
-    from made.cloth import Cloth
 
     scene = load_scene(scenes.find("vsrs"))
     robots = {p.name: twin.load(p.name) for p in scene.places}

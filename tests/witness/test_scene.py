@@ -1,5 +1,5 @@
-"""Scenes that a console leads, as exported: programs that nobody here wrote hold every arm where the console takes it
-over, and the shaft stays on its port by the linkage alone.
+"""Scenes with a console, as exported: programs that nobody here wrote hold every arm where the console takes it over,
+and the shaft stays on its port by the linkage alone.
 """
 
 from __future__ import annotations

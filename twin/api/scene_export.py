@@ -255,7 +255,8 @@ def _row(worst: float, where: str, when: str) -> dict[str, Any]:
 
 def _finding(check: dict[str, Any]) -> Finding:
     off = None if check["worst"] is None else Quantity(check["worst"], "m")
-    what = f"the scene's stage: {check['where']}" + ("" if off is None else ", displacement of a link")
+    what = f"{check['where']} in the scene's stage: "
+    what += "it is missing or not a number" if off is None else "displacement from its pose in the robot's files"
     return disagreement("export.scene", check["where"], what, off, _TOLERANCE if off else None, word="tolerance")
 
 

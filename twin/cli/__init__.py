@@ -10,6 +10,7 @@ import io
 import os
 import sys
 from collections.abc import Sequence
+from importlib import import_module
 
 from twin.cli.parser import UsageError, parser
 from twin.core.errors import TwinError
@@ -48,11 +49,11 @@ def main(argv: Sequence[str] | None = None) -> int:
 
         os.environ[NO_CODE] = "1"
     try:
-        from twin.cli import commands, scene
+        from twin.cli import scene
 
         _settle(args)
         scene.refuse(args)
-        code = int(commands.COMMANDS[args.command](args))
+        code = int(import_module(f"twin.cli.commands.{args.command}").run(args))
         sys.stdout.flush()  # raises a broken pipe here, where it is handled
         return code
     except TwinError as error:

@@ -199,7 +199,10 @@ class Compiled(ABC):
         return singularity.condition_many(J)
 
     def why(self, T: Array) -> str:
-        """Return which line of a plain formula has no value at a pose (4, 4), and why; "" if unknown."""
+        """Return a text that names the line of a formula file that gives NaN or infinity at a pose (4, 4), and why.
+
+        The file has functions `inverse` or `forward` (see `twin.formula.plain`). "": no line was found.
+        """
         return self.formula.numbers(T, self.parameters) if self.formula.numbers is not None else ""
 
     def takes(self, Ts: ArrayLike) -> bool:

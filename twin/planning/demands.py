@@ -63,25 +63,33 @@ def demands(path: PhasePath, joints: Path, protocol: Protocol, kinematics: PathK
         motors, motors1 = (joints(s, order) @ rows.T for order in (1, 2))
         return np.column_stack([length, turn, motors]), np.column_stack([length1, turn1, motors1])
 
+    latest: tuple[Array, tuple[Motion, Array, Array]] | None = None
+
+    def at(s: Array) -> tuple[Motion, Array, Array]:
+        """Return (motion, first and second derivative of the joints); load and jerk need them of the same samples."""
+        nonlocal latest
+        if latest is None or latest[0] is not s:
+            latest = s, (path.motion(s), joints(s, 1), joints(s, 2))
+        return latest[1]
+
     def load(s: Array, sd: Array, sdd: Array) -> tuple[Array, Array]:
-        m = path.motion(s)
+        m, first, second = at(s)
         sd, sdd = sd[:, None], sdd[:, None]
-        first = joints(s, 1)
         v = np.max(np.abs(first * sd) / max_speed, axis=1)
         if fast.any():
             v = np.maximum(v, np.max(np.abs(first @ rows.T * sd) / motor_speed, axis=1))
-        a = np.max(np.abs(first * sdd + joints(s, 2) * sd**2) / max_acceleration, axis=1)
+        a = np.max(np.abs(first * sdd + second * sd**2) / max_acceleration, axis=1)
         for d1, d2, speed, acceleration in _vectors(m, limits):
             v = np.maximum(v, np.linalg.norm(d1 * sd, axis=1) / speed)
             a = np.maximum(a, np.linalg.norm(d1 * sdd + d2 * sd**2, axis=1) / acceleration)
         return v, a
 
     def jerk(s: Array, sd: Array, sdd: Array) -> float:
-        m = path.motion(s)
+        m, first, second = at(s)
         parts = ((m.p1, m.p2, limits.tip_jerk), (m.w1, m.w2, limits.rotation_jerk))
         accelerations = [(d1 * sdd[:, None] + d2 * sd[:, None] ** 2, most) for d1, d2, most in parts]
         tip = max(float(np.max(np.linalg.norm(np.diff(a, axis=0), axis=1))) / (dt * most) for a, most in accelerations)
-        of_joints = joints(s, 1) * sdd[:, None] + joints(s, 2) * sd[:, None] ** 2
+        of_joints = first * sdd[:, None] + second * sd[:, None] ** 2
         return max(tip, float(np.max(np.abs(np.diff(of_joints, axis=0)) / (dt * max_jerk))))
 
     return Demands(

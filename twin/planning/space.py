@@ -12,7 +12,7 @@ from twin.planning.path import Path
 
 
 class Certificate(Interface):
-    """Distance between bodies along a path; `twin.reference.space.Certificate` has these attributes."""
+    """Distance between bodies along a path; `twin.reference.certificate.Certificate` has these attributes."""
 
     @property
     def proven(self) -> float:

@@ -11,6 +11,7 @@ excess is removed by slowing down the whole motion slightly.
 from __future__ import annotations
 
 import contextlib
+import itertools
 import logging
 import sys
 import types
@@ -51,6 +52,9 @@ _TRIES = 20
 
 _SLOWEST = 1e3
 """Maximum slowdown factor in the search for a motion within the jerk limit."""
+
+_GROWTH = 64
+"""Maximum factor between two windows that are tried in the search for a sufficient one."""
 
 
 @dataclass(frozen=True)
@@ -156,18 +160,42 @@ def time_path(
 def _averaged(paced: Callable[[int, float], tuple[Samples, float]], slower: float, steps: float) -> Samples:
     """Return samples averaged over the shortest window within the jerk limit; slower if no window is sufficient."""
     while slower < _SLOWEST:
-        low, high, least = 0, 1, np.inf
-        while high <= 2 * slower * steps:
+        low, high, least, longest = 0, 1, np.inf, int(2 * slower * steps)
+        while low < longest:
             samples, excess = paced(high, slower)
             if excess <= 1:
-                while high - low > max(1, high // 50):
-                    middle = (low + high) // 2
-                    found, excess = paced(middle, slower)
-                    low, high, samples = (middle, high, samples) if excess > 1 else (low, middle, found)
-                return samples
-            low, high, least = high, 2 * high, min(least, excess)
+                return _shortest(paced, slower, low, (high, samples, excess))
+            # The jerk is roughly inversely proportional to the window.
+            further = max(2 * high, int(high * min(excess, _GROWTH)))
+            low, high, least = high, min(further, longest), min(least, excess)
         slower *= max(float(np.cbrt(least)), 1.02)
     raise TimingError(f"the jerk is at least {least:.3g} times its limit, even for a very slow motion")
+
+
+def _shortest(
+    paced: Callable[[int, float], tuple[Samples, float]], slower: float, low: int, found: tuple[int, Samples, float]
+) -> Samples:
+    """Return the samples of the shortest sufficient window, to 2 % or one sample.
+
+    Args:
+        paced: function that returns (samples averaged over a window, their jerk divided by the limit).
+        slower: factor by which the motion is slowed down.
+        low: window that is not sufficient.
+        found: (sufficient window, its samples, their jerk divided by the limit).
+    """
+    high, samples, excess = found
+    # In turn: just below and above the window at which an inversely proportional jerk is at its limit, and the middle.
+    turns = itertools.cycle((0.99, 1.01, None))
+    while high - low > max(1, high // 50):
+        part = next(turns)
+        middle = (low + high) // 2 if part is None else round(part * high * excess)
+        if low < middle < high:
+            averaged, its = paced(middle, slower)
+            if its > 1:
+                low = middle
+            else:
+                high, samples, excess = middle, averaged, its
+    return samples
 
 
 def _plain_load(derivatives: Derivatives, max_speed: Array, max_acceleration: Array) -> Load:

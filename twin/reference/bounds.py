@@ -69,6 +69,19 @@ def divided(triangles: Array, edge: float) -> Array:
     return np.concatenate(done)
 
 
+def _radius(triangles: Array) -> float:
+    """Return about the radius in m of the smallest balls of the surface of triangles (k, 3, 3)."""
+    sides = triangles[:, 1:] - triangles[:, :1]
+    area = float(np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1).sum()) / 2
+    return float(np.sqrt(area / 2**_DEPTH))
+
+
+def _cell(triangles: Array) -> float:
+    """Return the edge in m of a cell of the grid around the surface of triangles (k, 3, 3)."""
+    size = np.ptp(triangles.reshape(-1, 3), axis=0) + _CELL[0]
+    return float(np.clip((np.prod(size) / _NODES) ** (1 / 3), *_CELL))
+
+
 def balls(triangles: Array) -> Array:
     """Return balls (n, 5) that cover the surface of triangles (k, 3, 3); each ball contains a part of the surface.
 
@@ -77,9 +90,7 @@ def balls(triangles: Array) -> Array:
     """
     extent = float(np.ptp(triangles.reshape(-1, 3), axis=0).max())
     small = max(extent * _SMALL, 0.1 * MM)
-    sides = triangles[:, 1:] - triangles[:, :1]
-    area = float(np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1).sum()) / 2
-    pieces = divided(triangles, max(2 * small, np.sqrt(area / 2**_DEPTH)))  # not smaller than the balls can be
+    pieces = divided(triangles, max(2 * small, _radius(triangles)))  # not smaller than the balls can be
     number, made = np.ones(len(pieces), np.int64), {}
     for depth in range(_DEPTH + 1):
         order = np.argsort(number, kind="stable")
@@ -146,7 +157,7 @@ class Grid:
 
         points = triangles.reshape(-1, 3)
         low, high = points.min(axis=0), points.max(axis=0)
-        cell = float(np.clip((np.prod(high - low + _CELL[0]) / _NODES) ** (1 / 3), *_CELL))
+        cell = _cell(triangles)
         pieces = divided(triangles, cell)
         middles = pieces.mean(axis=1)
         spread = float(np.linalg.norm(pieces - middles[:, None], axis=2).max())
@@ -217,11 +228,17 @@ class Bounds:
     def __init__(self, triangles: Sequence[Array], pairs: np.ndarray) -> None:
         """Define the pairs; grids and balls are made, or loaded from the cache, when they are required.
 
+        Of each pair, that shape has the grid for which the cells and the balls of the other are smaller.
+
         Args:
             triangles: (k, 3, 3) of each shape, in its own frame.
-            pairs: (pairs, 2) index of the shape with the grid, and index of the shape with the balls.
+            pairs: (pairs, 2) indices of two shapes.
         """
-        self._triangles, self._pairs, self._ready = triangles, pairs, np.zeros(len(pairs), bool)
+        cells, radii = np.array([(_cell(t), _radius(t)) for t in triangles]).reshape(-1, 2).T
+        a, b = pairs.T
+        swapped = cells[a] / 2 + radii[b] > cells[b] / 2 + radii[a]
+        self._pairs = np.where(swapped[:, None], pairs[:, ::-1], pairs)
+        self._triangles, self._ready = triangles, np.zeros(len(pairs), bool)
         self._grid: dict[int, int] = {}
         self._cover: dict[int, tuple[int, int]] = {}
         self._grids, self._balls = np.zeros((0, GRID)), np.zeros((0, BALL))

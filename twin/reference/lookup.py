@@ -155,20 +155,25 @@ def _text() -> str:
     low_skipped = w.least(low, low_here)
     b.branch(ball)
 
+    def upper(value: ir.Value, way: ir.Value) -> ir.Value:
+        """Return an upper bound of the ball's distance from a node with a stored distance, and its own distance."""
+        off = b.select(b.fcmp_ordered("<", value, known), error, far)
+        return b.fadd(b.fadd(b.fadd(value, way), radius), off)
+
     b.position_at_end(leaf)
-    reached = b.fadd(b.fadd(b.fadd(value, way), radius), b.select(b.fcmp_ordered("<", value, known), error, far))
-    high_here = w.least(high, reached)
+    high_here = w.least(high, upper(value, way))
     fine = function.append_basic_block("fine")
     b.cbranch(b.or_(b.icmp_signed("==", after, next_ball), b.fcmp_ordered("<=", radius, small)), fine, inner)
 
     b.position_at_end(fine)
     floors = [w.intrinsic("floor", clipped(x, e)) for x, e in zip(steps, ends, strict=True)]
     corners = [w.least(x, b.fsub(e, _number(1.0))) for x, e in zip(floors, ends, strict=True)]
-    sharp = proven
+    sharp, over = proven, high_here
     for shift in product((0.0, 1.0), repeat=3):
         v, d = bound([b.fadd(c, _number(s)) for c, s in zip(corners, shift, strict=True)], p)
         sharp = w.most(sharp, b.fsub(v, d))
-    low_fine = w.least(low, b.fsub(sharp, radius))
+        over = w.least(over, upper(v, d))
+    low_fine, high_fine = w.least(low, b.fsub(sharp, radius)), w.least(high, over)
     b.branch(ball)
 
     b.position_at_end(inner)
@@ -177,7 +182,7 @@ def _text() -> str:
     for phi, ways in (
         (n, ((after, skipped), (after, fine), (next_ball, inner))),
         (low, ((low_skipped, skipped), (low_fine, fine), (low, inner))),
-        (high, ((high, skipped), (high_here, fine), (high_here, inner))),
+        (high, ((high, skipped), (high_fine, fine), (high_here, inner))),
     ):
         for value, block in ways:
             phi.add_incoming(value, block)

@@ -13,7 +13,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from copy import copy
-from dataclasses import dataclass
 from functools import cached_property
 from types import MappingProxyType
 
@@ -22,9 +21,11 @@ import numpy as np
 from twin.core.errors import MechanismError
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM, ROUNDING
+from twin.reference.certificate import Certificate, certify
 from twin.reference.closing import Closing
 from twin.reference.model import ReferenceModel
 from twin.reference.pairs import SEARCHED, Pairs, Still
+from twin.reference.stations import Stations
 
 _ANGLE = 0.1
 """Length in m that is equivalent to 1 rad in comparisons of paths."""
@@ -57,9 +58,6 @@ _SEARCH = 6 * MM
 _BLOCK = 2048
 """Number of states whose distances are computed together."""
 
-_FAR = 100 * MM
-"""Distance in m up to which a certificate asks for lower bounds, as long as no exact distance is known."""
-
 
 def _nothing() -> None:
     """Do nothing."""
@@ -67,52 +65,6 @@ def _nothing() -> None:
 
 Keep = Callable[[Array, Array], np.ndarray]
 """Additional test of states: T_base_tool (k, 4, 4), q (k, n) -> (k,) bool: whether each state is allowed."""
-
-
-@dataclass(frozen=True)
-class _Stations:
-    """A path with its stations, and bounds of the relative motions.
-
-    Attributes:
-        path: the path q(s).
-        s: (k,) values of s at the stations.
-        X: (k, nq) configurations at the stations.
-        fine: (m,) values of s from 0 to 1.
-        moved: (m, nv) in m or rad, upper bound of the path length of each coordinate from s = 0 to `fine`.
-    """
-
-    path: Callable[[Array], Array]
-    s: Array
-    X: Array
-    fine: Array
-    moved: Array
-
-    def ahead(self, s: Array, width: float) -> Array:
-        """Return the largest motion (k, nv) of each coordinate from s (k,) to both ends of an interval around s."""
-        low, middle, high = (self._moved_until(s + part * width) for part in (-0.5, 0.0, 0.5))
-        return np.maximum(high - middle, middle - low)
-
-    def _moved_until(self, s: Array) -> Array:
-        i = np.clip(np.searchsorted(self.fine, s, side="right") - 1, 0, len(self.fine) - 2)
-        part = (s - self.fine[i]) / (self.fine[i + 1] - self.fine[i])
-        return self.moved[i] + part[:, None] * (self.moved[i + 1] - self.moved[i])
-
-
-@dataclass(frozen=True)
-class Certificate:
-    """Distance between bodies along a path.
-
-    Attributes:
-        proven: lower bound in m of the distance along the whole path.
-        found: smallest distance in m at the tested values of s.
-        s: value of s at which this distance was found.
-        bodies: names of the two bodies with this distance; "" if there are none.
-    """
-
-    proven: float
-    found: float
-    s: float
-    bodies: tuple[str, str]
 
 
 class JointSpace:
@@ -316,7 +268,7 @@ class JointSpace:
             pair = int(which[k])
             if gaps[k] >= least:
                 break
-            if pairs.hulls_apart(pair, poses[0]) < least and (found := pairs.distance(pair, poses[0])) < least:
+            if pairs.hulls_apart(pair, poses[0]) < least and (found := pairs.distance(pair, poses[0], least)) < least:
                 a, b = (pairs.shapes[i].name for i in pairs.rows[pair])
                 least, names = found, (a, b)
         return least, names
@@ -359,7 +311,7 @@ class JointSpace:
     def _steps(self) -> Array:
         return np.array([_STATION[j.is_angle] for j in self._model.mechanism.active])
 
-    def _stations(self, path: Callable[..., Array]) -> _Stations | None:
+    def _stations(self, path: Callable[..., Array]) -> Stations | None:
         """Return the stations of a path; None if it exceeds limits, is not allowed, or its loops open."""
         fine = np.linspace(0.0, 1.0, _FINE + 1)
         q = path(fine)
@@ -384,7 +336,7 @@ class JointSpace:
             return None
         cells = factor * np.maximum(speeds[1:], speeds[:-1]) * np.diff(speeds_at)[:, None]
         moved = np.concatenate([np.zeros((1, cells.shape[1])), np.cumsum(cells, axis=0)])
-        return _Stations(path, s, X, speeds_at, moved)
+        return Stations(path, self._closing, s, X, speeds_at, moved)
 
     def _same(self, x: Array, q: Array) -> bool:
         """Return whether x is in the assembly mode already stored for joint values q; store x if none is stored."""
@@ -395,24 +347,14 @@ class JointSpace:
         a, b = self._pairs.poses(np.array([x, known]))
         return float(np.linalg.norm(a[:, :3, 3] - b[:, :3, 3], axis=1).max(initial=0.0)) < _SAME
 
-    def _at(self, seen: _Stations, s: Array) -> Array | None:
-        """Return configurations (k, nq) of a path at s (k,); None if the loops do not close."""
-        q = seen.path(s)
-        if not self._loops:
-            return self._placed(q)
-        i = np.clip(np.searchsorted(seen.s, s, side="right") - 1, 0, len(seen.s) - 2)
-        part = (s - seen.s[i]) / (seen.s[i + 1] - seen.s[i])
-        X, closed = self._closing.near(self._closing.between(seen.X[i], seen.X[i + 1], part), q)
-        return X if closed.all() else None
-
     # -- distances ------------------------------------------------------------------------------------
 
-    def _clear(self, seen: _Stations) -> bool:
+    def _clear(self, seen: Stations) -> bool:
         """Return whether all pairs have the required distance where tested, and half of it along the whole path."""
         if len(self._pairs) and self._pairs.near(seen.X).any():
             return False
 
-        ok = self._clear_each(1, lambda path, s: self._at(seen, s), lambda path, s, width: seen.ahead(s, width))
+        ok = self._clear_each(1, lambda path, s: seen.at(s), lambda path, s, width: seen.ahead(s, width))
         return bool(ok[0])
 
     def _clear_each(
@@ -557,12 +499,10 @@ class JointSpace:
     # -- the certificate ------------------------------------------------------------------------------
 
     def certify(self, path: Callable[..., Array], within: float = 0.5 * MM) -> Certificate:
-        """Return a proven lower bound of the distance between bodies along a whole path, by exact distances only.
+        """Return a proven lower bound of the distance between bodies along a whole path (`certificate.certify`).
 
-        In an interval of s, the distance of a pair is at least its distance in the middle minus the largest possible
-        approach (`travel`) in half of the interval. Intervals are halved until this bound is less than `within` below
-        the smallest distance found. Pairs of bodies of the mechanism that are nearer than twice the clearance in the
-        rest poses are not included: for them, `free_along` requires half of their distance in the rest poses.
+        Pairs of bodies of the mechanism that are nearer than twice the clearance in the rest poses are not included:
+        for them, `free_along` requires half of their distance in the rest poses.
 
         Args:
             path: a path for which `free_along` is true.
@@ -571,40 +511,10 @@ class JointSpace:
         Raises:
             MechanismError: the path exceeds joint limits, `keep` excludes a state, or loops do not close along it.
         """
-        seen, pairs = self._stations(path), self._pairs
+        seen = self._stations(path)
         if seen is None:
             raise MechanismError(
                 "the path exceeds joint limits, has states that the additional test excludes, "
                 "or the loops of the mechanism do not close along it"
             )
-        pair = np.flatnonzero(pairs.required >= self.clearance)
-        place, level = np.zeros(len(pair), int), 0
-        least, proven, at, names = np.inf, np.inf, 0.0, ("", "")
-        while len(pair):
-            self._check()
-            width = 0.5**level
-            places, row = np.unique(place, return_inverse=True)
-            X = self._at(seen, (places + 0.5) * width)
-            if X is None:
-                raise MechanismError("the loops of the mechanism do not close along the path")
-            poses, ways = pairs.around(X, seen.ahead((places + 0.5) * width, width))
-            ahead = ways[row, pair]
-            bound, halved = pairs.gaps(poses, row, pair), []
-            near = np.flatnonzero(bound - ahead < least - within)
-            # what is needed to leave a pair out; a first guess, as nothing is found yet, is a large distance
-            wanted = np.minimum(least, _FAR) - within + ahead[near]
-            bound[near] = np.maximum(bound[near], pairs.bounds(poses, row[near], pair[near], wanted)[0])
-            for i in np.argsort(bound - ahead, kind="stable"):
-                if bound[i] - ahead[i] < least - within:
-                    self._check()
-                    bound[i] = pairs.distance(int(pair[i]), poses[row[i]])
-                    if bound[i] < least:
-                        least, at = float(bound[i]), float((places[row[i]] + 0.5) * width)
-                        names = tuple(pairs.shapes[j].name for j in pairs.rows[pair[i]])
-            left = bound - ahead < least - within
-            proven = min(proven, float((bound - ahead)[~left].min(initial=np.inf)))
-            halved = np.flatnonzero(left)
-            pair = np.repeat(pair[halved], 2)
-            place = np.column_stack([2 * place[halved], 2 * place[halved] + 1]).ravel()
-            level += 1
-        return Certificate(max(min(proven, least), 0.0), least, at, (names[0], names[1]))
+        return certify(seen, self._pairs, np.flatnonzero(self._pairs.required >= self.clearance), within, self._check)

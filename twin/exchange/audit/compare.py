@@ -17,7 +17,7 @@ TIME_TOL = 1e-5
 """Maximum difference in s between the times of the same key in two files: glTF stores times in single precision."""
 
 BETWEEN_TOL = 1e-5
-"""Maximum error of a pose halfway between two keys: 1e-5 m; a rotation of 1 rad counts as 0.1 m."""
+"""Maximum error in m of a position halfway between two keys; of a rotation: `ROTATION_TOL`."""
 
 BOX_TOL = 2e-5
 """Maximum difference in m between the bounding boxes of one link's meshes in two files."""
@@ -188,24 +188,24 @@ def _times_apart(clip: Clip, ref: Reference, mine: Array, its: Array) -> str:
 
 def _compare_middle(content: Content, clip: Clip, ref: Reference, name: str) -> None:
     """Report links whose poses halfway between keys differ from linear interpolation."""
-    worst, where, k = 0.0, "", 0
-    for link in (n for n in ref.clip.links if n in clip.middle):
-        T = np.asarray(ref.clip.links[link])
-        p, i, r, j = largest(clip.middle[link], midway(T[:-1], T[1:]))
-        off = max(p, r * 0.1)
-        if off > worst:
-            worst, where, k = off, link, i if p >= r * 0.1 else j
-    content.ledger.row(
-        f"clip '{name}': halfway between keys against {ref.source}", worst, "m", BETWEEN_TOL, where=where
-    )
-    if worst > BETWEEN_TOL:
-        text = (
-            f"clip '{name}': halfway between two keys, link '{where}' differs by {quantity(worst, 'm')} (a rotation of "
-            f"1 rad counts as 0.1 m) from the linear interpolation of {ref.source}."
-        )
-        content.ledger.wrong(
-            "compare.between", text, where, size=um(worst, BETWEEN_TOL), when=_at(float(clip.times[k]))
-        )
+    shared = [n for n in ref.clip.links if n in clip.middle]
+    if not shared:
+        return
+    keys = {n: np.asarray(ref.clip.links[n]) for n in shared}
+    off = {n: largest(clip.middle[n], midway(keys[n][:-1], keys[n][1:])) for n in shared}
+    for kind, at, unit, limit in (("position", 0, "m", BETWEEN_TOL), ("rotation", 2, "rad", ROTATION_TOL)):
+        link = max(shared, key=lambda n: off[n][at])
+        worst, k = off[link][at], int(off[link][at + 1])
+        check = f"clip '{name}': {kind} halfway between keys against {ref.source}"
+        content.ledger.row(check, worst, unit, limit, where=link)
+        if not worst <= limit:
+            size = um(worst, limit) if unit == "m" else Measured(np.degrees(worst), np.degrees(limit), "deg")
+            text = (
+                f"clip '{name}': halfway between two keys, the {kind} of link '{link}' differs by "
+                f"{quantity(worst, 'm') if unit == 'm' else f'{np.degrees(worst):.4g} deg'} from the linear "
+                f"interpolation of {ref.source}."
+            )
+            content.ledger.wrong("compare.between", text, link, size=size, when=_at(float(clip.times[k])))
 
 
 def _compare_joints(content: Content, clip: Clip, ref: Reference, name: str, mine: Array, its: Array) -> None:

@@ -195,7 +195,7 @@ def _shaped(data: dict[str, Any], key: str, shape: tuple[int, ...], ledger: Ledg
             text,
             key,
             size=Measured(flat.size, float(np.prod(shape))),
-            suggestion="order the numbers by frame, then by link or joint, then by component",
+            suggestion="write a number for each time, link or joint, and component, in this order",
         )
         return None
     return flat.reshape(shape)

@@ -50,7 +50,10 @@ _READY, _SETTLE = 1.0, 0.5
 """Maximum time in s until both are in PEDAL_DN; time in s after the last packet until the machine is at rest."""
 
 _SILENCE = 1.0
-"""Time in s without states of the hands after which a replay stops (ASSUMED). The hands do not move a replay."""
+"""Maximum time in s for which the hands may be silent in a replay (ASSUMED).
+
+The hands do not move the machine in a replay, but their clutch stops it; it is not read while they are silent.
+"""
 
 
 class Mode(IntEnum):

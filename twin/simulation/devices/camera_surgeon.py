@@ -7,7 +7,7 @@ press, the surgeon looks again. How the hands move: `devices.surgeon_hands`; all
 
 from __future__ import annotations
 
-from collections.abc import Generator, Iterator, Mapping
+from collections.abc import Generator, Iterator
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,10 +16,17 @@ from twin.core import spatial
 from twin.core.spatial import Array
 from twin.core.units import DEG
 from twin.simulation.devices.hand import Hand
-from twin.simulation.devices.surgeon_hands import Eye, Habits, SurgeonHands
+from twin.simulation.devices.surgeon_hands import Habits, Seat, SurgeonHands
 
 _STROKES, _PRESSES = 25, 12
 """Maximum number of strokes in a press of the pedal, and of presses; then the surgeon gives up."""
+
+_TURNED, _ASIDE = 0.08 * DEG, 0.01
+"""What the surgeon accepts, ASSUMED: angle in rad between line and upper side, and distance of the ends from the ends
+of the line, divided by the length of the line."""
+
+_ACUITY = 0.02 * DEG
+"""Standard deviation in rad of the angle as the surgeon sees it; ASSUMED."""
 
 HABITS = Habits(hand=Hand(misjudge=0.05))
 """Habits in moving the camera: a stroke of both hands has a larger error of judgement than a stroke of one hand."""
@@ -32,47 +39,17 @@ class CameraSurgeon(SurgeonHands):
         missed: name of the task if the surgeon gave it up.
     """
 
-    def __init__(
-        self,
-        device: str,
-        arms: Mapping[str, Eye],
-        camera: str,
-        view: float,
-        task: str,
-        upper: Array,
-        line: float,
-        scale: float,
-        dt: float = 1e-3,
-        seed: int = 0,
-        habits: Habits | None = None,
-        *,
-        turned: float = 0.08 * DEG,
-        aside: float = 0.01,
-        acuity: float = 0.02 * DEG,
-    ) -> None:
-        """Connect to a console.
+    def __init__(self, seat: Seat, task: str, upper: Array, line: float) -> None:
+        """Take the seat at a console.
 
         Args:
-            device: name of the device of the pedals.
-            arms: the arm of the right and of the left hand, by hand, in this order.
-            camera: name of the arm of the camera.
-            view: angle of view over the height of the picture, in rad.
+            seat: the console.
             task: name of the task.
             upper: (2, 3) left and right end of the rectangle's upper side in m in the World.
             line: length of the line divided by the height of the picture.
-            scale: motion scale of the console.
-            dt: duration of a tick in s.
-            seed: seed of tremor and errors.
-            habits: parameters of the surgeon; None: `HABITS`.
-            turned: angle in rad between line and upper side that the surgeon accepts; ASSUMED.
-            aside: distance of the ends from the ends of the line that the surgeon accepts, divided by the length of the
-                line; ASSUMED.
-            acuity: standard deviation in rad of the angle as the surgeon sees it; ASSUMED.
         """
         self.task, self.upper, self.line = task, np.array(upper, float), line
-        self.turned, self.aside, self.acuity = turned, aside, acuity
-        self.missed: list[str] = []
-        super().__init__(device, arms, camera, view, scale, dt, seed, habits or HABITS)
+        super().__init__(seat, HABITS)
 
     def _said(self, k: int) -> dict[str, ArrayLike]:
         return super()._said(k) | {"surgeon.target": 0.0}
@@ -110,7 +87,7 @@ class CameraSurgeon(SurgeonHands):
         """Return whether the surgeon accepts the remaining displacement `way` (3,) in m and rotation `turn` in rad."""
         length = float(np.linalg.norm(self.upper[1] - self.upper[0]))
         far = self._goal_depth()
-        return abs(turn) < self.turned and float(np.abs(way / [length, length, far]).max()) < self.aside
+        return abs(turn) < _TURNED and float(np.abs(way / [length, length, far]).max()) < _ASIDE
 
     def _goal_depth(self) -> float:
         """Return the distance in m at which the rectangle appears as long as the line."""
@@ -121,7 +98,7 @@ class CameraSurgeon(SurgeonHands):
         ends = self._in_picture({"left": self.upper[0], "right": self.upper[1]})
         a, b = ends["left"], ends["right"]
         across = b[:2] / -b[2] - a[:2] / -a[2]  # as it appears
-        turn = -float(np.arctan2(across[1], across[0])) + self.acuity * float(self._rng.normal())
+        turn = -float(np.arctan2(across[1], across[0])) + _ACUITY * float(self._rng.normal())
         longer = float(np.linalg.norm(across)) / (2 * self._half * self.line)
         middle = (a[:2] / -a[2] + b[:2] / -b[2]) / 2
         depth = -(a[2] + b[2]) / 2

@@ -7,7 +7,7 @@ the wire and guides it to the other end. The motion of the hands is in `devices.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal, get_args
 
@@ -21,7 +21,7 @@ from twin.core.units import DEG, MM
 from twin.model.movable import Movable
 from twin.simulation.contact_scene import Course
 from twin.simulation.devices.hand import Hand
-from twin.simulation.devices.surgeon_hands import Eye, Habits, SurgeonHands
+from twin.simulation.devices.surgeon_hands import Habits, Seat, SurgeonHands
 from twin.simulation.ways import Ways
 
 Mistake = Literal["", "dropped", "not_handed_over", "stopped_short", "wire_touched", "wall_hit", "left_inside"]
@@ -78,55 +78,38 @@ class GuidingSurgeon(SurgeonHands):
 
     def __init__(
         self,
-        device: str,
-        arms: Mapping[str, Eye],
-        camera: str,
-        view: float,
+        seat: Seat,
         ring: Movable,
         course: Course,
         first: str,
         ways: Ways,
-        scale: float,
-        dt: float = 1e-3,
-        seed: int = 0,
         mistake: str = "",
-        habits: Habits | None = None,
-        manner: Manner | None = None,
     ) -> None:
-        """Connect to a console.
+        """Take the seat at a console.
 
         Args:
-            device: name of the device of the pedals.
-            arms: the arm of the right and of the left hand, with the frame of its closed jaws.
-            camera: name of the arm of the camera.
-            view: angle of view in rad.
+            seat: the console; `T_tool_tip` of its arms is the frame of their closed jaws.
             ring: the ring.
             course: wire and dome.
             first: the hand that picks the ring up.
             ways: plans the ways into the dome and out of it.
-            scale: motion scale of the console.
-            dt: duration of a tick in s.
-            seed: seed of tremor, errors and searches for ways.
             mistake: a mistake to make, "": none.
-            habits: parameters of the surgeon; None: the defaults.
-            manner: parameters of the handling; None: the defaults.
 
         Raises:
             WorldError: there is no such mistake.
         """
         if mistake not in get_args(Mistake):
             raise WorldError(unknown("mistake", mistake, [m for m in get_args(Mistake) if m]))
-        self.ring, self.course, self.mistake, self.manner = ring, course, mistake, manner or Manner()
-        self._first, self._ways, self._seed = first, ways, seed
-        (self._second,) = (hand for hand in arms if hand != first)
-        self._numbers = {hand: k for k, hand in enumerate(arms)}
+        self.ring, self.course, self.mistake, self.manner = ring, course, mistake, Manner()
+        self._first, self._ways, self._seed = first, ways, seat.seed
+        (self._second,) = (hand for hand in seat.arms if hand != first)
+        self._numbers = {hand: k for k, hand in enumerate(seat.arms)}
         self._flips: dict[str, float] = {}
         self._rests: dict[str, Array] = {}
         self._stage = 0
-        self.missed: list[str] = []
         lengths = np.linalg.norm(np.diff(course.wire, axis=0), axis=1)
         self._along = np.concatenate([[0.0], np.cumsum(lengths)])
-        super().__init__(device, arms, camera, view, scale, dt, seed, habits or HABITS)
+        super().__init__(seat, HABITS)
 
     def _said(self, k: int) -> dict[str, ArrayLike]:
         return super()._said(k) | {"surgeon.target": float(self._stage)}

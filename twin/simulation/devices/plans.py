@@ -32,7 +32,7 @@ _READY, _SETTLE = 1.5, 1.0
 """Largest time in s until a machine is in PEDAL_DN; time in s in which an arm comes to rest at the end (ASSUMED)."""
 
 _SILENCE = 1.0
-"""Silence of the hands in s that stops a motion, as that of a replay (ASSUMED)."""
+"""Maximum time in s for which the hands may be silent in a motion, as in a replay (ASSUMED)."""
 
 _THERE = 0.2 * MM
 """Distance of a tip from the end of its path in m at which it has arrived."""

@@ -18,7 +18,7 @@ from twin.core import spatial
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM
 from twin.simulation.devices.hand import Hand
-from twin.simulation.devices.surgeon_hands import Eye, Habits, SurgeonHands
+from twin.simulation.devices.surgeon_hands import Habits, Seat, SurgeonHands
 
 _TRIES = 3
 """Number of grasps of a ring after which the surgeon leaves it."""
@@ -83,28 +83,15 @@ class RingSurgeon(SurgeonHands):
         missed: names of the rings that the surgeon gave up.
     """
 
-    def __init__(
-        self,
-        device: str,
-        arms: Mapping[str, Eye],
-        camera: str,
-        view: float,
-        rings: Sequence[Ring],
-        scale: float,
-        dt: float = 1e-3,
-        seed: int = 0,
-        habits: Habits | None = None,
-        manner: Manner | None = None,
-    ) -> None:
-        """Connect to a console; `rings`: the rings in the order of work, the others as in `SurgeonHands`."""
-        self.rings, self.manner = tuple(rings), manner or Manner()
+    def __init__(self, seat: Seat, rings: Sequence[Ring]) -> None:
+        """Take the seat at a console; `rings`: the rings in the order of work."""
+        self.rings, self.manner = tuple(rings), Manner()
         self._turned: dict[str, float] = {}  # 1: the jaws' y axis is along the ring's axis at the grasp; -1: against it
-        self._numbers = {eye.robot: k for k, eye in enumerate(arms.values())}
+        self._numbers = {eye.robot: k for k, eye in enumerate(seat.arms.values())}
         self._done = 0
         self._left: list[Ring] = list(rings)
         self._tried = {r.name: 0 for r in rings}
-        self.missed: list[str] = []
-        super().__init__(device, arms, camera, view, scale, dt, seed, habits or HABITS)
+        super().__init__(seat, HABITS)
 
     def _said(self, k: int) -> dict[str, ArrayLike]:
         return super()._said(k) | {"surgeon.target": float(self._done)}

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from twin.core.errors import WorldError
 from twin.core.spatial import Array
-from twin.simulation.devices.surgeon_hands import Eye, Habits, SurgeonHands
+from twin.simulation.devices.surgeon_hands import Habits, Seat, SurgeonHands
 
 _STALLED = 12
 """Number of strokes without progress after which the surgeon gives up a target."""
@@ -33,30 +33,24 @@ class ScriptedSurgeon(SurgeonHands):
 
     def __init__(
         self,
-        device: str,
-        arms: Mapping[str, Eye],
-        camera: str,
-        view: float,
+        seat: Seat,
         targets: Sequence[tuple[str, Mapping[str, Array]]],
         tolerance: float,
         hold: float,
-        scale: float,
-        dt: float = 1e-3,
-        seed: int = 0,
         habits: Habits | None = None,
     ) -> None:
-        """Connect to a console; `targets`, `tolerance` and `hold` as in the class, the others as in `SurgeonHands`.
+        """Take the seat at a console; `targets`, `tolerance` and `hold` as in the class.
 
         Raises:
-            WorldError: the number of hands is not two, or a target is for another hand.
+            WorldError: a target is for another hand.
         """
+        arms = seat.arms
         for name, points in targets:
             if not points or not set(points) <= set(arms):
                 raise WorldError(f"target '{name}' is for {', '.join(points) or 'no hand'}, not for {', '.join(arms)}")
         self.targets, self.tolerance, self.hold = tuple(targets), tolerance, hold
         self._target = -1
-        self.missed: list[str] = []
-        super().__init__(device, arms, camera, view, scale, dt, seed, habits)
+        super().__init__(seat, habits or Habits())
 
     def _said(self, k: int) -> dict[str, ArrayLike]:
         return super()._said(k) | {"surgeon.target": float(self._target)}

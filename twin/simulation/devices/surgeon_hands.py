@@ -71,46 +71,54 @@ class Eye:
     T_tool_tip: Array
 
 
+@dataclass(frozen=True)
+class Seat:
+    """The seat of a surgeon at a console: pedals, arms and picture.
+
+    Attributes:
+        device: name of the device of the pedals.
+        arms: the arm of the right and of the left hand, by hand, in this order.
+        camera: name of the arm of the camera.
+        view: angle of view over the height of the picture, in rad.
+        scale: motion scale of the console; the surgeon divides displacements by it.
+        dt: duration of a tick in s.
+        seed: seed of everything random that the surgeon does.
+
+    Raises:
+        WorldError: the number of arms is not two.
+    """
+
+    device: str
+    arms: Mapping[str, Eye]
+    camera: str
+    view: float
+    scale: float
+    dt: float = 1e-3
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        if len(self.arms) != 2:
+            raise WorldError(f"the surgeon has {len(self.arms)} hands; give two, right and left")
+
+
 class SurgeonHands(Block):
     """Writes `<hand>.pose` (16,) with tremor, `<hand>.grip`, and the pedals; a subclass decides what the hands do.
 
     The surgeon sees the instruments (from `<robot>.q`) in the picture (`<camera>.view`) only between two strokes
     (single hand motions). The input of the device ends when the task is done.
+
+    Attributes:
+        missed: what the surgeon gave up; a subclass says what the names in it are.
     """
 
-    def __init__(
-        self,
-        device: str,
-        arms: Mapping[str, Eye],
-        camera: str,
-        view: float,
-        scale: float,
-        dt: float = 1e-3,
-        seed: int = 0,
-        habits: Habits | None = None,
-    ) -> None:
-        """Connect to a console.
-
-        Args:
-            device: name of the device of the pedals.
-            arms: the arm of the right and of the left hand, by hand, in this order.
-            camera: name of the arm of the camera.
-            view: angle of view in rad.
-            scale: motion scale of the console; the surgeon divides displacements by it.
-            dt: duration of a tick in s.
-            seed: seed of tremor and errors.
-            habits: parameters of the surgeon; None: the defaults.
-
-        Raises:
-            WorldError: the number of hands is not two.
-        """
-        if len(arms) != 2:
-            raise WorldError(f"the surgeon has {len(arms)} hands; give two, right and left")
-        self.device, self.arms, self.camera, self.dt = device, dict(arms), camera, dt
-        self.scale, self.habits = scale, habits or Habits()
-        self._rng = np.random.default_rng(seed)
-        self._half = np.tan(view / 2)
-        self._shake = {hand: Tremor(self._rng, self.habits.hand, dt) for hand in arms}
+    def __init__(self, seat: Seat, habits: Habits) -> None:
+        """Take the seat at a console, with the parameters of the surgeon."""
+        self.device, self.arms, self.camera, self.dt = seat.device, dict(seat.arms), seat.camera, seat.dt
+        self.scale, self.habits, arms = seat.scale, habits, seat.arms
+        self.missed: list[str] = []
+        self._rng = np.random.default_rng(seat.seed)
+        self._half = np.tan(seat.view / 2)
+        self._shake = {hand: Tremor(self._rng, habits.hand, seat.dt) for hand in arms}
         middle = np.array(self.habits.middle)
         self._middle = dict(zip(arms, (middle, middle * (-1, 1, 1)), strict=True))
         self._p, self._R = dict(self._middle), {hand: np.eye(3) for hand in arms}

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from twin.core.spatial import Array
 from twin.simulation.controllers.trainer import MODE, Mode, Phase
-from twin.simulation.devices.surgeon_hands import SurgeonHands
+from twin.simulation.devices.surgeon_hands import Habits, Seat, SurgeonHands
 
 _STROKE = 0.045
 """Length in m of a stroke of a hand."""
@@ -30,17 +29,17 @@ class Trainee(SurgeonHands):
         doing, done: current step of the exercise, and completed fraction of the exercise.
     """
 
-    def __init__(self, machines: Iterable[str], triangles: int, **console: Any) -> None:
+    def __init__(self, seat: Seat, machines: Iterable[str], triangles: int) -> None:
         """Prepare the exercise.
 
         Args:
+            seat: the console.
             machines: names of the machines.
             triangles: number of triangles by teleoperation.
-            console: arguments of `SurgeonHands`.
         """
         self._phases, self._triangles, self._mode = [f"{n}.phase" for n in machines], triangles, Mode.TELEOPERATE
         self.doing, self.done = "teleoperate", 0.0
-        super().__init__(**console)
+        super().__init__(seat, Habits())
 
     def _said(self, k: int) -> dict[str, ArrayLike]:
         return super()._said(k) | {MODE: float(self._mode)}

@@ -182,8 +182,8 @@ class MachineLink:
             self._before = state.accepted, state.refused
         elif state.refused - self._before[1] > _REFUSED:
             return (
-                "the machine refuses all packets: another program controls it. End that program; "
-                "the machine accepts another one after its time-out without packets (5 s)"
+                "the machine refuses all packets, because another program controls it. End that program; the machine "
+                "accepts another sender after `master_timeout` seconds without packets (machine.toml)"
             )
         return ""
 

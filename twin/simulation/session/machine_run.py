@@ -7,11 +7,10 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from twin.core.errors import DeviceError
-from twin.core.units import DEG
 from twin.model.mechanism import Mechanism
 from twin.model.scene import Scene
 from twin.simulation import console_scene
-from twin.simulation.console_scene import PEDALS, Member
+from twin.simulation.console_scene import Member
 from twin.simulation.devices.machine_states import MachineStates
 from twin.simulation.devices.together import Together
 from twin.simulation.devices.trainee import Trainee
@@ -22,7 +21,7 @@ from twin.simulation.machine.machine import Parts
 from twin.simulation.machine.outbox import Outbox
 from twin.simulation.session.condition import Condition
 from twin.simulation.session.file import SessionWriter
-from twin.simulation.session.run import Keep, Progress, Ran, eyes, head_of, kept
+from twin.simulation.session.run import Keep, Progress, Ran, head_of, kept, seat_of
 from twin.simulation.session.tape import Tape
 
 _CHUNK = 100
@@ -66,12 +65,9 @@ def train(
         DeviceError: a machine does not answer, is not ready, or accepts packets from another master.
         OutputError: the file cannot be written.
     """
-    table = console_scene.console_of(scene)
     for name, link in links.items():
         ready(name, link)
-    camera = scene.cameras[table.camera]
-    console = {"device": PEDALS, "arms": eyes(scene, members), "camera": camera.robot, "view": camera.view_deg * DEG}
-    trainee = Trainee(links, triangles, **console, scale=scale or table.scale, seed=seed)
+    trainee = Trainee(seat_of(scene, members, seed, scale), links, triangles)
     states = {n: MachineStates(n, parts[n].home) for n in links}
     device, outbox, tape = Together([trainee, *states.values()]), Outbox(parts), Tape()
     world = console_scene.world(

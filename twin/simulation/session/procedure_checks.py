@@ -86,7 +86,7 @@ class Closed:
     cover: float
 
     @property
-    def shuts(self) -> bool:
+    def closes(self) -> bool:
         """Whether the clip closes the vessel on its whole width."""
         return self.cover >= _SHUT
 
@@ -210,7 +210,7 @@ class ProcedureReferee(Block):
     @property
     def on_vessel(self) -> int:
         """Number of clips that close the vessel of the procedure."""
-        return sum(c.on == self._number and c.shuts for c in self.closed)
+        return sum(c.on == self._number and c.closes for c in self.closed)
 
     @property
     def cut(self) -> bool:
@@ -258,7 +258,7 @@ class ProcedureReferee(Block):
         p = self.procedure
         wanted = p.clips_kept + p.clips_taken
         shut = sorted(c.t for c in self._shut() if c.t <= self._t_cut)
-        part = sum(c.on == self._number and not c.shuts for c in self.closed)
+        part = sum(c.on == self._number and not c.closes for c in self.closed)
         beside = sum(c.on == -1 for c in self.closed)
         more = "".join(
             f"; {n} {what}" for n, what in ((part, "closed on a part of its width"), (beside, "closed beside it")) if n
@@ -269,7 +269,7 @@ class ProcedureReferee(Block):
         return Check("clip", done, shut[wanted - 1] if done else None, text, lost)
 
     def _shut(self) -> list[Closed]:
-        return [c for c in self.closed if c.on == self._number and c.shuts]
+        return [c for c in self.closed if c.on == self._number and c.closes]
 
     def _cut(self) -> Check:
         v, gone = self._vessels[self._number], np.flatnonzero(self._cuts[self._number])

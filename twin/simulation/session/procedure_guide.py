@@ -70,10 +70,10 @@ class ProcedureGuide(ProcedureReferee):
             name = self._vessels[clip.on].name if clip.on >= 0 else ""
             if not name:
                 self._tell("bad", "a clip was closed beside all vessels")
-            elif not clip.shuts:
+            elif not clip.closes:
                 self._tell("bad", f"a clip was closed on {clip.cover:.0%} of the width of the {name}")
             else:
-                self._tell("good" if name == self.procedure.vessel else "bad", f"a clip shuts the {name}")
+                self._tell("good" if name == self.procedure.vessel else "bad", f"a clip closes the {name}")
         if (free := int(self.freed.sum())) > freed:
             self._tell("good", f"{free} of {len(self.freed)} cells of the bed are free")
         for n in self.robots:

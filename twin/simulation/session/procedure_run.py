@@ -18,7 +18,7 @@ from twin.simulation.devices.recorded import Recorded
 from twin.simulation.procedure_scene import TICK
 from twin.simulation.session import file
 from twin.simulation.session.file import Session, SessionWriter
-from twin.simulation.session.run import Keep, Progress, Ran, difference_of
+from twin.simulation.session.run import Keep, Progress, Ran, repeat
 from twin.simulation.session.tape import Tape
 from twin.simulation.world import Recording, World
 
@@ -164,14 +164,6 @@ def replay(
             f"{path}: the session was written by twin {begin.twin}, whose World has other signals: replay it with that "
             "version"
         )
-    keep, difference, t = keep_for(world, task, console_scene.ORGANS if by_hand(session) else _SAMPLE), None, 0.0
-    for chunk in session.chunks:
-        world.step(len(chunk.device))
-        rows = tape.take()
-        keep.add(rows)
-        t1 = t + len(rows) * begin.dt
-        if difference is None and file.digest(rows) != chunk.digest:
-            difference = difference_of(t, t1, rows[-1], chunk.last, world)
-        t = t1
-        progress("replay", keep.ticks / len(device))
+    keep = keep_for(world, task, console_scene.ORGANS if by_hand(session) else _SAMPLE)
+    difference = repeat(session, world, tape, keep, progress)
     return Ran(keep.recording(), keep.ticks, begin.dt, difference)

@@ -22,7 +22,7 @@ from twin.simulation.devices.guiding_surgeon import GuidingSurgeon
 from twin.simulation.devices.recorded import Recorded
 from twin.simulation.devices.ring_surgeon import Ring, RingSurgeon
 from twin.simulation.devices.surgeon import ScriptedSurgeon
-from twin.simulation.devices.surgeon_hands import Eye
+from twin.simulation.devices.surgeon_hands import Eye, Seat
 from twin.simulation.machine.machine import Parts
 from twin.simulation.plants.contact.gripper import grip_frame
 from twin.simulation.session import file
@@ -150,27 +150,31 @@ def surgeon(
         props: mechanism of the props; only needed for a task with rings.
         mistake: a mistake to make in a task with a ring to guide, "": none.
     """
-    table, arms = console_scene.console_of(scene), eyes(scene, members)
-    camera = scene.cameras[table.camera]
-    view, scale = camera.view_deg * DEG, table.scale if scale is None else scale
+    seat = seat_of(scene, members, seed, scale, dt)
     if task.transfers:
         pegs, objects = contact_scene.pegs(scene, props, task), {o.name: o for o in scene.objects}
         rings = [
             Ring(t.ring, objects[t.ring].size[0], objects[t.ring].size[1], t.peg, pegs[t.peg].end, pegs[t.peg].foot)
             for t in task.transfers
         ]
-        return RingSurgeon(PEDALS, arms, camera.robot, view, rings, scale, dt, seed)
+        return RingSurgeon(seat, rings)
     if task.guide is not None:
         ring = next(o for o in scene.objects if o.name == task.guide.ring)
-        grips = {h: replace(e, T_tool_tip=grip_frame(members[e.robot].mechanism)) for h, e in arms.items()}
+        grips = {h: replace(e, T_tool_tip=grip_frame(members[e.robot].mechanism)) for h, e in seat.arms.items()}
         course, ways = contact_scene.course(scene, props, task), ways_of(scene, members, props)
-        return GuidingSurgeon(
-            PEDALS, grips, camera.robot, view, ring, course, task.guide.first, ways, scale, dt, seed, mistake
-        )
+        return GuidingSurgeon(replace(seat, arms=grips), ring, course, task.guide.first, ways, mistake)
     if (a := task.alignment) is not None:
-        return CameraSurgeon(PEDALS, arms, camera.robot, view, task.name, a.upper, a.line, scale, dt, seed)
+        return CameraSurgeon(seat, task.name, a.upper, a.line)
     targets = [(t.name, t.p_world) for t in task.targets]
-    return ScriptedSurgeon(PEDALS, arms, camera.robot, view, targets, task.tolerance, task.hold, scale, dt, seed)
+    return ScriptedSurgeon(seat, targets, task.tolerance, task.hold)
+
+
+def seat_of(scene: Scene, members: Mapping[str, Member], seed: int, scale: float | None, dt: float = 1e-3) -> Seat:
+    """Return the seat of a simulated surgeon at the console of a scene; scale None: that of the console."""
+    table = console_scene.console_of(scene)
+    camera = scene.cameras[table.camera]
+    scale = table.scale if scale is None else scale
+    return Seat(PEDALS, eyes(scene, members), camera.robot, camera.view_deg * DEG, scale, dt, seed)
 
 
 def ways_of(scene: Scene, members: Mapping[str, Member], props: Mechanism | None) -> Ways:
@@ -324,20 +328,35 @@ def replay(
         raise WorldError(
             f"the session was written by twin {start.twin}, whose World has other signals: replay it with that version"
         )
-    keep, difference, t = Keep(world, kept(world)), None, 0.0
+    keep = Keep(world, kept(world))
+    difference = repeat(session, world, tape, keep, progress)
+    return Ran(keep.recording(), keep.ticks, start.dt, difference, condition=start.condition)
+
+
+def repeat(session: Session, world: World, tape: Tape, keep: Keep, progress: Progress) -> Difference | None:
+    """Step a World with the recorded device to the end of a session; return the first difference of its signals.
+
+    Args:
+        session: the session.
+        world: the World, at its start.
+        tape: receives the rows of the World.
+        keep: collects them.
+        progress: called with "replay" and the fraction done.
+    """
+    difference, t = None, 0.0
     for chunk in session.chunks:
         world.step(len(chunk.device))
         rows = tape.take()
         keep.add(rows)
-        t1 = t + len(rows) * start.dt
+        t1 = t + len(rows) * session.head.dt
         if difference is None and file.digest(rows) != chunk.digest:
-            difference = difference_of(t, t1, rows[-1], chunk.last, world)
+            difference = _difference(t, t1, rows[-1], chunk.last, world)
         t = t1
-        progress("replay", keep.ticks / len(device))
-    return Ran(keep.recording(), keep.ticks, start.dt, difference, condition=start.condition)
+        progress("replay", keep.ticks / len(session.device))
+    return difference
 
 
-def difference_of(t0: float, t1: float, row: Array, last: Array, world: World) -> Difference:
+def _difference(t0: float, t1: float, row: Array, last: Array, world: World) -> Difference:
     """Return the difference of a chunk from t0 to t1 in s, with its last row and that of the recording."""
     off = np.abs(row - last)
     k = int(np.argmax(off))

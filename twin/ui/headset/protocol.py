@@ -423,7 +423,8 @@ def parse(text: str | bytes) -> Message:
     """Return the client message in a JSON text of at most `LONGEST` bytes.
 
     Raises:
-        RefusedError: the message is invalid (code "invalid"); the text does not repeat the content of the message.
+        RefusedError: the message is invalid (code "invalid"). The error names the field and the rule. It repeats no
+            value of a field; it repeats an unknown type or key, shortened to 300 characters.
     """
     if isinstance(text, bytes):
         raise RefusedError("invalid", "clients send JSON text, not binary messages")

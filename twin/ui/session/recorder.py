@@ -42,7 +42,7 @@ class Recorder:
                 writer.add(rows)
             if writer.full:
                 writer.close()
-                text = "the session has reached %g s, the maximum: %s is complete"
+                text = "the recording has reached its maximum of %g s: %s is complete, and nothing more is recorded"
                 logging.getLogger(__name__).warning(text, LONGEST, writer.path)
                 self._writer = None
         except TwinError as error:

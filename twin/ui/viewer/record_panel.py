@@ -17,7 +17,10 @@ from twin.ui.viewer.keep import append_phase, identifier, save_posture
 
 
 class RecordPanel:
-    """Controls below the joints; `posture` is a function that returns the name of the selected posture."""
+    """Controls below the joint sliders: record, replay, save and load a session; save a posture or a phase.
+
+    `posture` is a function that returns the name of the selected posture.
+    """
 
     def __init__(
         self, front: Front, a: Actor, tab: viser.GuiTabHandle, handles: list, posture: Callable[[], str]

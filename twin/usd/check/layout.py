@@ -185,10 +185,10 @@ def _check_prim_ops(prim: Usd.Prim, is_body: bool) -> Iterator[Finding]:
     rank = [_rank(n) for n in names if n.count(":") == 1]
     if is_body and rank != sorted(rank):
         text = (
-            f"{path}: the ops are ordered {', '.join(names)}; a rotation before the translation also rotates the "
-            "translation"
+            f"{path}: the ops are ordered {', '.join(names)}; in this order, a rotation or scale also changes the op "
+            "that follows it"
         )
-        yield warning("stage.xform_order", path, text, suggestion="write the op translate before the op orient")
+        yield warning("stage.xform_order", path, text, suggestion="list the ops in the order translate, orient, scale")
 
 
 def _rank(name: str) -> int:

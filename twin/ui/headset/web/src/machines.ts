@@ -12,7 +12,7 @@ const DEG = Math.PI / 180;
 const PHASES: Record<MachineState['phase'], string> = {
   teleoperate: 'The hand moves machine and model.',
   rehearse: 'The hand moves the model; the machine holds.',
-  judged: 'The record is judged good: run it on the machine.',
+  judged: 'The record has passed its check: run it on the machine.',
   replay: 'The machine and the model repeat the record.',
   done: 'The machine has repeated the record.',
   stopped: 'Stopped.',
@@ -102,7 +102,7 @@ export class Machines {
     const { limit } = this.info;
     const tips = this.names.map((n) => `${(1000 * (message.robots[n]?.tip ?? 0)).toFixed(2)} mm`).join(', ');
     this.apart.textContent = [
-      `Tips apart: ${tips} (last ${SECONDS} s${limit ? `; red: cue above ${(1000 * limit).toFixed(0)} mm` : ''})`,
+      `Deviation of the tips: ${tips} (last ${SECONDS} s${limit ? `; red: cue above ${(1000 * limit).toFixed(0)} mm` : ''})`,
       ...this.names.map((n) => this.largest(n, message.robots[n]?.joints ?? [])),
     ].join('\n');
   }

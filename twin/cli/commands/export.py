@@ -4,17 +4,48 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from twin import api
-from twin.cli import show
-from twin.core import assets
+from twin.cli.parser import SHOWN, Command
 from twin.core.errors import TwinError
-from twin.exchange.write.bundle import chosen_formats
-from twin.exchange.write.clip import Budget
+
+if TYPE_CHECKING:
+    from twin.exchange.write.clip import Budget
+
+EXAMPLES = """\
+  twin export sils                              every format, every protocol
+  twin export sils --to glb,tracks --out xr/
+  twin export sils --protocol lowered_patient --budget-um 20
+  twin export my_robot/ --json
+  twin export usd/pa10/pa10_circle.usda         a stage, with its baked motion
+  twin export vsrs                              a scene: each robot at its place, and all in one stage"""
 
 
-def export(args: argparse.Namespace) -> int:
+def arguments(command: Command) -> None:
+    """Add the arguments of `twin export`."""
+    command.robot(SHOWN)
+    command.tool()
+    command.out("./twin-out/<robot>/export/")
+    command.text("--to", "FORMATS", "comma-separated list of usd, usdz, glb, unity, tracks, mjcf, urdf (default all)")
+    group = command.add_mutually_exclusive_group()
+    text = "a protocol of the robot, or the path of a protocol file; may be given more than once"
+    group.add_argument("--protocol", metavar="NAME", action="append", help=text)
+    group.add_argument("--all-protocols", action="store_true", help="every protocol of the robot (the default)")
+    text = (
+        "maximum position error between keys in micrometres, of link points and joint gaps (default 100); determines "
+        "the key rate. The limit of the rotation error is proportional: 0.05 degrees at 100 micrometres"
+    )
+    command.number("--budget-um", "UM", text)
+
+
+def run(args: argparse.Namespace) -> int:
     """Write the export folder, audit it and print the files; the exit code is 1 if the audit finds a difference."""
+    from twin import api
+    from twin.cli import show
+    from twin.core import assets
+    from twin.exchange.write.bundle import chosen_formats
+    from twin.exchange.write.clip import Budget
+
     formats = chosen_formats(None if args.to is None else [f.strip() for f in args.to.split(",") if f.strip()])
     budget = Budget()
     if (size := show.micrometres("--budget-um", args.budget_um)) is not None:
@@ -37,6 +68,7 @@ def export(args: argparse.Namespace) -> int:
 
 def _scene(file: Path, args: argparse.Namespace, formats: tuple[str, ...], budget: Budget) -> int:
     from twin.api.scene_export import export_scene
+    from twin.cli import show
 
     if args.tool is not None or args.protocol:
         raise TwinError(

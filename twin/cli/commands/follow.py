@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import argparse
-import asyncio
 from typing import TYPE_CHECKING
 
-from twin import api
-from twin.cli.address import free_port
+from twin.cli.parser import Command, port_number
 from twin.core.errors import TwinError
 
 if TYPE_CHECKING:
@@ -15,8 +13,27 @@ if TYPE_CHECKING:
     from twin.ui.session.mirror import Mirror
 
 
-def follow(args: argparse.Namespace) -> int:
+EXAMPLES = """\
+  twin follow raven_left --states 127.0.0.1:36001      a machine that `twin machine` runs
+  twin follow pa10 --packets 36002                     joint values by UDP (docs/raven.md, Follow)
+  twin follow raven_left --states 36001 --view         in the page of twin view"""
+
+
+def arguments(command: Command) -> None:
+    """Add the arguments of `twin follow`."""
+    command.robot()
+    command.text("--states", "[HOST:]PORT", "TCP port of the states of a `twin machine`")
+    command.text("--packets", "PORT", "UDP port for joint packets (0: any free port)", type=port_number)
+    command.flag("--view", "show the page of twin view instead of that of twin serve")
+    command.address(8766, "page")
+    command.set_defaults(record=None, replay=None, session=None)
+
+
+def run(args: argparse.Namespace) -> int:
     """Show a machine until Ctrl-C."""
+    from twin import api
+    from twin.cli.address import free_port
+
     if (args.states is None) == (args.packets is None):
         raise TwinError(
             "give either --states HOST:PORT (TCP port of a `twin machine`) or --packets PORT (joint values of any "
@@ -28,10 +45,12 @@ def follow(args: argparse.Namespace) -> int:
     try:
         if args.view:
             return _view(args, port, mirror)
-        from twin.cli.serve import run
+        import asyncio
+
+        from twin.cli.serving import serve_until_stopped
         from twin.ui.headset import served
 
-        asyncio.run(run(args, robot.name, lambda: served.of_mirror(mirror), port, None))
+        asyncio.run(serve_until_stopped(args, robot.name, lambda: served.of_mirror(mirror), port, None))
     finally:
         mirror.close()
     return 0
@@ -60,7 +79,7 @@ def _mirror(robot: Robot, args: argparse.Namespace) -> Mirror:
 
 def _view(args: argparse.Namespace, port: int, mirror: Mirror) -> int:
     """Show the twin in a page of viser."""
-    from twin.cli.view import show_page
+    from twin.cli.viewing import show_page
     from twin.ui.viewer.mirror import MirrorFront
 
     advice, title = "every connected client can look", f"twin · {mirror.name}"

@@ -12,9 +12,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from twin import api
-from twin.cli import machine as machines
+from twin.cli import machines, show
 from twin.cli import scene as scenes
-from twin.cli import show
 from twin.cli.address import Address, free_port
 from twin.core import assets
 from twin.core.errors import TwinError
@@ -173,7 +172,7 @@ def _what(
         return open_page(f"twin · {scene.name}", actors, props, server, feed=scenes.organs(scene, robots), **more)
 
     def of_console(server: viser.ViserServer, more: dict[str, Any]) -> ConsoleFront:
-        from twin.cli.session import report
+        from twin.cli.commands.session import report
         from twin.ui.viewer.console import ConsoleFront
 
         robots, props = scenes.content(scene)

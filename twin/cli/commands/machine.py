@@ -3,67 +3,37 @@
 from __future__ import annotations
 
 import argparse
-import sys
-from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
 
-from twin import api
-from twin.cli import show
-from twin.core.errors import TwinError
+from twin.cli.parser import Command, port_number
 from twin.core.units import DEG
 
-if TYPE_CHECKING:
-    from twin.api.machine import Machines
-    from twin.api.robot import Robot
-    from twin.model.scene import Scene
-    from twin.simulation.machine.link import Address
+EXAMPLES = """\
+  twin machine raven_left --port 36000 --state-port 36001 --start
+  twin machine raven_left --mass-error 5 --friction-error 20 --overdrive hard"""
 
 
-def running(given: Sequence[str] | None) -> dict[str, Address]:
-    """Return the addresses of machines from options "ROBOT=HOST:PORT:STATEPORT".
-
-    Raises:
-        TwinError: an option has another form, or names a robot twice.
-    """
-    from twin.simulation.machine.link import Address
-
-    out: dict[str, Address] = {}
-    for text in given or ():
-        name, equal, where = text.partition("=")
-        if not equal or not name:
-            form = "ROBOT=HOST:PORT:STATEPORT, such as raven_left=127.0.0.1:36000:36001"
-            raise TwinError(f"--machine {text}: give {form}")
-        if name in out:
-            raise TwinError(f"--machine {text}: {name} is given twice; give each robot once")
-        out[name] = Address.parse(where)
-    return out
+def arguments(command: Command) -> None:
+    """Add the arguments of `twin machine`."""
+    command.robot()
+    for name, text in (("--port", "UDP port of the packets"), ("--state-port", "TCP port of the states")):
+        command.add_argument(name, type=port_number, default=0, help=f"{text} (default 0: any free port)")
+    command.flag("--start", "press the start button at once")
+    command.number("--duration", "S", "running time in seconds (default: run until Ctrl-C)")
+    command.software()
+    command.number("--master-timeout-ms", "MS", "time without packets after which the pedal counts as up")
+    text = "difference of the machine's masses from the masses in its software, in percent"
+    command.number("--mass-error", "PERCENT", text, 0.0)
+    text = "difference of the machine's friction from the friction in its software, in percent"
+    command.number("--friction-error", "PERCENT", text, 0.0)
+    command.number("--tilt-deg", "DEG", "rotation of the machine's base about its x axis, unknown to its software", 0.0)
 
 
-def of_scene(scene: Scene, robots: Mapping[str, Robot], given: Sequence[str] | None) -> Machines | None:
-    """Connect to the machines of a scene, and start those that are not in `given`; None for a scene without machines.
-
-    `given` contains the values of the option --machine.
-
-    Raises:
-        TwinError: --machine is wrong, or a machine does not answer.
-    """
-    from twin.api.session import machines_of
-
-    where = running(given)
-    if scene.trainer is None:
-        if where:
-            raise TwinError(f"--machine: scene '{scene.name}' has no machines: add a section [trainer] to its file")
-        return None
-    started = [n for n in scene.trainer.robots if n not in where]
-    if started:
-        print(f"twin: starting the machine of {', '.join(started)}", file=sys.stderr, flush=True)
-    return machines_of(scene, robots, where)
-
-
-def machine(args: argparse.Namespace) -> int:
+def run(args: argparse.Namespace) -> int:
     """Run the machine for --duration or until Ctrl-C; print the delays of its control ticks. The exit code is 0."""
+    from twin import api
     from twin.api.machine import machine as made
     from twin.api.machine import machine_parts
+    from twin.cli import show
     from twin.simulation.machine.server import HOST, Server
 
     robot = api.load(args.robot)

@@ -6,9 +6,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from twin import api
-from twin.cli import show
-from twin.core import assets
+from twin.cli.parser import Command
 from twin.core.errors import TwinError
 
 if TYPE_CHECKING:
@@ -18,11 +16,51 @@ _SCALE = 0.1
 """Default motion scale of a robot's operator; a console has another default."""
 
 
-def operate(args: argparse.Namespace) -> int:
+EXAMPLES = """\
+  twin operate sher phantom
+  twin operate sher phantom --trials 5 --seed 10 --json
+  twin operate sher phantom --clutch printed      the published clutch, with which the tool jumps
+  twin operate sils lowered_patient --scale 0.5
+  twin operate davinci --seed 3       a surgeon with two hands, clutch and camera at a scene's console
+  twin operate davinci --task pegboard      rings from pegs to pegs, held by friction
+  twin operate raven_dome                   a ring handed over and guided along a wire
+  twin operate vsrs --task cholecystectomy  a gallbladder taken out in five stages
+  twin operate raven --trials 3       machines by teleoperation, then a motion rehearsed in their models"""
+
+
+def arguments(command: Command) -> None:
+    """Add the arguments of `twin operate`."""
+    command.robot("a built-in robot, the path of a robot folder, or a scene with a task")
+    command.protocol()
+    command.text("--task", "NAME", "task of a scene (default: its first task)")
+    mistakes = "clip_missed, wrong_vessel, organ_punctured, cut_outside, bed_left"
+    guided = "dropped, not_handed_over, stopped_short, wire_touched, wall_hit, left_inside"
+    text = f"mistake that the surgeon makes. In a procedure: {mistakes}; with a ring to guide: {guided}"
+    command.text("--mistake", "NAME", text)
+    command.choice("--haptics", ("on", "off"), "compute forces on the hands (the operator does not react)")
+    command.out("./twin-out/<robot>/<protocol>-operator/")
+    command.integer("--seed", "random seed of the simulated hand; each further trial adds 1", 0)
+    command.integer("--trials", "number of trials, or of motions of a machine", 1)
+    command.machines()
+    text = (
+        "ratio of tool motion to hand motion (default 0.1, ASSUMED, because the paper states none; at a console the "
+        "scene's scale); rotations are not scaled"
+    )
+    command.number("--scale", "S", text)
+    text = "clutch of the SHER simulation paper, eq. (7): corrected (default), or as printed"
+    command.choice("--clutch", ("corrected", "printed"), text, "corrected")
+    command.choice("--solver", ("damped", "slsqp"), "solver of the joint steps (default damped)", "damped")
+
+
+def run(args: argparse.Namespace) -> int:
     """Simulate the operator and print the measures; write JSON, CSV and a picture.
 
     The exit code is 1 if a goal was not reached.
     """
+    from twin import api
+    from twin.cli import show
+    from twin.core import assets
+
     if (file := assets.scene_file(args.robot)) is not None:
         return _at_console(file, args)
     if args.haptics is not None:
@@ -55,7 +93,9 @@ def _at_console(file: Path, args: argparse.Namespace) -> int:
 
     Write the session, and the same files as `twin session --out`.
     """
+    from twin import api
     from twin.api.session import FILE, operate_console
+    from twin.cli import show
     from twin.simulation.session.run import task_of
 
     if args.protocol is not None:
@@ -89,7 +129,9 @@ def _at_console(file: Path, args: argparse.Namespace) -> int:
 def _machine(scene: Scene, args: argparse.Namespace) -> int:
     """Simulate a trainee who teleoperates the machines of a scene; write the session and the report."""
     from twin.api.session import FILE, operate_machine
-    from twin.cli.machine import running
+    from twin.cli import show
+    from twin.cli.machines import running
+    from twin.core import assets
     from twin.ui.report.files import write_result
 
     given = [n for n in ("haptics", "mistake") if getattr(args, n) is not None]
@@ -111,6 +153,7 @@ def _machine(scene: Scene, args: argparse.Namespace) -> int:
 def _procedure(scene: Scene, task: str, folder: Path, args: argparse.Namespace) -> int:
     """Simulate a surgeon who performs a procedure; write the session and the report."""
     from twin.api.procedure import operate_procedure
+    from twin.cli import show
     from twin.simulation.session.file import NAME
 
     given = [n for n, v in (("scale", args.scale), ("haptics", args.haptics)) if v is not None]

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from twin import api
-from twin.cli import machine as machines
+from twin.cli import machines
 from twin.cli import scene as scenes
 from twin.cli.address import Address, free_port
 from twin.core import assets
@@ -42,7 +42,7 @@ def serve(args: argparse.Namespace) -> int:
     if args.machine and scenes.find(args.robot) is None:
         raise TwinError(f"--machine applies to a scene with machines, such as raven; {args.robot} is a robot")
     name, make = _what(args)
-    asyncio.run(run(args, name, make, port, context))
+    asyncio.run(serve_until_stopped(args, name, make, port, context))
     return 0
 
 
@@ -78,7 +78,7 @@ def _at_console(
     args: argparse.Namespace, scene: Scene, robots: Mapping[str, Robot], props: Mechanism | None
 ) -> Callable[[], Served]:
     """Return the function that starts the console of a scene; raise `TwinError` for wrong arguments."""
-    from twin.cli.session import report
+    from twin.cli.commands.session import report
     from twin.simulation.console_scene import console_of
     from twin.simulation.session.condition import Condition, randomised
     from twin.simulation.session.run import task_of
@@ -140,7 +140,7 @@ def _require_compatible(args: argparse.Namespace) -> None:
         raise TwinError("--participant requires --session FILE, which records the condition")
 
 
-async def run(
+async def serve_until_stopped(
     args: argparse.Namespace, name: str, make: Callable[[], Served], port: int, context: ssl.SSLContext | None
 ) -> None:
     """Serve what `make` returns until Ctrl-C; `make` is called in the event loop."""

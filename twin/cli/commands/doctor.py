@@ -6,14 +6,22 @@ import argparse
 import platform
 import re
 import shutil
-from importlib.metadata import PackageNotFoundError, requires, version
 
-from twin.cli import show
-from twin.core import assets
+from twin.cli.parser import Command
+
+EXAMPLES = """\
+  twin doctor"""
 
 
-def doctor(args: argparse.Namespace) -> int:
+def arguments(command: Command) -> None:
+    """Add no arguments: `twin doctor` has none of its own."""
+
+
+def run(args: argparse.Namespace) -> int:
     """Print the required and optional packages and programs; return 2 if a required package is missing, else 0."""
+    from twin.cli import show
+    from twin.core import assets
+
     packages = _needed()
     extras = {
         "distributed": "sweeps, on several processors or machines (extra: cluster)",
@@ -44,11 +52,15 @@ def doctor(args: argparse.Namespace) -> int:
 
 def _needed() -> list[str]:
     """Return the required packages of twin, without the packages of optional extras."""
+    from importlib.metadata import requires
+
     asked = [line for line in requires("twin-robotics") or () if "extra ==" not in line]
     return [re.split(r"[^\w.-]", line, maxsplit=1)[0] for line in asked]
 
 
 def _installed(name: str) -> str | None:
+    from importlib.metadata import PackageNotFoundError, version
+
     try:
         return version(name)
     except PackageNotFoundError:

@@ -5,17 +5,38 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from twin import api
-from twin.cli import show
+from twin.cli.parser import Command
+
+EXAMPLES = """\
+  twin hazards raven_left --campaign table1
+  twin hazards pa10 --sessions 100 --processes 1
+  twin hazards raven_left --overdrive hard --released none --out hard
+  twin hazards raven_left --trends"""
 
 
-def hazards(args: argparse.Namespace) -> int:
+def arguments(command: Command) -> None:
+    """Add the arguments of `twin hazards`."""
+    command.robot()
+    command.software()
+    text = "instead of a campaign, run the two experiments of the paper: deviation at each motion scale, and deviation "
+    text += "with the command of the first motor stuck every 8 s"
+    command.flag("--trends", text)
+    text = "name of a campaign of the robot, or path of a file (default table1)"
+    command.text("--campaign", "NAME", text, default="table1")
+    command.integer("--sessions", "maximum number of sessions to run now (default: all that are not yet in the log)")
+    command.integer("--processes", "number of processes (default: number of processors)")
+    command.out("./twin-out/<robot>/<name>-hazards/")
+
+
+def run(args: argparse.Namespace) -> int:
     """Run the remaining sessions, and print and write the outcomes by class; the log contains each session.
 
     The exit code is 1 if a cue (force on the operator's hand) occurred without a fault.
     """
+    from twin import api
     from twin.api.hazards import FILE, Software, trends
-    from twin.api.hazards import hazards as run
+    from twin.api.hazards import hazards as campaign
+    from twin.cli import show
 
     robot = api.load(args.robot)
     software = Software(args.mode, args.overdrive, None if args.released is None else tuple(args.released.split(",")))
@@ -24,7 +45,7 @@ def hazards(args: argparse.Namespace) -> int:
         if args.trends:
             found = trends(robot, software=software, progress=progress)
         else:
-            found = run(
+            found = campaign(
                 robot,
                 args.campaign,
                 folder,

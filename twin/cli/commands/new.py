@@ -4,18 +4,38 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from twin.cli import show
+from twin.cli.parser import Command
 from twin.core.errors import TwinError
-from twin.core.findings import Finding
+
+if TYPE_CHECKING:
+    from twin.core.findings import Finding
 
 _SHOWN = 3
 """Maximum number of printed findings of one kind; the notes contain all findings."""
 
 
-def new(args: argparse.Namespace) -> int:
+EXAMPLES = """\
+  twin new leg --from robot.urdf                   loops from robot.yaml in the same folder
+  twin new gripper --from gripper.xml --out robots/gripper/
+  twin new arm.step                                an incomplete robot: joints are proposed as comments"""
+
+
+def arguments(command: Command) -> None:
+    """Add the arguments of `twin new`."""
+    command.add_argument("name", help="name of the robot (lower-case letters, digits and _), or the file to read")
+    command.text("--from", "FILE", ".urdf, .xml (MJCF), .sdf, .usd* or .step", dest="source")
+    command.text("--closures", "FILE", "closure YAML of a URDF (default: the .yaml file of the same name)")
+    text = "robot to read, if the file has several: prim path (USD), model (SDF) or body (MJCF)"
+    command.text("--root", "NAME", text)
+    command.flag("--force", "overwrite a robot folder; equations and protocols are kept")
+    command.out("./<name>/")
+
+
+def run(args: argparse.Namespace) -> int:
     """Read a description or CAD and write the robot folder."""
+    from twin.cli import show
     from twin.exchange.read import SUFFIXES
     from twin.usd.read.names import identifier
 

@@ -4,19 +4,39 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from twin.api import published
-from twin.cli import show
+from twin.cli.parser import Command
 from twin.core.errors import TwinError
-from twin.core.result import Result
+
+if TYPE_CHECKING:
+    from twin.core.result import Result
+
+EXAMPLES = """\
+  twin study sher
+  twin study pa10                 inertia tables: are they physically possible?
+  twin study davinci              groups of users, and the accuracy of a console
+  twin study my_study.toml --json
+  twin study users.csv            your own groups, with rank tests
+  twin study users.csv --out study/           also a page with box plots and learning curves
+  twin study first=a.session first=b.session last=c.session last=d.session    sessions at a console"""
 
 
-def study(args: argparse.Namespace) -> int:
+def arguments(command: Command) -> None:
+    """Add the arguments of `twin study`."""
+    text = "a built-in robot or study, a robot folder, a study file, a CSV of users, or sessions as GROUP=FILE"
+    command.add_argument("subject", nargs="+", help=text)
+    command.text("--out", "FOLDER", "write a page, a figure and the data of groups into this folder")
+
+
+def run(args: argparse.Namespace) -> int:
     """Print the recomputed tables of a robot's studies or of one file, or the tests of groups.
 
     With --out, write page, picture and data of a comparison of groups. The exit code is 1 if printed tables differ
     from the paper.
     """
+    from twin.cli import show
+
     folder = show.folder(args) if args.out else None
     found = _found(args)
     if folder is None:
@@ -29,6 +49,9 @@ def study(args: argparse.Namespace) -> int:
 
 
 def _found(args: argparse.Namespace) -> Result:
+    from twin.api import published
+    from twin.cli import show
+
     named = [s for s in args.subject if "=" in s and not Path(s).exists()]
     if not named:
         if len(args.subject) > 1:

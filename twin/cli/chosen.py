@@ -1,0 +1,65 @@
+"""What the options --protocol, --all-protocols and --variant choose."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+
+from twin import api
+from twin.core.errors import TwinError, unknown
+
+
+def protocols(robot: api.Robot, args: argparse.Namespace) -> tuple[str, ...]:
+    """Return the chosen protocols, by default the robot's default protocol.
+
+    Raises:
+        TwinError: the robot has no protocols, or one of the chosen protocols is invalid.
+    """
+    if robot.files is None:
+        raise TwinError(f"{robot.name} is a USD stage, which has neither equations nor protocols to validate")
+    if getattr(args, "all_protocols", False):
+        chosen = tuple(robot.files.protocols())
+        if not chosen:
+            raise TwinError(f"{robot.name}: there is no protocol in {robot.files.trajectories}")
+    else:
+        chosen = (args.protocol or robot.source.description.default_protocol,)
+    for name in chosen:
+        robot.protocol(name)  # report invalid values before computing and writing
+    return chosen
+
+
+def asked(texts: Sequence[str]) -> str | dict[str, str] | None:
+    """Return the variants of `--variant`: one name for all equations, or a name by equation; None without the option.
+
+    Raises:
+        TwinError: names are mixed with EQ=NAME pairs, several names are given, or an equation is given twice.
+    """
+    bare = [t for t in texts if "=" not in t]
+    if bare and len(texts) > 1:
+        raise TwinError("--variant: give either one variant name or EQ=NAME pairs, not both")
+    if bare:
+        return bare[0]
+    pairs = dict(t.split("=", 1) for t in texts)
+    if len(pairs) < len(texts):
+        raise TwinError("--variant: an equation is given twice; give each equation once")
+    return pairs or None
+
+
+def variants_of_each(robot: api.Robot, texts: Sequence[str]) -> list[dict[str, str] | None]:
+    """Return the variants by equation of each report to write; None: the default variants."""
+    chosen = asked(texts)
+    if chosen is None:
+        return [None]
+    choices = robot.variants
+    if isinstance(chosen, str):
+        having = [eq for eq, names in choices.items() if chosen in names]
+        if not having:
+            raise TwinError(f"--variant: {unknown('variant', chosen, {n for v in choices.values() for n in v})}")
+        alone: list[dict[str, str] | None] = [{eq: chosen} for eq in having]
+        return [*alone, dict.fromkeys(having, chosen)] if len(having) > 1 else alone
+    for eq, name in chosen.items():
+        if eq not in choices:
+            raise TwinError(f"--variant: {unknown('equation', eq, choices)}")
+        if name not in choices[eq]:
+            raise TwinError(f"--variant {eq}: {unknown('variant', name, choices[eq])}")
+    return [chosen]

@@ -1,0 +1,42 @@
+"""The commands of twin: each is the file of its name, with its examples, its arguments and the function that runs it.
+
+A file is imported only when its command is used; what takes long to import is imported in its functions, so that
+`twin COMMAND --help` is fast. The names that each file has:
+
+- `EXAMPLES`: lines at the end of `twin COMMAND --help`;
+- `arguments(command)`: adds the arguments of the command;
+- `run(args)`: runs the command and returns the exit code.
+"""
+
+HELP = {
+    "list": "list the built-in robots and scenes",
+    "info": "show a robot: joints, limits, frames, parameters with provenance; or a scene",
+    "build": "write the USD stage of a robot from its CAD",
+    "plan": "plan the timed motion of a protocol and check every sample",
+    "validate": "compare the equations with the mechanism",
+    "explain": "show which row of which equation disagrees with the mechanism, why, and the edit that fixes it",
+    "run": "build, plan and validate: from CAD to report in one command",
+    "selftest": "seed faults into a correct robot, and measure how many the validator finds (mutation score)",
+    "view": "show a robot in the browser: play, drag, measure, redesign",
+    "serve": "serve a robot or a scene to headsets and browsers: place it in the room, play, grab it",
+    "operate": "simulate an operator (hands, pedals) who performs a protocol or a task, and measure the result",
+    "session": "replay a session recorded at a console, compare it bit by bit, measure it, export it",
+    "track": "simulate computed-torque control along a protocol, and the tip error caused by model mismatch",
+    "machine": (
+        "simulate a robot as a machine (control software, motors and links at 1 kHz): commands by UDP, states by TCP"
+    ),
+    "follow": "show a machine live: its measured pose, its desired pose as a ghost, and a plot of their deviation",
+    "hazards": (
+        "run a fault-injection campaign on the machine of a robot; the same command resumes an interrupted campaign"
+    ),
+    "study": "check a paper's tables: do totals and p-values follow from the printed rows?",
+    "console": "check the published equations of a surgeon's console: hands, clutch, camera, forces",
+    "new": "create a robot folder from URDF, MJCF, SDF, a USD stage, or the STEP file of an assembly",
+    "export": "export a robot with its motions for headsets, game engines and simulators, and check the files",
+    "audit": "check exported files, also from other tools, with independent readers, and compare the files",
+    "workspace": "compute the workspace: volume, conditioning, margins to limits and singularities",
+    "tolerance": "compute the tool error caused by part and encoder errors, and compare it with a requirement",
+    "sweep": "evaluate other designs: parameters or distances on a grid or Latin hypercube",
+    "doctor": "list the installed packages and programs, and their purposes",
+}
+"""What each command does, in the order of `twin --help`."""

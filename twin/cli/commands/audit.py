@@ -1,0 +1,30 @@
+"""`twin audit`: check exported files with independent readers, and compare them."""
+
+from __future__ import annotations
+
+import argparse
+
+from twin.cli.parser import Command
+
+EXAMPLES = """\
+  twin audit twin-out/sils/export/
+  twin audit twin-out/sils/export/ --robot sils    against the mechanism
+  twin audit model.glb              a file from any source
+  twin audit robot.usdz --json"""
+
+
+def arguments(command: Command) -> None:
+    """Add the arguments of `twin audit`."""
+    command.add_argument("path", help="a folder, or a .glb, .gltf, USD, .usdz, track, MJCF or URDF file")
+    command.text("--robot", "NAME", "recompute the poses from this robot's mechanism: name or folder")
+    command.flag("--all", "show notes and all checks, not only the worst of each kind")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Audit a file or folder and print the results; the exit code is 1 for a fault, 2 for an unreadable file."""
+    from twin import api
+    from twin.cli import show
+
+    with show.progress(args.quiet or args.json) as progress:
+        report = api.audit(args.path, args.robot, progress)
+    return show.finish(report, args, text=report.text(args.all))

@@ -1,0 +1,52 @@
+"""`twin build`: write the USD stage of a robot from its CAD."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from twin.cli.parser import Command
+from twin.core.errors import TwinError
+
+EXAMPLES = """\
+  twin build sils
+  twin build sils --check      is the committed stage current?
+  twin build sils --out stage/"""
+
+
+def arguments(command: Command) -> None:
+    """Add the arguments of `twin build`."""
+    command.robot()
+    command.out("usd/<robot>/ in a checkout, the robot folder's usd/ otherwise")
+    command.protocols()
+    command.flag("--check", "write nothing; exit 1 if the stage is not current")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Write the stage or, with --check, compare the existing stage with a newly built one."""
+    from twin import api
+    from twin.cli import show
+    from twin.cli.chosen import protocols
+
+    robot = api.load(args.robot)
+    chosen = protocols(robot, args) if args.protocol else None
+    if args.check and chosen:
+        raise TwinError("--check compares the whole stage: omit --protocol")
+    with show.progress(args.quiet or args.json) as progress:
+        folder = Path(args.out) if args.out else None
+        if args.check:
+            return show.finish(api.check_build(robot, folder, args.robot, progress), args)
+        written = api.build(robot, folder, protocols=chosen, progress=progress)
+    if args.json:
+        print(show.as_json({"files": [str(p) for p in written]}))
+    else:
+        for path in written:
+            print(f"  {path}  ({path.stat().st_size / 1e3:.0f} kB)")
+        baked = {path.stem.removeprefix(f"{robot.name}_") for path in written}
+        for name in robot.files.protocols() if robot.files is not None and robot.unwritten and not chosen else ():
+            if name not in baked:
+                print(
+                    f"  {name}: left out, because the mechanism cannot follow it; to see the reason, run twin plan "
+                    f"{args.robot} {name}"
+                )
+    return 0

@@ -1,0 +1,108 @@
+"""`twin plan`: plan the timed motion of a protocol, or of several robots of a scene at once."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from twin.cli.parser import Command
+from twin.core.errors import TwinError
+from twin.core.units import MM
+
+if TYPE_CHECKING:
+    from twin.api import Robot
+    from twin.planning.rounds import Rounds
+
+EXAMPLES = """\
+  twin plan sils
+  twin plan sils lowered_patient --out plan/
+  twin plan pa10 --avoid vsrs        around the props and the other robots of a scene, outside the patient
+  twin plan raven_left left.toml --avoid raven --with raven_right=right.toml        two arms at once"""
+
+_COST = "path_cost.png"
+"""Picture of the cost of the paths around obstacles over the samples of their searches."""
+
+
+def arguments(command: Command) -> None:
+    """Add the arguments of `twin plan`."""
+    command.robot()
+    command.protocol()
+    text = (
+        "plan phases of the types joints, positioning and home around obstacles: props and other robots of a scene; "
+        "without a scene, the robot's own bodies"
+    )
+    command.text("--avoid", "SCENE", text, nargs="?", const="")
+    command.text(
+        "--with",
+        "ROBOT=PROTOCOL",
+        "with --avoid SCENE: also plan these robots of the scene, separated by commas. The first phases of all "
+        "protocols begin and end together, then the second ones. A robot avoids those before it; they may wait for it",
+        dest="beside",
+    )
+    command.number("--clearance-mm", "MM", "with --avoid: required minimum distance between bodies", 5.0)
+    command.integer("--seed", "with --avoid: seed of the random search", 0)
+    command.out("./twin-out/<robot>/<protocol>/")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Plan a timed trajectory of a protocol; print phases and findings; write CSV and JSON."""
+    from twin import api
+    from twin.cli import show
+    from twin.core import assets
+    from twin.planning.planned import FILES, Planned
+    from twin.planning.protocol import avoiding
+
+    robot = api.load(args.robot)
+    if args.beside is not None:
+        return _together(robot, args)
+    protocol = robot.protocol(args.protocol)
+    if args.avoid is not None:
+        protocol = avoiding(protocol, args.avoid, args.clearance_mm * MM, args.seed)
+    folder = show.folder(args, robot.name, protocol.name)
+    with show.progress(args.quiet or args.json) as progress:
+        trajectory = api.plan(robot, protocol, progress)
+    planned = Planned(trajectory, [j.is_angle for j in robot.mechanism.active])
+    with assets.atomic_folder(folder) as work:
+        planned.write(work)
+        drawn = _drawn(f"{robot.name} on {protocol.name}", planned.rounds, work)
+    return show.finish(planned, args, folder, [FILES[0], *drawn])
+
+
+def _drawn(what: str, searches: Mapping[str, Rounds], folder: Path) -> list[str]:
+    """Draw the rounds of the searches of a plan, if there are any; return the names of the written files."""
+    if not searches:
+        return []
+    from twin.ui.report import rounds, style
+
+    (folder / _COST).write_bytes(style.png(rounds.figure(f"Paths around obstacles · {what}", searches)))
+    return [_COST]
+
+
+def _together(robot: Robot, args: argparse.Namespace) -> int:
+    """Plan several robots of a scene at once (`plan --avoid SCENE --with ROBOT=PROTOCOL`)."""
+    from twin import api
+    from twin.cli import show
+    from twin.core import assets
+
+    if not args.avoid:
+        raise TwinError("--with: name the scene in which all robots stand, such as --avoid raven")
+    scene = api.load_scene(args.avoid)
+    places = {p.name: p.robot for p in scene.places}
+    arms = {robot.name: (robot, robot.protocol(args.protocol))}
+    for text in args.beside.split(","):
+        name, _, chosen = text.strip().partition("=")
+        if name in arms:
+            raise TwinError(f"--with {name}: this robot is already planned; name each robot once, as in the scene")
+        if name not in {*places, *places.values()}:
+            raise TwinError(f"--with '{name}': scene '{scene.name}' has no such robot; it has: {', '.join(places)}")
+        other = api.load(places.get(name) or name)
+        arms[name] = other, other.protocol(chosen or None)
+    folder = show.folder(args, scene.name, "_".join(arms))
+    with show.progress(args.quiet or args.json) as progress:
+        planned = api.plan_together(args.avoid, arms, args.clearance_mm * MM, args.seed, progress)
+    with assets.atomic_folder(folder) as work:
+        planned.write(work)
+        drawn = _drawn(f"scene {scene.name}", planned.rounds, work)
+    return show.finish(planned, args, folder, [*planned.files(), *drawn])

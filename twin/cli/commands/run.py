@@ -1,0 +1,51 @@
+"""`twin run`: build, plan and validate a robot; play a scene."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from twin.cli.parser import Command
+
+EXAMPLES = """\
+  twin run sils
+  twin run sils --protocol lowered_patient --out demo/"""
+
+
+def arguments(command: Command) -> None:
+    """Add the arguments of `twin run`."""
+    command.robot()
+    command.out("./twin-out/<robot>/")
+    command.protocols()
+
+
+def run(args: argparse.Namespace) -> int:
+    """Build, plan and validate a robot; play a scene."""
+    from twin import api
+    from twin.cli import reports, scene, show
+    from twin.cli.chosen import protocols
+    from twin.cli.cure import Cures
+    from twin.core import assets
+
+    if (file := assets.scene_file(args.robot)) is not None:
+        return scene.run(file, args)
+    robot = api.load(args.robot)
+    root = Path(args.out) if args.out else Path("twin-out") / robot.name
+    chosen = protocols(robot, args)
+    for folder in ("usd", *(robot.protocol(p).name for p in chosen)):
+        assets.require_writable(root / folder)
+    found, cures = [], Cures(robot)
+    # The stage and its reports must match: they replace earlier files in one step.
+    with show.progress(args.quiet or args.json) as progress, assets.atomic_folder(root) as work:
+        robot = robot.weighed()
+        stage = api.build(robot, work / "usd", protocols=chosen, progress=progress)[0]
+        for protocol in chosen:
+            report = api.validate(robot, protocol=protocol, stage=stage, baked=True, progress=progress)
+            report = cures.of(report, protocol, progress)
+            progress("report", 0.0)
+            reports.write(report, work / report.protocol, root)
+            found.append((report, root / report.protocol))
+    code = reports.finish(found, args)
+    if not args.json:
+        print(f"  stage: {root / stage.relative_to(work)}")
+    return code

@@ -1,0 +1,54 @@
+"""`twin selftest`: seed faults into a robot, and measure how many the validator finds."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from twin.cli.parser import Command
+from twin.core.errors import TwinError, unknown
+
+if TYPE_CHECKING:
+    from twin.analysis.mutation.fault import Family
+
+EXAMPLES = """\
+  twin selftest sils                            equations, CAD, USD, units, timing
+  twin selftest sils --family formula,cad --count 60 --seed 7
+  twin selftest my_robot/ --json"""
+
+
+def arguments(command: Command) -> None:
+    """Add the arguments of `twin selftest`."""
+    command.robot()
+    command.text("--protocol", "NAME", "the protocol (default: the robot's default protocol)")
+    command.text("--family", "NAMES", "comma-separated list of formula, cad, usd, units, timing (default all)")
+    command.integer("--count", "number of faults", 118)
+    command.integer("--seed", "random seed", 0)
+    command.out("./twin-out/<robot>/")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Seed faults, validate and store the score; the exit code is 1 for a low score or for a false alarm."""
+    from twin.analysis.mutation.fault import FAMILIES
+    from twin.analysis.mutation.run import selftest as seed
+    from twin.cli import show
+
+    if args.count < 1:
+        raise TwinError(f"--count {args.count}: give a number of faults, 1 or more")
+    if args.seed < 0:
+        raise TwinError(f"--seed {args.seed}: give a number that is not negative")
+    families: tuple[Family, ...] = FAMILIES
+    if args.family:
+        asked = [f.strip() for f in args.family.split(",")]
+        for name in asked:
+            if name not in FAMILIES:
+                raise TwinError(f"--family: {unknown('family', name, FAMILIES)}")
+        families = tuple(f for f in FAMILIES if f in asked)
+    name = Path(args.robot).resolve().stem
+    folder = show.folder(args, name)
+    with show.progress(args.quiet or args.json) as progress:
+        score = seed(
+            args.robot, protocol=args.protocol, families=families, count=args.count, seed=args.seed, progress=progress
+        )
+    return show.store(score, args, folder, ["selftest.json"])

@@ -1,0 +1,65 @@
+"""`twin serve`: serve a robot or a scene to headsets and browsers; what it does is in twin.cli.serving."""
+
+from __future__ import annotations
+
+import argparse
+
+from twin.cli.parser import Command, port_number
+
+EXAMPLES = """\
+  twin serve sils                     for a Quest by USB cable, first: adb reverse tcp:8765 tcp:8765
+  twin serve sher phantom --no-browser
+  twin serve my_robot/                your own robot; a USD stage also works
+  twin serve vsrs                     all robots of a scene, with one clock
+  twin serve davinci                  instruments and camera, controlled from the page or the headset
+  twin serve davinci --task pegboard            rings to grasp, with a scoreboard
+  twin serve raven_dome --task ring             a ring to hand over and to guide in a dome
+  twin serve davinci --packets 9870 --mqtt 127.0.0.1    also by UDP packets; motion scale by MQTT
+  twin serve sils --host 0.0.0.0 --cert cert.pem --key key.pem    for every headset in the network
+  twin serve sils --record session.json        record requests and what clients see
+  twin serve sils --replay session.json
+  twin serve davinci --session hands.session    record the hands at a console, for twin session
+  twin serve davinci --session p7-1.session --participant 7 --run 1    a study: one of two runs has forces"""
+
+
+def arguments(command: Command) -> None:
+    """Add the arguments of `twin serve`."""
+    command.page(8765, "server")
+    command.text("--record", "FILE", "record the session: requests, states and frames, as JSON")
+    command.text("--replay", "FILE", "replay a session recorded by --record, frame by frame")
+    text = "UDP port for hand states from other programs, for a scene with a console (docs/console.md, Packets)"
+    command.text("--packets", "[HOST:]PORT", text, type=_packets)
+    text = "MQTT broker for the motion scale of a scene with a console (default port 1883)"
+    command.text("--mqtt", "HOST[:PORT]", text, type=_broker)
+    text = "topic of the motion scale; messages to TOPIC/set change the scale (default twin/<scene>/scale)"
+    command.text("--mqtt-topic", "TOPIC", text)
+    command.text("--session", "FILE", "record the motion of the hands at a console; twin session replays the file")
+    command.text("--cert", "FILE", "certificate (PEM) for https, which headsets require for AR")
+    command.text("--key", "FILE", "private key (PEM) of the certificate, if it is not in the same file")
+    command.choice("--haptics", ("on", "off"), "forces on the hands at the start (default: as in the scene file)")
+    command.integer("--participant", "number of the participant in a study; determines which run has forces")
+    command.integer("--run", "number of the participant's run; one of the two runs has forces", metavar="1|2")
+
+
+def _packets(text: str) -> tuple[str, int]:
+    """Convert [HOST:]PORT to host and port; default 127.0.0.1."""
+    host, _, port = text.rpartition(":")
+    return host or "127.0.0.1", port_number(port)
+
+
+def _broker(text: str) -> tuple[str, int]:
+    """Convert HOST[:PORT] to host and port; default 1883, the port of MQTT."""
+    host, _, port = text.partition(":")
+    if not host:
+        raise argparse.ArgumentTypeError(f"{text} has no host: give HOST or HOST:PORT")
+    number = port_number(port or "1883")
+    if number == 0:
+        raise argparse.ArgumentTypeError(f"{text}: port 0 is not the port of a broker; give 1 to 65535")
+    return host, number
+
+
+def run(args: argparse.Namespace) -> int:
+    """Serve a robot or a scene until Ctrl-C."""
+    from twin.cli.serving import serve
+
+    return serve(args)

@@ -1,0 +1,80 @@
+"""`twin sweep`: evaluate other designs, with other parameters and distances."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from twin.cli.parser import Command, count
+from twin.core.errors import TwinError
+
+EXAMPLES = """\
+  twin sweep sils --vary l_p=120..150mm --vary l_2=180..260mm --samples 200
+  twin sweep sher --vary l4:e_a-e_d=70..77mm --grid 9     a distance in the mechanism, evaluated by tolerance
+  twin sweep sils --vary l_p=120..150mm --grid 50 --scheduler tcp://10.0.0.1:8786 --parquet"""
+
+
+def arguments(command: Command) -> None:
+    """Add the arguments of `twin sweep`."""
+    command.robot()
+    text = "parameter of the equations, or distance body:joint-joint, with its range; may be given more than once"
+    command.text("--vary", "NAME=LOW..HIGH", text, action="append", default=[])
+    command.number("--samples", "N", "number of samples of the Latin hypercube", 64, count)
+    command.integer("--grid", "number of values of each varied quantity: evaluate the full grid instead of samples")
+    command.text("--objective", "NAMES", "comma-separated list of volume, conditioning, margin, tolerance")
+    command.trocar()
+    command.integer("--seed", "random seed of the Latin hypercube", 0)
+    command.scheduler()
+    command.integer("--workers", "number of worker processes (default: one for each processor)")
+    command.flag("--parquet", "also write sweep.parquet")
+    command.flag("--fresh", "evaluate all designs again instead of reusing results")
+    command.out("./twin-out/<robot>/sweep-<key>/, one for each sweep")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Evaluate every design and print the best; results are stored immediately, and stored results are reused."""
+    from twin import api
+    from twin.analysis import table
+    from twin.analysis.sweep import sweep as judge
+    from twin.cli import show
+    from twin.core import assets
+    from twin.ui.report.files import write_result
+
+    if not args.vary:
+        raise TwinError("--vary is required, for example --vary l_p=120..150mm; it may be given more than once")
+    if args.samples < 1 or (args.grid is not None and args.grid < 2):
+        raise TwinError("--samples: give at least 1; --grid: give at least 2 levels")
+    if args.workers is not None and args.workers < 1:
+        raise TwinError(f"--workers {args.workers}: give at least 1")
+    if args.parquet:
+        table.arrow()
+    robot = api.load(args.robot)
+    folder = Path(args.out) if args.out else Path("twin-out") / robot.name
+    assets.require_writable(folder)
+
+    def place(key: str) -> Path:
+        nonlocal folder
+        folder = folder if args.out else folder / f"sweep-{key[:8]}"
+        return folder
+
+    with show.progress(args.quiet or args.json) as progress:
+        found = judge(
+            robot,
+            args.vary,
+            place,
+            source=str(Path(args.robot).resolve()) if Path(args.robot).exists() else args.robot,
+            objectives=[x.strip() for x in (args.objective or "").split(",") if x.strip()],
+            protocol=args.protocol,
+            samples=args.samples,
+            grid=args.grid,
+            seed=args.seed,
+            workers=args.workers,
+            scheduler=args.scheduler,
+            fresh=args.fresh,
+            progress=progress,
+        )
+        progress("write", 0.0)
+        with assets.atomic_folder(folder) as made:
+            table.write(found.rows, made, parquet=args.parquet)
+            shown = write_result(found, made)
+    return show.finish(found, args, folder, [*shown, "sweep.csv"])

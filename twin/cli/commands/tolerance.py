@@ -1,0 +1,58 @@
+"""`twin tolerance`: compute the tool error caused by part and encoder errors."""
+
+from __future__ import annotations
+
+import argparse
+
+from twin.cli.parser import Command, count
+from twin.core.errors import TwinError
+from twin.core.units import DEG, UM
+
+EXAMPLES = """\
+  twin tolerance sher                              in every posture, with the robot's requirement
+  twin tolerance sher --sigma-um 2 --encoder-um 0.5 --require-um 30
+  twin tolerance sils --protocol table2 --samples 100000 --json"""
+
+
+def arguments(command: Command) -> None:
+    """Add the arguments of `twin tolerance`."""
+    command.robot()
+    command.text("--protocol", "NAME", "evaluate along this protocol instead of in the robot's postures")
+    command.number("--sigma-um", "UM", "standard deviation of a joint frame's position", 10.0)
+    command.number("--sigma-deg", "DEG", "standard deviation of a joint frame's rotation about each of its axes", 0.001)
+    command.number("--encoder-um", "UM", "standard deviation of a slide's encoder", 1.0)
+    command.number("--encoder-deg", "DEG", "standard deviation of a rotary joint's encoder", 0.001)
+    text = "required 95th-percentile position error (default: the requirement of the robot)"
+    command.number("--require-um", "UM", text)
+    command.number("--samples", "N", "number of Monte Carlo samples, at least 1000, or 0 for none", 20_000, count)
+    command.integer("--seed", "random seed", 0)
+    command.out("./twin-out/<robot>/tolerance/")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Compute and print the tool error; write a picture and a file.
+
+    The exit code is 1 if a requirement is not met.
+    """
+    from twin import api
+    from twin.analysis.tolerance import Spread
+    from twin.analysis.tolerance import tolerance as compute
+    from twin.cli import show
+
+    if args.samples and args.samples < 1000:
+        raise TwinError(f"--samples {args.samples}: give at least 1000, or 0 to omit the Monte Carlo check")
+    required = show.micrometres("--require-um", args.require_um)
+    robot = api.load(args.robot)
+    folder = show.folder(args, robot.name, "tolerance")
+    spread = Spread(args.sigma_um * UM, args.sigma_deg * DEG, args.encoder_um * UM, args.encoder_deg * DEG)
+    with show.progress(args.quiet or args.json) as progress:
+        found = compute(
+            robot,
+            spread,
+            args.protocol,
+            required=required,
+            samples=args.samples,
+            seed=args.seed,
+            progress=progress,
+        )
+    return show.store(found, args, folder)

@@ -1,0 +1,100 @@
+"""`twin validate`: compare the equations with the mechanism."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from twin.cli.parser import VARIANT, Command
+from twin.core.errors import TwinError
+
+if TYPE_CHECKING:
+    from twin.api import Robot
+
+EXAMPLES = """\
+  twin validate sils
+  twin validate sils --variant eq1=printed
+  twin validate sils --all-protocols --json
+  twin validate sher --sweep q5 --compare serial,mimic      over the joint range instead of along a protocol"""
+
+
+def arguments(command: Command) -> None:
+    """Add the arguments of `twin validate`."""
+    command.robot()
+    command.out("./twin-out/<robot>/<protocol>/")
+    command.protocols()
+    command.variants(f"{VARIANT}: one report for each equation, and one for all together")
+    command.accuracy()
+    text = "compare over the whole range (stroke) of these joints (default all) instead of along a protocol"
+    command.text("--sweep", "JOINTS", text, nargs="?", const="all")
+    text = "with --sweep: also compute the error of simplified loop models (comma-separated list of serial, mimic)"
+    command.text("--compare", "NAMES", text)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Validate the equations on the chosen protocols and variants; write a report for each."""
+    from twin import api
+    from twin.cli import reports, show
+    from twin.cli.chosen import protocols, variants_of_each
+    from twin.cli.cure import Cures
+    from twin.core import assets
+    from twin.validation.rows import Tolerances
+
+    width = show.micrometres("--tolerance-um", args.tolerance_um)
+    tolerances = None if width is None else Tolerances().widened(width)
+    robot = api.load(args.robot)
+    if args.sweep or args.compare:
+        return _strokes(robot, args)
+    jobs = [(p, v) for p in protocols(robot, args) for v in variants_of_each(robot, args.variant)]
+    root = Path(args.out) if args.out else Path("twin-out") / robot.name
+    for protocol, variants in jobs:
+        assets.require_writable(root / reports.folder(robot.protocol(protocol).name, variants))
+    found, cures = [], Cures(robot)
+    with show.progress(args.quiet or args.json) as progress:
+        trajectories = {p: api.plan(robot, p, progress) for p in dict.fromkeys(p for p, _ in jobs)}
+        progress("USD stage", 0.0)
+        with robot.source.fresh_stage() as stage:
+            for protocol, variants in jobs:
+                report = api.validate(
+                    robot,
+                    trajectories[protocol],
+                    protocol=protocol,
+                    variants=variants,
+                    tolerances=tolerances,
+                    stage=stage,
+                    progress=progress,
+                )
+                report = cures.of(report, protocol, progress)
+                progress("report", 0.0)
+                folder = root / reports.folder(report.protocol, variants)
+                with assets.atomic_folder(folder) as work:
+                    reports.write(report, work, root)
+                found.append((report, folder))
+    return reports.finish(found, args)
+
+
+def _strokes(robot: Robot, args: argparse.Namespace) -> int:
+    """Compare equations, mechanism and simplified loop models over the range of each joint (`validate --sweep`).
+
+    Print a table; write sweep.json, a CSV for each joint and sweep.png.
+
+    The exit code is 1 if the equations disagree.
+    """
+    from twin import api
+    from twin.cli import show
+    from twin.cli.chosen import asked
+    from twin.core import assets
+    from twin.ui.report.files import write_result
+
+    standins = tuple(filter(None, (args.compare or "").split(",")))
+    joints = () if args.sweep in (None, "all") else tuple(args.sweep.split(","))
+    variants = asked(args.variant)
+    if isinstance(variants, str):
+        raise TwinError(f"--variant {variants}: with --sweep, give EQ=NAME, such as eq1={variants}")
+    folder = show.folder(args, robot.name) / "sweep"
+    with show.progress(args.quiet or args.json) as progress:
+        found = api.strokes(robot, joints, standins, variants, progress)
+        with assets.atomic_folder(folder) as work:
+            pictures = write_result(found, work, "sweep")
+    return show.finish(found, args, folder, pictures)

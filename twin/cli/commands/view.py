@@ -1,0 +1,32 @@
+"""`twin view`: show a robot or scene in a browser, where it can be moved; what it does is in twin.cli.viewing."""
+
+from __future__ import annotations
+
+import argparse
+
+from twin.cli.parser import Command, port_number
+
+EXAMPLES = """\
+  twin view sils
+  twin view sher phantom            plan and play the protocol `phantom`
+  twin view vsrs                    a scene of several robots
+  twin view davinci                 a scene that is controlled from its console
+  twin view davinci --task pegboard       with rings to grasp
+  twin view my_robot/ --port 8090 --no-browser
+  twin view usd/pa10/pa10.usda      a USD stage without a robot folder
+  twin view sils --html sils.html   a recording that plays without Python"""
+
+
+def arguments(command: Command) -> None:
+    """Add the arguments of `twin view`."""
+    command.page(8080, "page")
+    command.tool()
+    command.text("--html", "FILE", "write a recording of the protocol and exit")
+    command.text("--watch", "PORT", "only show the simulation of a running twin serve of this scene", type=port_number)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Show a robot, a scene or a stage until Ctrl-C; with --html write a recording and exit."""
+    from twin.cli.viewing import view
+
+    return view(args)

@@ -1,0 +1,56 @@
+"""The option --machine: connect to machines of a scene that run already, and start the others."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
+from twin.core.errors import TwinError
+
+if TYPE_CHECKING:
+    from twin.api.machine import Machines
+    from twin.api.robot import Robot
+    from twin.model.scene import Scene
+    from twin.simulation.machine.link import Address
+
+
+def running(given: Sequence[str] | None) -> dict[str, Address]:
+    """Return the addresses of machines from options "ROBOT=HOST:PORT:STATEPORT".
+
+    Raises:
+        TwinError: an option has another form, or names a robot twice.
+    """
+    from twin.simulation.machine.link import Address
+
+    out: dict[str, Address] = {}
+    for text in given or ():
+        name, equal, where = text.partition("=")
+        if not equal or not name:
+            form = "ROBOT=HOST:PORT:STATEPORT, such as raven_left=127.0.0.1:36000:36001"
+            raise TwinError(f"--machine {text}: give {form}")
+        if name in out:
+            raise TwinError(f"--machine {text}: {name} is given twice; give each robot once")
+        out[name] = Address.parse(where)
+    return out
+
+
+def of_scene(scene: Scene, robots: Mapping[str, Robot], given: Sequence[str] | None) -> Machines | None:
+    """Connect to the machines of a scene, and start those that are not in `given`; None for a scene without machines.
+
+    `given` contains the values of the option --machine.
+
+    Raises:
+        TwinError: --machine is wrong, or a machine does not answer.
+    """
+    from twin.api.session import machines_of
+
+    where = running(given)
+    if scene.trainer is None:
+        if where:
+            raise TwinError(f"--machine: scene '{scene.name}' has no machines: add a section [trainer] to its file")
+        return None
+    started = [n for n in scene.trainer.robots if n not in where]
+    if started:
+        print(f"twin: starting the machine of {', '.join(started)}", file=sys.stderr, flush=True)
+    return machines_of(scene, robots, where)

@@ -1,0 +1,41 @@
+"""Write and print the reports of `twin validate` and `twin run`."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Mapping
+from pathlib import Path
+
+from twin.cli import show
+
+
+def folder(protocol: str, variants: Mapping[str, str] | None) -> str:
+    """Return the name of a report's folder."""
+    return "-".join([protocol, *(f"{k}-{v}" for k, v in (variants or {}).items())])
+
+
+def write(report, folder: Path, root: Path) -> None:
+    """Write a report into a folder, with the score of the self-test found in `root`."""
+    from twin.ui.report.files import write_report
+    from twin.ui.report.selftest import with_selftest
+
+    folder.mkdir(parents=True, exist_ok=True)
+    write_report(with_selftest(report, root / "selftest.json"), folder)
+
+
+def finish(reports, args: argparse.Namespace) -> int:
+    """Print the reports; return the exit code of the most severe verdict."""
+    code = max(r.exit_code for r, _ in reports)
+    if args.json:
+        data = [{**r.as_dict(), "folder": str(folder)} for r, folder in reports]
+        several = {"verdict": max(reports, key=lambda r: r[0].exit_code)[0].verdict, "reports": data}
+        print(show.as_json(data[0] if len(data) == 1 else several))
+        return code
+    for report, folder in reports:
+        show.finish(report, args)
+        print(f"  report: {folder / 'report.html'}")
+        print(f"\n  what to do: {report.what_to_do}\n" if report.what_to_do else "")
+    if len(reports) > 1:
+        rows = [(r.protocol, ", ".join(f"{k}={v}" for k, v in r.variants.items()), r.verdict) for r, _ in reports]
+        print(show.table(rows, ("protocol", "variants", "verdict")))
+    return code

@@ -1,0 +1,85 @@
+"""A proven lower bound of the distance between bodies along a whole path, by exact distances only.
+
+In an interval of s, the distance of a pair is at least its distance in the middle minus the largest possible approach
+(`travel`) in half of the interval. Intervals are halved until this bound is not much less than the smallest distance
+found.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from twin.core.errors import MechanismError
+from twin.core.units import MM
+from twin.reference.pairs import Pairs
+from twin.reference.stations import Stations
+
+_FAR = 100 * MM
+"""Distance in m up to which lower bounds are computed, as long as no exact distance is known."""
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """Distance between bodies along a path.
+
+    Attributes:
+        proven: lower bound in m of the distance along the whole path.
+        found: smallest distance in m at the tested values of s.
+        s: value of s at which this distance was found.
+        bodies: names of the two bodies with this distance; "" if there are none.
+    """
+
+    proven: float
+    found: float
+    s: float
+    bodies: tuple[str, str]
+
+
+def certify(seen: Stations, pairs: Pairs, which: np.ndarray, within: float, check: Callable[[], None]) -> Certificate:
+    """Return a proven lower bound of the distances of the pairs `which` (n,) along a path.
+
+    Args:
+        seen: the path.
+        pairs: all pairs of bodies.
+        which: (n,) indices of the pairs that count.
+        within: accepted difference in m between the smallest distance found and the bound.
+        check: called every few milliseconds; its exception ends the computation.
+
+    Raises:
+        MechanismError: loops do not close along the path.
+    """
+    pair, place, level = which, np.zeros(len(which), int), 0
+    least, proven, at, names = np.inf, np.inf, 0.0, ("", "")
+    while len(pair):
+        check()
+        width = 0.5**level
+        places, row = np.unique(place, return_inverse=True)
+        X = seen.at((places + 0.5) * width)
+        if X is None:
+            raise MechanismError("the loops of the mechanism do not close along the path")
+        poses, ways = pairs.around(X, seen.ahead((places + 0.5) * width, width))
+        ahead = ways[row, pair]
+        bound = pairs.gaps(poses, row, pair)
+        near = np.flatnonzero(bound - ahead < least - within)
+        # what is needed to leave a pair out; a first guess, as nothing is found yet, is a large distance
+        wanted = np.minimum(least, _FAR) - within + ahead[near]
+        bound[near] = np.maximum(bound[near], pairs.bounds(poses, row[near], pair[near], wanted)[0])
+        for i in np.argsort(bound - ahead, kind="stable"):
+            if bound[i] - ahead[i] < least - within:
+                check()
+                # beyond this distance, the pair is left out and is not the nearest
+                most = least + max(float(ahead[i]) - within, 0.0)
+                bound[i] = pairs.distance(int(pair[i]), poses[row[i]], most)
+                if bound[i] < least:
+                    least, at = float(bound[i]), float((places[row[i]] + 0.5) * width)
+                    names = tuple(pairs.shapes[j].name for j in pairs.rows[pair[i]])
+        left = bound - ahead < least - within
+        proven = min(proven, float((bound - ahead)[~left].min(initial=np.inf)))
+        halved = np.flatnonzero(left)
+        pair = np.repeat(pair[halved], 2)
+        place = np.column_stack([2 * place[halved], 2 * place[halved] + 1]).ravel()
+        level += 1
+    return Certificate(max(min(proven, least), 0.0), least, at, (names[0], names[1]))

@@ -1,0 +1,52 @@
+"""A path of a mechanism with its stations: states on it with closed loops, and bounds of the motion between them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from twin.core.spatial import Array
+from twin.reference.closing import Closing
+
+
+@dataclass(frozen=True)
+class Stations:
+    """A path with its stations, and bounds of the relative motions.
+
+    Attributes:
+        path: the path q(s).
+        closing: closes the loops of the mechanism.
+        s: (k,) values of s at the stations.
+        X: (k, nq) configurations at the stations.
+        fine: (m,) values of s from 0 to 1.
+        moved: (m, nv) in m or rad, upper bound of the path length of each coordinate from s = 0 to `fine`.
+    """
+
+    path: Callable[[Array], Array]
+    closing: Closing
+    s: Array
+    X: Array
+    fine: Array
+    moved: Array
+
+    def at(self, s: Array) -> Array | None:
+        """Return configurations (k, nq) of the path at s (k,); None if the loops do not close."""
+        q = self.path(s)
+        if self.closing.linear is not None:
+            return self.closing.placed(q)
+        i = np.clip(np.searchsorted(self.s, s, side="right") - 1, 0, len(self.s) - 2)
+        part = (s - self.s[i]) / (self.s[i + 1] - self.s[i])
+        X, closed = self.closing.near(self.closing.between(self.X[i], self.X[i + 1], part), q)
+        return X if closed.all() else None
+
+    def ahead(self, s: Array, width: float) -> Array:
+        """Return the largest motion (k, nv) of each coordinate from s (k,) to both ends of an interval around s."""
+        low, middle, high = (self._moved_until(s + part * width) for part in (-0.5, 0.0, 0.5))
+        return np.maximum(high - middle, middle - low)
+
+    def _moved_until(self, s: Array) -> Array:
+        i = np.clip(np.searchsorted(self.fine, s, side="right") - 1, 0, len(self.fine) - 2)
+        part = (s - self.fine[i]) / (self.fine[i + 1] - self.fine[i])
+        return self.moved[i] + part[:, None] * (self.moved[i + 1] - self.moved[i])
