@@ -464,3 +464,25 @@ def test_the_picture_goes_with_the_endoscope(look):
     field.press("Enter")
     until(lambda: abs(front.console.camera_at[0] - 6 * DEG) < 1e-6, "the pan")
     until(lambda: np.allclose(look.clients[0].camera.position, front.console.view[:3, 3], atol=1e-4), "the picture")
+
+
+@pytest.mark.browser
+def test_a_motion_is_planned_and_made_on_the_page(look):
+    from test_viewer_planning import plan_here
+
+    front, page = look.front, look.page
+    mode = front.console.planning
+    front.ask("hands", front.pens.release)
+    plan_here(front.console, "psm2")
+    page.get_by_role("button", name="Target of the left hand").click()
+    until(lambda: mode.phase == "aim" and mode.ready, "the target")
+    T = front._at["left"].copy()
+    T[:3, 3] += 0.004 * front.console.view[:3, 0]
+    front.ask("left", lambda: front._lead("left", "page 1", T, True))
+    until(lambda: np.allclose(front.console.moved("left"), T, atol=1e-6), "the moved target")
+    page.get_by_text("Left hand: psm2 rests, its target follows").wait_for()
+    page.get_by_role("button", name="Plan a motion").click()
+    page.get_by_text("Clearance of the motion").wait_for()
+    page.get_by_text("proven 4.5 mm").wait_for()
+    page.get_by_role("button", name="Accept").click()
+    page.get_by_text("psm2 has arrived").wait_for()

@@ -512,6 +512,17 @@ class LiveConsole:
         q, goal = self.world.signals[f"{name}.q"], self.world.signals[f"{name}.goal"].reshape(4, 4)
         return self._places[name].T_world_base @ self.members[name].kin.forward(q, goal)
 
+    def moved(self, hand: str) -> Array:
+        """Return the pose (4, 4) in the World of what a hand moves: its tool, or the target of a plan."""
+        if self.planning.phase != "aim" or self.planning.hand != hand:
+            return self.tool(hand)
+        name = self.planning.robot
+        return self.place(name) @ self.world.signals[f"{name}.target"][1:].reshape(4, 4)
+
+    def place(self, robot: str) -> Array:
+        """Return T_world_base (4, 4) of a robot."""
+        return self._places[robot].T_world_base
+
     def goal(self, hand: str) -> Array:
         """Return the commanded pose (4, 4) in the World of the tool that a hand controls."""
         name = self.arm(hand)

@@ -21,6 +21,7 @@ from twin.simulation.controllers.following import SCALE
 from twin.simulation.controllers.jaw import Grip
 from twin.simulation.devices.given import HandState
 from twin.ui.session.console import HeldError, LiveConsole
+from twin.ui.session.plan_view import RESTS
 
 STEP, TURN = 0.02, 0.3
 """Largest motion of a handle in one call of `say`, in m and rad; larger motions in one tick could count as a jump."""
@@ -132,7 +133,12 @@ class Pens:
         """Release the hands and the pedals; cancel motion that was not yet sent to the console."""
         if self.client is not None:
             self.console.release(self.client)
-        self.client, self._aim, self.clutch, self.camera = None, None, False, False
+        self.client, self.clutch, self.camera = None, False, False
+        self.rest()
+
+    def rest(self) -> None:
+        """Cancel motion that was not yet sent to the console."""
+        self._aim = None
         for pen in self.pens.values():
             pen.rest()
 
@@ -209,10 +215,11 @@ class Pens:
         if self._aim is not None:
             self._towards_aim(self._aim, reading["mode"])
         leads = reading["owner"] == self.client and not reading["silent"] and reading["mode"] == "instruments"
+        rests = self.console.planning.phase in RESTS
         pedal = self.clutch or self.camera or self._aim is not None
         for hand, pen in self.pens.items():
             follows = bool(reading["hands"][hand]["follows"])
-            if pedal or follows or not pen.used:
+            if pedal or follows or rests or not pen.used:
                 pen.next(passed)
             elif leads and reading["heard"] >= max(self._first, pen.rolled):
                 # The tool keeps its attitude when it starts to follow, so this rotation does not move the tool.
@@ -230,8 +237,13 @@ class Pens:
             self.release()
 
     def settle(self, hand: str) -> None:
-        """Move a hand whose arm cannot reach the goal back to the tool, so that the tool follows the next motion."""
-        if self.client is None or not self.console.reading["hands"][hand]["follows"]:
+        """Move a hand whose arm cannot reach the goal back to the tool, so that the tool follows the next motion.
+
+        In planning mode, the arm rests, and nothing is moved.
+        """
+        if self.client is None or self.console.planning.phase != "off":
+            return
+        if not self.console.reading["hands"][hand]["follows"]:
             return
         goal, tool = self.console.goal(hand), self.console.tool(hand)
         if not np.allclose(goal, tool, rtol=0, atol=1e-9):

@@ -33,12 +33,14 @@ from twin.simulation.controllers.camera import Drag
 from twin.simulation.controllers.following import SCALE
 from twin.simulation.controllers.jaw import Grip
 from twin.simulation.controllers.pivot import FULCRUMS, Fulcrum
+from twin.ui.session import plan_view
 from twin.ui.session.console import LiveConsole, MakeReport
 from twin.ui.session.feed import Feed
 from twin.ui.session.pens import Pens
 from twin.ui.viewer.fields import FieldNodes
 from twin.ui.viewer.loop import Loop
 from twin.ui.viewer.nodes import BLUE, RobotNodes
+from twin.ui.viewer.planning import PlanningPanel
 from twin.ui.viewer.room import FIRST, OUTSIDE, corners, furnish
 from twin.ui.viewer.score import ScorePanel
 from twin.ui.viewer.trainer import TrainerPanel
@@ -150,7 +152,7 @@ class ConsoleFront(Loop):
         self._shown = self._row()
         self._rested = 0.0
         self._left_to_settle: set[str] = set()
-        self._at = {hand: self.console.tool(hand) for hand in HANDS}
+        self._at = {hand: self.console.moved(hand) for hand in HANDS}
         self._dragged: set[str] = set()
         self._touched: dict[str, float] = {}
         self._written: dict[str, Any] = {}
@@ -235,11 +237,11 @@ class ConsoleFront(Loop):
             self._dragged.add(hand)
 
     def _follow(self) -> None:
-        """Move the arrows to the tools, except arrows that are dragged or that their tool has not reached yet."""
+        """Move the arrows to the tools or the target, except arrows that are dragged or that are not reached yet."""
         for hand, arrows in self.arrows.items():
             if hand in self._dragged or hand in self._left_to_settle or self.wished(hand):
                 continue
-            T = self.console.tool(hand)
+            T = self.console.moved(hand)
             if np.array_equal(T, self._at[hand]):
                 continue
             self._at[hand] = T
@@ -327,6 +329,7 @@ class ConsoleFront(Loop):
             self._pedal = gui.add_checkbox("camera", False, hint="Pressed until you click again")
             self._on(self._clutch, "clutch", lambda client, v: pens.press(client, clutch=v))
             self._on(self._pedal, "camera pedal", lambda client, v: pens.press(client, camera=v))
+        self._planning = PlanningPanel(self.server, self.console, pens, self._on_click)
         with gui.add_folder("Instruments"):
             self._scale = gui.add_slider("motion scale", *SCALE, 0.01, self.console.table.scale)
             self._on(self._scale, "scale", self.console.rescale)
@@ -440,12 +443,14 @@ class ConsoleFront(Loop):
             else:
                 self._set(slider, f"aim {k}", _rounded(x, unit, step), step / 2)
         hands = [hand_text(self.console.reading, hand) for hand in HANDS]
+        planned = plan_view.status(self.console.reading["plan"], self.console.planning.preview)
         said = "".join(
             f"<div style='padding:0 1em .4em;color:{_TONES[tone]}'>{escape(text)}</div>"
-            for tone, text in (status(self.console.reading), *hands, *self._felt())
+            for tone, text in (status(self.console.reading, planned), *hands, *self._felt())
         )
         if said != self._said:
             self._said = self._status.content = said
+        self._planning.show(self.now)
         if self._trainer is not None:
             self._trainer.show(self.console.world.t)
         if self._score is not None:
@@ -472,14 +477,19 @@ def _name(client: viser.ClientHandle) -> str:
     return f"page {client.client_id + 1}"
 
 
-def status(reading: Mapping[str, Any]) -> tuple[str, str]:
-    """Return (tone, text) with the most important information on the state of a `LiveConsole`."""
+def status(reading: Mapping[str, Any], planned: tuple[str, str] | None = None) -> tuple[str, str]:
+    """Return (tone, text) with the most important information on the state of a `LiveConsole`.
+
+    `planned` is the status of planning mode; None if there is nothing to say.
+    """
     led = [h["robot"] for h in reading["hands"].values() if h["follows"]]
     walls = [f"{h['robot']}: {h['wall']}" for h in reading["hands"].values() if h["wall"]]
     if reading["stopped"]:
         return "bad", f"The simulation has stopped: {reading['stopped']}"
     if reading["task"] and reading["task"]["over"]:
         return "good", f"{reading['task']['over']} Press Restart to begin again."
+    if planned is not None:
+        return planned
     if reading["owner"] is None:
         return "plain", "No client controls the hands: nothing moves."
     if reading["silent"]:
@@ -500,6 +510,8 @@ def status(reading: Mapping[str, Any]) -> tuple[str, str]:
 def hand_text(reading: Mapping[str, Any], hand: str) -> tuple[str, str]:
     """Return (tone, text) on one hand: its robot, and whether the robot follows, is at rest or is at a limit."""
     now = reading["hands"][hand]
-    doing = now["wall"] or ("follows" if now["follows"] else "is at rest")
+    plan = reading["plan"]
+    aims = plan is not None and plan["phase"] == "aim" and now["follows"]
+    doing = now["wall"] or ("rests, its target follows" if aims else "follows" if now["follows"] else "is at rest")
     tone = "warn" if now["wall"] else "good" if now["follows"] else "plain"
     return tone, f"{hand.capitalize()} hand: {now['robot']} {doing}"

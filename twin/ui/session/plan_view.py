@@ -1,0 +1,77 @@
+"""What a page shows of planning mode: its status as text, the clearance of a preview, and the poses of the ghost."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from twin.core.spatial import Array
+from twin.core.units import MM
+from twin.ui.session.plan_mode import Phase, PlanMode, Preview
+from twin.ui.session.plan_work import SHOWN
+
+RESTS: tuple[Phase, ...] = ("plan", "preview", "run")
+"""Phases in which no hand moves anything."""
+
+_PAUSE = 0.6
+"""Time in s for which the ghost of a preview stays at the end of the motion."""
+
+
+def status(state: Mapping[str, Any] | None, preview: Preview | None) -> tuple[str, str] | None:
+    """Return (tone, text) of planning mode: "good", "warn" or "bad"; None if there is nothing to say.
+
+    Args:
+        state: the state of planning mode, as `PlanMode.state` returns it.
+        preview: the planned motion; None before.
+    """
+    if state is None:
+        return None
+    phase, robot = state["phase"], state["robot"]
+    if state["said"]:
+        return "bad" if state["bad"] else "good" if phase == "off" else "warn", state["said"]
+    if phase == "aim" and state["blocked"]:
+        return "warn", f"Target of {robot} (red): {state['blocked']}."
+    if phase == "aim":
+        loads = "" if state["ready"] else " The geometry is being loaded."
+        text = f"Move the target of {robot}: it may pass through anything, and the arm rests. Then plan a motion."
+        return "good", text + loads
+    if phase == "plan":
+        return "good", f"Planning a motion of {robot}: {100 * state['done']:.0f} %"
+    if phase == "run":
+        return "good", f"{robot} follows the plan: {100 * state['done']:.0f} %"
+    if phase == "preview" and preview is not None:
+        length = preview.found.duration
+        return "good", f"Motion of {robot}, {length:.1f} s. {clearance(preview)} Accept it, or cancel."
+    return None
+
+
+def clearance(preview: Preview) -> str:
+    """Return the smallest clearance of a planned motion and its proven bound as text."""
+    if (seen := preview.proven) is None:
+        return "The clearance is being computed."
+    bodies = f" ({' and '.join(seen.bodies)})" if all(seen.bodies) else ""
+    return f"Minimum clearance {seen.found / MM:.1f} mm{bodies}, proven {seen.proven / MM:.1f} mm."
+
+
+def curve(preview: Preview) -> tuple[Array, Array]:
+    """Return times (k,) in s and the smallest distances (k,) in m that are known of a planned motion."""
+    t, distance = ([getattr(c, name) for c in preview.clear] for name in ("t", "distance"))
+    return np.concatenate([*t, np.zeros(0)]), np.concatenate([*distance, np.zeros(0)])
+
+
+def ghost(mode: PlanMode, t: float) -> Mapping[str, Array]:
+    """Return T_base_body (4, 4) of the ghost by body; empty if there is none.
+
+    It stands at the target. In a preview, which began `t` s ago, it repeats the motion; while the arm follows it, it
+    stands at its end.
+    """
+    if mode.phase == "off":
+        return {}
+    if mode.preview is None or mode.phase not in ("preview", "run"):
+        return mode.ghost
+    found = mode.preview.found
+    last = len(found.shown) - 1
+    k = last if mode.phase == "run" else min(last, int((t % (found.duration + _PAUSE)) / SHOWN))
+    return dict(zip(found.links, found.shown[k], strict=True))

@@ -1,0 +1,190 @@
+"""Planning mode in the page of a console: its buttons, the ghost, the planned motion, and its clearance.
+
+The mode itself is that of `twin.ui.session.plan_mode`, as in the page of `twin serve`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+import numpy as np
+import viser
+
+from twin.core.spatial import Array
+from twin.core.units import MM
+from twin.simulation.console_scene import HANDS
+from twin.ui.session import plan_view
+from twin.ui.session.console import LiveConsole, PlanStep
+from twin.ui.session.pens import Pens
+from twin.ui.session.plan_mode import Preview
+from twin.ui.viewer.nodes import BLUE, GREEN, RED, RobotNodes
+
+_TREE = (123, 135, 148)
+_BOUND = "#d81b2a"
+
+_OPACITY = 0.5
+"""Opacity of the ghost: it is seen inside of props and beside the solid arm."""
+
+_POINTS = 200
+"""Largest number of points of the drawn path of a tip."""
+
+Ask = Callable[[viser.GuiButtonHandle, str, Callable[[str], object]], None]
+
+
+class PlanningPanel:
+    """Buttons of planning mode, and its displays in the scene; all browsers show the same."""
+
+    def __init__(self, server: viser.ViserServer, console: LiveConsole, pens: Pens, on_click: Ask) -> None:
+        """Add the controls; `on_click` connects a button to a request with the name of the client."""
+        self._server, self._console, self._pens = server, console, pens
+        gui = server.gui
+        with gui.add_folder("Plan a motion"):
+            self._aim = {
+                hand: gui.add_button(
+                    f"Target of the {hand} hand",
+                    hint="Move a target with the arrows; it may pass through anything, and all arms rest",
+                )
+                for hand in HANDS
+            }
+            self._find = gui.add_button("Plan a motion", hint="Plan a motion of the arm to the target")
+            self._accept = gui.add_button("Accept", color="green", hint="The arm makes the planned motion")
+            self._cancel = gui.add_button("Cancel", hint="The arm stays where it is")
+            self._plot = gui.add_uplot(
+                (np.zeros(1), np.zeros(1), np.zeros(1)),
+                (
+                    {"label": "s"},
+                    {"label": "clearance", "stroke": "#2268c9", "width": 2},
+                    {"label": "proven", "stroke": _BOUND, "dash": (4.0, 3.0), "width": 1},
+                ),
+                title="Clearance of the motion [mm]",
+                scales={"x": {"time": False}, "y": {"auto": True}},
+                aspect=1.6,
+                visible=False,
+            )
+        for hand, button in self._aim.items():
+            on_click(button, "plan", lambda client, hand=hand: self._ask(client, "aim", hand))
+        on_click(self._find, "plan", self._again)
+        on_click(self._accept, "plan", lambda client: self._ask(client, "accept"))
+        on_click(self._cancel, "cancel of a plan", lambda client: self._ask(client, "cancel"))
+        self._arm = ""
+        self._ghost: RobotNodes | None = None
+        self._lines: dict[str, viser.LineSegmentsHandle] = {}
+        self._preview: Preview | None = None
+        self._begun, self._parts = 0.0, 0
+        self._red = False
+        self._poses: Mapping[str, Array] = {}
+        self._buttons("off")
+
+    # -- requests -------------------------------------------------------------------------------------
+
+    def _ask(self, client: str, do: PlanStep, hand: str = "") -> None:
+        if do != "cancel":
+            self._pens.use(client)  # silence of the hands would end the motion
+        if do == "aim":
+            self._pens.rest()
+        self._console.plan(client, do, hand or self._console.planning.hand)
+
+    def _again(self, client: str) -> None:
+        """Plan a motion; in a preview, let the hand move the target again."""
+        self._ask(client, "aim" if self._console.planning.phase == "preview" else "find")
+
+    # -- display --------------------------------------------------------------------------------------
+
+    def show(self, now: float) -> None:
+        """Show the mode at `now` in s; keep the hands active while arms rest or follow a plan."""
+        mode = self._console.planning
+        if self._pens.client is not None and mode.phase in plan_view.RESTS:
+            self._pens.use(self._pens.client)
+        self._buttons(mode.phase)
+        if mode.preview is not self._preview:
+            self._preview, self._begun, self._parts = mode.preview, now, -1
+            self._draw(mode.robot)
+        self._stand(mode.robot, plan_view.ghost(mode, now - self._begun))
+        self._paint(mode.phase == "aim" and bool(mode.blocked))
+        for name, line in self._lines.items():
+            visible = mode.phase == "preview" or (mode.phase == "run" and name == "tip")
+            if line.visible != visible:
+                line.visible = visible
+        self._show_clearance()
+
+    def _buttons(self, phase: str) -> None:
+        """Enable the buttons that can be used in a phase."""
+        enabled = [(button, phase == "off") for button in self._aim.values()]
+        enabled += [(self._find, phase in ("aim", "preview")), (self._accept, phase == "preview")]
+        for button, on in [*enabled, (self._cancel, phase != "off")]:
+            if button.disabled == on:
+                button.disabled = not on
+        labels = (
+            (self._find, "Change the target" if phase == "preview" else "Plan a motion"),
+            (self._cancel, "Stop the arm" if phase == "run" else "Cancel"),
+        )
+        for button, label in labels:
+            if button.label != label:
+                button.label = label
+
+    def _stand(self, robot: str, poses: Mapping[str, Array]) -> None:
+        """Show the ghost of an arm at link poses T_base_body; hide it if there are none."""
+        if robot and robot != self._arm and poses:
+            if self._ghost is not None:
+                self._ghost.remove()
+            mechanism = self._console.members[robot].mechanism
+            self._ghost = RobotNodes(self._server, f"/plan/{robot}", mechanism, poses, BLUE)
+            self._ghost.place(self._console.place(robot), 1.0)
+            for _, handle in self._ghost.meshes:
+                handle.opacity = _OPACITY
+            self._arm, self._red, self._poses = robot, False, poses
+        if self._ghost is None:
+            return
+        if self._ghost.root.visible != bool(poses):
+            self._ghost.show(bool(poses))
+        if poses and any(not np.array_equal(poses[n], self._poses[n]) for n in self._ghost.bodies):
+            self._poses = poses
+            self._ghost.write(poses)
+
+    def _paint(self, blocked: bool) -> None:
+        """Show the ghost in red where the target is not free."""
+        if self._ghost is None or blocked == self._red:
+            return
+        self._red = blocked
+        with self._server.atomic():
+            for _, handle in self._ghost.meshes:
+                handle.color = RED if blocked else BLUE
+
+    def _draw(self, robot: str) -> None:
+        """Draw the path of the tip of the planned motion, and the tree of its search."""
+        for line in self._lines.values():
+            line.remove()
+        self._lines = {}
+        if self._preview is None:
+            return
+        found = self._preview.found
+        tip = found.Ts[np.unique(np.linspace(0, len(found.Ts) - 1, _POINTS).astype(int)), :3, 3]
+        T = self._console.place(robot)
+        segments = {"tip": np.stack([tip[:-1], tip[1:]], axis=1), "tree": found.tree}
+        for name, points in segments.items():
+            if len(points):
+                self._lines[name] = self._server.scene.add_line_segments(
+                    f"/plan_{name}",
+                    (points @ T[:3, :3].T + T[:3, 3]).astype(np.float32),
+                    GREEN if name == "tip" else _TREE,
+                    thickness=3.0 if name == "tip" else 1.0,
+                    thickness_units="screen",
+                )
+
+    def _show_clearance(self) -> None:
+        """Show the plot of the clearance, once its first part is known."""
+        preview = self._preview
+        parts = 0 if preview is None else len(preview.clear) + (preview.proven is not None)
+        if parts == self._parts:
+            return
+        self._parts = parts
+        shown = preview is not None and bool(preview.clear)
+        if self._plot.visible != shown:
+            self._plot.visible = shown
+        if preview is not None and shown:
+            t, distance = plan_view.curve(preview)
+            bound = 0.0 if preview.proven is None else preview.proven.proven
+            top = 1.1 * max(float(distance.max()), bound) / MM or 1.0
+            self._plot.scales = {"x": {"time": False}, "y": {"range": (0.0, top)}}
+            proven = np.full(len(t), np.nan if preview.proven is None else bound / MM)
+            self._plot.data = t, distance / MM, proven
