@@ -206,7 +206,7 @@ def test_a_target_in_the_dome_is_blocked_with_the_bodies_and_a_free_one_is_not(c
     assert console.mode.said.startswith("No plan: at its goal, ")
     assert "props/dome" in console.mode.said
     assert "nearest free configuration" in console.mode.said
-    assert console.mode.said.endswith("; move the target, or an arm that is in the way")
+    assert console.mode.said.endswith("; move the target, or another arm that is in the way")
     assert "clearance_mm" not in console.mode.said, "the user of a console has no protocol to change"
 
 
@@ -717,6 +717,12 @@ def test_the_work_says_why_a_configuration_is_not_free(dome):
     (checked,) = plan_work.work(Check(room(dome[0]), np.append([50 * DEG, 135 * DEG, 378 * MM, 0, -52 * DEG, 0], 0.0)))
     assert isinstance(checked, Checked)
     assert checked.why == "shaft and props/dome collide (required: 2 mm apart)"
+
+
+def test_from_a_start_in_the_dome_the_arm_is_to_be_moved_and_not_the_target(dome):
+    inside = np.append([50 * DEG, 135 * DEG, 378 * MM, 0, -52 * DEG, 0], 0.0)
+    with pytest.raises(TwinError, match=r"at its start, .* move the arm, or another arm that is in the way"):
+        list(plan_work.work(Plan(room(dome[0]), inside, above(), 0.06, 45 * DEG)))
 
 
 def test_a_plan_that_is_no_longer_wanted_ends_at_once(dome, monkeypatch):

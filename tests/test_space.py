@@ -273,6 +273,13 @@ def test_an_end_that_is_not_free_is_named_with_its_size(start, goal, words):
         around(space_of(arm(), post(0.3, 0)), np.array(start), np.array(goal))
 
 
+@pytest.mark.parametrize(("start", "goal", "at_start"), [(0.0, 1.5, True), (1.5, 0.0, False)])
+def test_a_start_that_is_not_free_is_told_from_a_goal(start, goal, at_start):
+    with pytest.raises(NoPathError) as told:
+        around(space_of(arm(), post(0.3, 0)), np.array([start, 0, 0]), np.array([goal, 0, 0]))
+    assert told.value.at_start == at_start
+
+
 def test_an_end_at_a_limit_may_be_beyond_it_by_rounding():
     space, start = space_of(arm()), np.array([0.0, 0.0, 0.0])
     goal = np.array([np.nextafter(2.6, 3.0), 0.0, 0.0])

@@ -48,7 +48,7 @@ def test_the_panel_says_what_the_console_reads_and_keeps_the_hands_in_a_replay(p
     made.show(1.0)
     said = made._html.content
     assert "raven_left: PEDAL_UP, teleoperate" in said
-    assert "Tips apart: 2.00 mm. Largest joint difference: elbow 5.73°" in said
+    assert "Deviation of the tips: 2.00 mm. Largest joint difference: elbow 5.73°" in said
     assert robot["why"] in said
     pens.use.assert_not_called()
     robot["phase"], pens.client = "replay", "anna"

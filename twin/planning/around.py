@@ -38,11 +38,12 @@ class NoPathError(ProtocolError):
 
     Attributes:
         reason: the reason alone, for programs in which there is no protocol to change.
+        at_start: whether the start collides or exceeds a limit, so that no goal can be reached from it.
     """
 
-    def __init__(self, reason: str, advice: str = "") -> None:
+    def __init__(self, reason: str, advice: str = "", at_start: bool = False) -> None:
         super().__init__(f"{reason}{advice}")
-        self.reason = reason
+        self.reason, self.at_start = reason, at_start
 
 
 def around(
@@ -90,7 +91,7 @@ def around(
             text = f"; the nearest free configuration found is {space.named(near)}" if near is not None else ""
             lower = ". Move this waypoint" if "apart" in reason else ""
             lower += ", or lower clearance_mm" if " mm apart (" in reason else ""
-            raise NoPathError(f"at its {name}, {reason}{text}", lower)
+            raise NoPathError(f"at its {name}, {reason}{text}", lower, name == "start")
     direct = line(start, goal)
     if straight and space.free_along(direct):
         return direct

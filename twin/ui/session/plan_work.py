@@ -197,7 +197,8 @@ def plan(
             arm.space, job.start, job.goal, seed=job.seed, progress=report, cancelled=cancelled, grown=trees.append
         )
     except NoPathError as error:
-        raise TwinError(f"{error.reason}; move the target, or an arm that is in the way") from None
+        what = "end the planning mode and move the arm" if error.at_start else "move the target"
+        raise TwinError(f"{error.reason}; {what}, or another arm that is in the way") from None
     s = _timed(path, arm, job)
     q = path(s)
     times: Array = np.arange(len(s), dtype=np.float64) * DT

@@ -42,7 +42,7 @@ class MirrorFront(Loop):
         server.initial_camera.look_at = middle
         server.gui.set_panel_label(title)
         self._status, self._said = server.gui.add_html(""), ""
-        self._curve, self._begin = DeviationCurve(server.gui, ["tips apart [mm]"]), self.now
+        self._curve, self._begin = DeviationCurve(server.gui, ["deviation of the tips [mm]"]), self.now
 
     def frame(self, passed: float, wished: bool) -> None:
         """Show the newest state and the curve."""
@@ -57,7 +57,7 @@ class MirrorFront(Loop):
         self._curve.add(t, [apart["tip"]])
         lines = [
             f"{mirror.name}: {mirror.level or 'does not answer'}",
-            f"Tips apart: {apart['tip'] / MM:.2f} mm",
+            f"Deviation of the tips: {apart['tip'] / MM:.2f} mm",
             largest(apart["joints"], mirror.robot.mechanism.active),
             "Machine solid; its desired joints as ghost.",
             *([mirror.problem] if mirror.problem else []),

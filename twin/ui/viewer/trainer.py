@@ -66,7 +66,9 @@ class TrainerPanel:
             r = robots[n]
             lines.append(("", f"{n}: {r['level'] or 'does not answer'}, {r['phase']}"))
             active = self._console.members[n].mechanism.active
-            lines.append(("", f"Tips apart: {apart[n]['tip'] / MM:.2f} mm. {largest(apart[n]['joints'], active)}"))
+            lines.append(
+                ("", f"Deviation of the tips: {apart[n]['tip'] / MM:.2f} mm. {largest(apart[n]['joints'], active)}")
+            )
             lines += [(f";color:{_BAD}", text) for text in (r["problem"], r["why"]) if text]
         said = "".join(f"<div style='padding:0 1em .4em{tone}'>{escape(text)}</div>" for tone, text in lines)
         if said != self._said:
