@@ -358,6 +358,33 @@ def test_samplers_between_their_keys(tmp_path):
     assert spline == pytest.approx([0, 2 * (3 / 16 - 2 / 64), 1, 2])  # s = 1/4: 3 s^2 - 2 s^3
 
 
+@pytest.mark.parametrize(
+    ("aside", "turn", "said"),
+    [
+        (0.0, 0.0, None),
+        (9e-6, 9e-5, None),
+        (2e-5, 0.0, "halfway between two keys, the position of link 'arm' differs by 20 um from the linear"),
+        (0.0, 2e-4, "halfway between two keys, the rotation of link 'arm' differs by 0.01146 deg from the linear"),
+    ],
+)
+def test_a_pose_halfway_between_keys_is_judged_by_place_and_by_rotation(aside, turn, said):
+    from twin.exchange.audit.compare import Reference, compare
+    from twin.exchange.audit.motion import Clip, Content
+    from twin.exchange.audit.report import Ledger
+
+    times, keys = np.array([0.0, 1.0]), np.tile(np.eye(4), (2, 1, 1))
+    middle = np.eye(4)[None].copy()
+    middle[0, :2, :2] = [[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]]
+    middle[0, 0, 3] = aside
+    clip = Clip("swing", times, {"arm": keys}, middle={"arm": middle})
+    ledger = Ledger("x.glb")
+    compare([Content(ledger, "glb", [clip])], {"swing": Reference(Clip("swing", times, {"arm": keys}), "the track")})
+    rows = {c.check.split(": ")[1]: (c.worst, c.unit) for c in ledger.checks if "halfway" in c.check}
+    assert rows["position halfway between keys against the track"] == (pytest.approx(aside, abs=1e-12), "m")
+    assert rows["rotation halfway between keys against the track"] == (pytest.approx(turn, abs=1e-9), "rad")
+    assert [said in f.message for f in ledger.found] == ([] if said is None else [True])
+
+
 def test_a_buffer_outside_the_folder_is_not_read(tmp_path):
     (tmp_path / "inner").mkdir()
     (tmp_path / "secret.bin").write_bytes(bytes(100))

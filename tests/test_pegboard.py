@@ -12,14 +12,14 @@ import pytest
 from mcap.reader import make_reader
 
 import twin
+from made.scene_text import refused
 from twin.api.act import props_of
 from twin.api.session import FILE, operate_console, replay_session
 from twin.cli import main
 from twin.core import spatial
-from twin.core.errors import DescriptionError, TwinError
+from twin.core.errors import TwinError
 from twin.core.units import MM
 from twin.model.movable import Movable
-from twin.model.scene import load_scene
 from twin.model.task import Task, Transfer
 from twin.simulation import contact_scene
 from twin.simulation.contact_scene import Peg
@@ -254,12 +254,7 @@ def test_collisions_are_counted_once_each():
     ],
 )
 def test_a_wrong_object_is_named(davinci, tmp_path, old, new, text):
-    body = davinci.file.read_text(encoding="utf-8").replace('props = "theatre.toml"\n', "")
-    assert old in body
-    (tmp_path / "scene.toml").write_text(body.replace(old, new, 1), encoding="utf-8")
-    with pytest.raises(DescriptionError) as caught:
-        load_scene(tmp_path / "scene.toml")
-    assert text in str(caught.value)
+    assert text in refused(davinci, tmp_path, old, new)
 
 
 def test_a_wrong_peg_or_body_is_named(davinci, props):

@@ -14,7 +14,7 @@ import twin
 from made.headset_page import until
 from twin.api.act import props_of, robots_at
 from twin.api.session import FILE, operate_console, replay_session
-from twin.cli import session as command
+from twin.cli.commands import session as command
 from twin.core import spatial
 from twin.core.errors import DescriptionError, OutputError, TwinError, WorldError
 from twin.core.units import MM

@@ -238,7 +238,7 @@ def test_workspace_command_writes_what_others_read(tmp_path, capsys):
         (["--turns", "0"], "--turns 0: give at least 1"),
         (["--step-mm", "0.01"], "positions; the limit is 5e+07. Increase --step-mm"),
         (["--joints", "--scheduler", "local"], "--scheduler: joint samples run on this machine"),
-        (["--count", "1.5"], "argument --count: invalid"),
+        (["--count", "1.5"], "argument --count: 1.5 is not a whole number"),
         (["--scheduler", "tcp://127.0.0.1:1", "--count", "1000"], "no Dask scheduler answers at this address"),
     ],
 )
