@@ -432,6 +432,8 @@ def test_both_ravens_pass_each_other_without_touching(tmp_path, capsys):
 
     assert least(25, straight=True) <= 0, "at once on straight paths, the arms would collide"
     assert 0.5e-3 <= phase["proven_mm"] / 1e3 <= least(60)
+    assert (tmp_path / "out" / "path_cost.png").exists()
+    assert set(said["search_times"]) == {f"{arm}, {phase['name']}" for arm in phase["rounds"]} != set()
 
 
 @pytest.mark.slow

@@ -474,7 +474,7 @@ def test_a_motion_is_planned_and_made_on_the_page(look):
     mode = front.console.planning
     front.ask("hands", front.pens.release)
     plan_here(front.console, "psm2")
-    page.get_by_role("button", name="Target of the left hand").click()
+    page.get_by_role("button", name="left hand").click()
     until(lambda: mode.phase == "aim" and mode.ready, "the target")
     T = front._at["left"].copy()
     T[:3, 3] += 0.004 * front.console.view[:3, 0]

@@ -376,7 +376,7 @@ class ConsoleFront(Loop):
         """Return the title of the tool of a hand."""
         return self.console.scene.tools[self.console.reading["hands"][hand]["tool"]].title
 
-    def _on_click(self, button: viser.GuiButtonHandle, kind: str, do: Callable[[str], object]) -> None:
+    def _on_click(self, button: Any, kind: str, do: Callable[[str], object]) -> None:
         """Store a request when a user presses a button."""
 
         def pressed(event: viser.GuiEvent) -> None:

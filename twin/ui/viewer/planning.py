@@ -6,6 +6,7 @@ The mode itself is that of `twin.ui.session.plan_mode`, as in the page of `twin 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from typing import Any
 
 import numpy as np
 import viser
@@ -28,7 +29,7 @@ _OPACITY = 0.5
 _POINTS = 200
 """Largest number of points of the drawn path of a tip."""
 
-Ask = Callable[[viser.GuiButtonHandle, str, Callable[[str], object]], None]
+Ask = Callable[[Any, str, Callable[[str], object]], None]
 
 
 class PlanningPanel:
@@ -39,13 +40,11 @@ class PlanningPanel:
         self._server, self._console, self._pens = server, console, pens
         gui = server.gui
         with gui.add_folder("Plan a motion"):
-            self._aim = {
-                hand: gui.add_button(
-                    f"Target of the {hand} hand",
-                    hint="Move a target with the arrows; it may pass through anything, and all arms rest",
-                )
-                for hand in HANDS
-            }
+            self._aim = gui.add_button_group(
+                "move a target",
+                [f"{hand} hand" for hand in HANDS],
+                hint="Move a target with the arrows of a hand; it may pass through anything, and all arms rest",
+            )
             self._find = gui.add_button("Plan a motion", hint="Plan a motion of the arm to the target")
             self._accept = gui.add_button("Accept", color="green", hint="The arm makes the planned motion")
             self._cancel = gui.add_button("Cancel", hint="The arm stays where it is")
@@ -61,8 +60,7 @@ class PlanningPanel:
                 aspect=1.6,
                 visible=False,
             )
-        for hand, button in self._aim.items():
-            on_click(button, "plan", lambda client, hand=hand: self._ask(client, "aim", hand))
+        on_click(self._aim, "plan", lambda client: self._ask(client, "aim", self._aim.value.split()[0]))
         on_click(self._find, "plan", self._again)
         on_click(self._accept, "plan", lambda client: self._ask(client, "accept"))
         on_click(self._cancel, "cancel of a plan", lambda client: self._ask(client, "cancel"))
@@ -108,10 +106,12 @@ class PlanningPanel:
         self._show_clearance()
 
     def _buttons(self, phase: str) -> None:
-        """Enable the buttons that can be used in a phase."""
-        enabled = [(button, phase == "off") for button in self._aim.values()]
-        enabled += [(self._find, phase in ("aim", "preview")), (self._accept, phase == "preview")]
-        for button, on in [*enabled, (self._cancel, phase != "off")]:
+        """Show the buttons of a phase, and enable those that can be used."""
+        shown = [(self._aim, phase == "off"), *((b, phase != "off") for b in (self._find, self._accept, self._cancel))]
+        for control, on in shown:
+            if control.visible != on:
+                control.visible = on
+        for button, on in ((self._find, phase in ("aim", "preview")), (self._accept, phase == "preview")):
             if button.disabled == on:
                 button.disabled = not on
         labels = (
