@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from bisect import bisect_left
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import takewhile
 
 import numpy as np
 
@@ -163,21 +165,39 @@ def searched(
 ) -> tuple[bool, Way | None]:
     """Return whether a search found corners, and the way along them if their path can be rounded, else None.
 
-    The first trial is the smoothest path with shortcuts: it usually is free, and it is tested whole itself. Only if it
-    is not, the connections of the corners are tested whole. If some are not free, the search goes on without them; if
-    all are free, less smooth paths are tried.
+    The first trial is the smoothest path with all shortcuts: it often is free, and it is tested whole itself. Only if
+    it is not, the connections of the corners are tested whole. If some are not free, the search goes on without them;
+    if all are free, less smooth paths and paths with fewer shortcuts are tried.
     """
     space = search.space
     corners = search.path(samples, progress)
     while corners is not None:
-        ways = shortened(space, corners, rng, search.cost), corners
-        trials = (Way(way, rounded(way, space.weights, width)) for way in ways for width in _WIDTHS)
-        if space.free_along((first := next(trials)).curve):
-            return True, first
+        stages = [corners, *shortcuts(space, corners, rng, search.cost)]
+        smoothest = rounded(stages[-1], space.weights, _WIDTHS[0])
+        if space.free_along(smoothest):
+            return True, Way(stages[-1], smoothest)
         if not search.block(corners):
-            return True, next((way for way in trials if space.free_along(way.curve)), None)
+            return True, _way(space, stages)
         corners = search.path(samples, progress)
     return False, None
+
+
+def _way(space: Space, stages: Sequence[Array]) -> Way | None:
+    """Return the way along the corners with most shortcuts whose path can be rounded; None: there is none.
+
+    `stages` are corners (k, n) with more and more shortcuts. A path with many passes so near obstacles that its rounded
+    corners often are not free. Of the stages before the last, one is found by bisection.
+    """
+
+    def blocked(corners: Array) -> bool:
+        return not space.free_along(rounded(corners, space.weights, _WIDTHS[-1]))
+
+    last = len(stages) - 1
+    k = bisect_left(stages, True, hi=last, key=blocked) - 1 if blocked(stages[last]) else last
+    if k < 0:
+        return None
+    curves = [rounded(stages[k], space.weights, width) for width in reversed(_WIDTHS)]
+    return Way(stages[k], [curves[0], *takewhile(space.free_along, curves[1:])][-1])
 
 
 def improved(
@@ -229,7 +249,12 @@ def _enclosed(reached: tuple[int, int], count: int) -> str:
 
 
 def shortened(space: Space, corners: Array, rng: np.random.Generator, cost: Cost | None = None) -> Array:
-    """Return the corners (k, n) of a path with detours replaced by straight parts where these are free.
+    """Return the corners (k, n) of a path with all its `shortcuts`."""
+    return [corners, *shortcuts(space, corners, rng, cost)][-1]
+
+
+def shortcuts(space: Space, corners: Array, rng: np.random.Generator, cost: Cost | None = None) -> Iterator[Array]:
+    """Yield the corners (k, n) of a path with one, two, ... detours replaced by straight parts, where these are free.
 
     In each round, straight paths between random pairs of points are tested together, and the one is taken that lowers
     the cost of the path most; `cost` None: its length.
@@ -252,7 +277,7 @@ def shortened(space: Space, corners: Array, rng: np.random.Generator, cost: Cost
             continue
         k = int(np.argmax(gain))
         points = np.concatenate([points[: i[k] + 1], a[[k]], b[[k]], points[j[k] + 1 :]])
-    return points
+        yield points
 
 
 def rounded(corners: Array, weights: Array, width: float) -> Smooth:
