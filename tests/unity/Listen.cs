@@ -7,8 +7,9 @@
 //     link <name x y z>   take hold of a link
 //     joint <name>        take hold of a joint
 //     move <x y z>        move the hand
-//     value <v>           lead the joint
-//     end, quit
+//     value <v>           move the joint
+//     end                 release what is held
+// It ends with its input.
 using System;
 using System.Collections.Generic;
 using System.Globalization;

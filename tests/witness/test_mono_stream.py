@@ -77,8 +77,8 @@ async def listening(folder: Path, address: str, links, robot: str = ""):
     listener = Listener(process)
     try:
         yield listener
-        listener.order("quit")
-        await asyncio.wait_for(process.wait(), 10)
+        process.stdin.close()  # its thread that reads orders ends, which otherwise can delay the end of the program
+        await asyncio.wait_for(process.wait(), 30)
         assert process.returncode == 0, await process.stderr.read()
     finally:
         if process.returncode is None:
@@ -146,7 +146,7 @@ def free_port() -> int:
 
 
 def run(scenario) -> None:
-    asyncio.run(asyncio.wait_for(scenario, 60))
+    asyncio.run(asyncio.wait_for(scenario, 120))
 
 
 async def newest_only(folder: Path) -> None:
