@@ -196,8 +196,8 @@ def _way(space: Space, stages: Sequence[Array]) -> Way | None:
     k = bisect_left(stages, True, hi=last, key=blocked) - 1 if blocked(stages[last]) else last
     if k < 0:
         return None
-    curves = [rounded(stages[k], space.weights, width) for width in reversed(_WIDTHS)]
-    return Way(stages[k], [curves[0], *takewhile(space.free_along, curves[1:])][-1])
+    curves = (rounded(stages[k], space.weights, width) for width in reversed(_WIDTHS))
+    return Way(stages[k], [next(curves), *takewhile(space.free_along, curves)][-1])
 
 
 def improved(
