@@ -16,7 +16,6 @@ export class DomPanel implements Drawer {
   private open = 'simulation';
   /** Whether only the tab headings are shown: initially on a small screen at a console. */
   private folded = false;
-  private atConsole = false;
   private readonly small = window.matchMedia('(max-width: 760px), (max-height: 480px)');
   private readonly bodies = new Map<string, HTMLElement>();
   private readonly heads = new Map<string, HTMLButtonElement>();
@@ -29,16 +28,14 @@ export class DomPanel implements Drawer {
     new ResizeObserver(follow).observe(this.foot);
     // A window that becomes small folds its controls as one that is opened small.
     this.small.addEventListener('change', () => {
-      this.folded = this.startsFolded();
+      this.folded = this.small.matches && this.heads.has('console');
       this.choose(this.open);
     });
   }
 
   show(sheet: Sheet): void {
     this.updates = [];
-    const before = this.atConsole;
-    this.atConsole = sheet.tabs[0]?.id === 'console';
-    if (!before) this.folded = this.startsFolded();
+    if (!this.heads.has('console')) this.folded = this.small.matches && sheet.tabs[0]?.id === 'console';
     this.side.replaceChildren();
     this.bodies.clear();
     this.heads.clear();
@@ -76,10 +73,6 @@ export class DomPanel implements Drawer {
     const side = this.side.getBoundingClientRect();
     const beside = side.left > w / 2;
     return [beside && !(this.folded && this.small.matches) ? w - side.left : 0, h - (beside ? this.foot : this.side).getBoundingClientRect().top];
-  }
-
-  private startsFolded(): boolean {
-    return this.small.matches && this.atConsole;
   }
 
   private choose(id: string): void {
