@@ -21,8 +21,8 @@ from twin.ui.report.style import png
 
 ENDS = np.array([-1.1, 0.2, 0.1]), np.array([1.1, -0.2, -0.1])
 INF = float("inf")
-MANY = Rounds("length", "m", [Round(60, INF, INF, 0.1, 0.2), Round(200, 0.41, 0.33, 0.3, 0.6)])
-ONE = Rounds("weighted", "", [Round(60, 4.1, 3.3, 0.1, 0.2)])
+MANY = Rounds("length", [Round(60, INF, INF, 0.1, 0.2), Round(200, 0.41, 0.33, 0.3, 0.6)])
+ONE = Rounds("weighted", [Round(60, 4.1, 3.3, 0.1, 0.2)])
 
 
 @pytest.fixture(scope="module")

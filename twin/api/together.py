@@ -255,7 +255,6 @@ class _Plan:
     def _path(self, phase: int) -> tuple[Path, Mapping[str, Rounds]]:
         """Return the common path of all arms in a phase, and the rounds of the searches by name of the arm."""
         from twin.planning.around import around
-        from twin.planning.costs import UNITS
         from twin.planning.rounds import Round, Rounds
         from twin.planning.together import beside
 
@@ -273,7 +272,7 @@ class _Plan:
                 raise ProtocolError(f"{arm.name}, phase '{arm.named(phase)}'{moving}: {error}") from error
             before.append(arm.name)
             if rounds:
-                found[arm.name] = Rounds("length", UNITS["length"], tuple(rounds))
+                found[arm.name] = Rounds("length", tuple(rounds))
         assert out is not None
         return out, found
 

@@ -58,7 +58,7 @@ def way(
             and searches.
     """
     from twin.planning.around import around  # imports scipy, which loads slowly
-    from twin.planning.costs import COSTS, UNITS
+    from twin.planning.costs import COSTS
 
     if kinematics.space is None:
         raise ProtocolError(f"{where}: a free motion requires a mechanism, but there is none")
@@ -86,5 +86,5 @@ def way(
     except TwinError as error:
         raise ProtocolError(f"{where} cannot be carried out: {error}") from error
     if rounds:
-        searched(phase.name, Rounds(phase.cost, UNITS[phase.cost], tuple(rounds)))
+        searched(phase.name, Rounds(phase.cost, tuple(rounds)))
     return path

@@ -7,6 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from twin.planning.costs import UNITS
+
 
 @dataclass(frozen=True)
 class Round:
@@ -36,13 +38,16 @@ class Rounds:
 
     Attributes:
         cost: name of what the search minimises (`twin.planning.costs.COSTS`).
-        unit: unit of the costs; "" for a sum of different units.
         rounds: the rounds.
     """
 
     cost: str
-    unit: str
     rounds: Sequence[Round]
+
+    @property
+    def unit(self) -> str:
+        """Unit of the costs; "" for a sum of different units."""
+        return UNITS[self.cost]
 
     def as_dict(self) -> dict[str, Any]:
         """Return plain data without times, so that they are the same each time; None stands for no path."""
