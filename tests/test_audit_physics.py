@@ -18,6 +18,8 @@ from twin.exchange.audit.motion import Content
 from twin.exchange.audit.physics import Drive, Joint, Physics, along
 from twin.exchange.audit.poses import about, inverse, pose
 from twin.exchange.audit.report import Ledger
+from twin.exchange.write.mjcf import write_mjcf
+from twin.exchange.write.urdf import write_urdf
 from twin.model.inertia import Inertia
 
 HERE = Path(__file__).parent
@@ -55,6 +57,16 @@ def test_a_file_alone_is_held_against_nature(name, bars, tmp_path):
     report = audit(folder / ("bars.urdf" if name.startswith("URDF") else "bars.xml"))
     assert ALONE[name] in {f.code for f in report.findings}, [(f.code, f.message) for f in report.findings]
     assert report.exit_code == 1
+
+
+def test_a_robot_without_masses_passes(tmp_path):
+    """The links get masses that the files call unknown; a base fixed to the world needs none in any format."""
+    robot = base.made.four_bar()
+    robot = replace(robot, bodies=tuple(replace(b, inertia=None) for b in robot.bodies))
+    write_mjcf(robot, tmp_path)
+    write_urdf(robot, tmp_path)
+    report = audit(tmp_path)
+    assert base.grave(report.findings) == []
 
 
 # --------------------------------------------------------------------------------------------- the mechanism
