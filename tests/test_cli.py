@@ -9,10 +9,13 @@ import os
 import pty
 import re
 import shutil
+import signal
 import subprocess
 import sys
 import threading
+import time
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
 
 import pytest
@@ -23,6 +26,7 @@ from twin import api
 from twin.cli import chosen, main, show
 from twin.cli import scene as scenes
 from twin.cli.commands import HELP, doctor
+from twin.cli.interrupt import after_imports
 from twin.cli.parser import parser
 from twin.core import assets
 from twin.core.errors import TwinError
@@ -584,6 +588,23 @@ def test_interrupt(run, monkeypatch):
     monkeypatch.setattr("twin.cli.commands.list.run", fail)
     text = run("list")
     assert (text.code, text.err) == (130, "twin: interrupted\n")
+
+
+def test_interrupt_waits_for_an_import(tmp_path, monkeypatch):
+    """A native module that is loaded cannot be interrupted: it crashes, or swallows the interrupt."""
+    (tmp_path / "interrupted_module.py").write_text(
+        "import signal\ntry:\n    signal.raise_signal(signal.SIGINT)\nexcept BaseException:\n    swallowed = True\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+
+    def interrupted():
+        import_module("interrupted_module")
+        time.sleep(5)
+
+    with pytest.raises(KeyboardInterrupt), after_imports():
+        interrupted()
+    assert not hasattr(sys.modules.pop("interrupted_module"), "swallowed")
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
 # ----------------------------------------------------------------------------------------- terminals and pipes

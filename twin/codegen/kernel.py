@@ -212,10 +212,17 @@ class Kernel:
         self._call(*left.popleft(), ins, outs, None)
         each = time.perf_counter() - first
 
-        def work() -> None:  # ctypes releases Python's lock, so that threads run in parallel
-            with contextlib.suppress(IndexError):
+        # ctypes releases Python's lock, so that threads run in parallel. After a Ctrl-C in this thread, another one
+        # still computes its chunk: it keeps the arrays.
+        def work(_alive: object = (given, results)) -> None:
+            try:
                 while True:
                     self._call(*left.popleft(), ins, outs, None)
+            except IndexError:
+                return
+            except BaseException:
+                left.clear()
+                raise
 
         _share(work, threads or len(left), each * len(left))
 
