@@ -16,7 +16,7 @@ import numpy as np
 
 import twin
 from twin.api.standing import standing
-from twin.planning.around import shortened
+from twin.planning.around import shortcuts
 from twin.planning.fmt import Search
 from twin.reference.following import Follower
 from twin.reference.space import JointSpace
@@ -66,7 +66,7 @@ def ours_to(space, start, goal, box, seed, goal_length):
     search = Search(space, start, goal, box, rng)
     while time.process_time() - began < 60:
         corners = search.path(samples)
-        if corners is not None and length(space, shortened(space, corners, rng)) <= goal_length:
+        if corners is not None and length(space, [corners, *shortcuts(space, corners, rng)][-1]) <= goal_length:
             return time.process_time() - began
         samples = int(1.5 * samples)
     return np.nan
