@@ -28,7 +28,7 @@ class Xml:
         except (ElementTree.ParseError, ValueError, LookupError) as error:
             raise SourceError(f"{path}: not XML: {error}") from error
         if self.root.tag != root:
-            hint = "The file is a xacro or another format: expand or rename it."
+            hint = "Expand a xacro first; a file of another format needs the suffix of its format."
             raise SourceError(f"{path}: the root element is <{self.root.tag}>, expected <{root}>. {hint}")
 
     def fail(self, where: str, message: str) -> NoReturn:
