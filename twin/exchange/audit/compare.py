@@ -59,7 +59,7 @@ def compare(contents: Sequence[Content], refs: Mapping[str, Reference]) -> None:
             name = _counterpart(content, clip, refs)
             if name is None:
                 if len(contents) > 1 and refs:
-                    text = f"clip '{clip.name}' is in no other file; their clips are {', '.join(sorted(refs))}."
+                    text = f"clip '{clip.name}' is in no other file; the known clips are {', '.join(sorted(refs))}."
                     content.ledger.add("compare.clip", "warning", text, clip.name)
                 continue
             ref = refs[name]

@@ -21,7 +21,7 @@ _WIDTH = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
 _MAGIC, _JSON, _BIN = 0x46546C67, 0x4E4F534A, 0x004E4942
 
 MOST_NUMBERS = 50_000_000
-"""Maximum count of numbers in one accessor; a larger count is an error."""
+"""Maximum number of numbers in one accessor."""
 
 
 @dataclass
@@ -76,7 +76,7 @@ class Gltf:
         count = natural(spec, "count", name, 0)
         if count * width > MOST_NUMBERS:
             raise ReadError(
-                f"{name} has {count} elements of {width} numbers, more than the audit accepts", "gltf.bounds"
+                f"{name} has {count} elements of {width} numbers; the maximum is {MOST_NUMBERS} numbers", "gltf.bounds"
             )
         dtype = np.dtype(kind)
         if "bufferView" in spec:

@@ -1,7 +1,7 @@
 """Check the remote centres of motion (RCM) of a track against the motion of the shaft.
 
 The distance of the shaft axis from the stated RCM is a fault only if the protocol enforces the RCM.
-In both cases, if all shaft axes of a phase meet in one point, a stated RCM at a different point is a fault.
+Also for an RCM that is not enforced: if all shaft axes of a phase meet in one point, the stated RCM must be that point.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ SHAFT = 5e-3
 """Maximum distance in m at which an RCM counts as enforced, if the file does not state whether it is enforced."""
 
 SPREAD = 1e-4
-"""Minimum mean squared sine of the angles between lines; below it, their meeting point is undetermined."""
+"""Minimum mean squared sine of the angles between lines and their mean direction, for a determined meeting point."""
 
 
 @dataclass(frozen=True)
