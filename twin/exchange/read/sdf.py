@@ -126,8 +126,8 @@ class _Sdf:
             out.append(replace(j, active=active))
         if not told and closing:
             text = (
-                f"no plug-in names a driven joint: all are driven except {', '.join(sorted(closing))}, which close "
-                "loops."
+                f"no plug-in names a driven joint: all joints are driven except {', '.join(sorted(closing))}, which "
+                "close loops."
             )
             self.findings.warn("driven", text, base)
         return out
