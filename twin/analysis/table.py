@@ -33,7 +33,7 @@ class Table:
         """Open a folder, and read stored results of the same job.
 
         Raises:
-            TwinError: the folder contains results of another job.
+            TwinError: the folder contains results of another job, or its job.json is damaged.
         """
         self.folder, self._work = folder, work
         key = key_of(work, designs)
