@@ -21,7 +21,7 @@ from twin.exchange.read.step import read_skeleton
 DATA = Path(__file__).parent / "data/importing"
 
 BAD = {
-    "error_axis_zero.sdf": "joint 'q': its axis has no length",
+    "error_axis_zero.sdf": "joint 'q': its axis has length 0",
     "error_child_world.sdf": "joint 'q': the child of the joint is the world: swap parent and child",
     "error_frame_on_nothing.sdf": "frame 'g' does not exist",
     "error_limits_swapped.sdf": "joint 'q': limits -1 .. -2 are not ordered",
@@ -39,7 +39,7 @@ BAD = {
     "error_no_unit.step": "states no length unit; a STEP file without a unit cannot be scaled. Export it again in",
     "error_not_step.step": "is not a STEP file: it does not begin with ISO-10303-21",
     "error_one_body.step": "it contains one body, 'block': a mechanism requires an assembly with a node for each bod",
-    "error_axis_zero.urdf": "joint 'q1': its axis has no length",
+    "error_axis_zero.urdf": "joint 'q1': its axis has length 0",
     "error_box_negative.urdf": "link 'base': box of size -0.1: it must be positive",
     "error_entities.urdf": "the file declares a document type or entities; expand the entities first",
     "error_inertia_incomplete.urdf": "link 'upper': ixx is missing",

@@ -23,7 +23,7 @@ def key_of(work: Job, designs: Array) -> str:
 
 
 class Table:
-    """Stored results of a sweep: `rows.csv` and `job.json` in a folder; a context manager; `add` stores a result.
+    """Stored results of a sweep: `rows.csv` and `job.json` in a folder. Use it as a context manager, then call `add`.
 
     Attributes:
         done: objectives by design number, of designs evaluated so far.

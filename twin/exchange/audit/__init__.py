@@ -179,7 +179,7 @@ def _guarded(read: Callable[[Path, Ledger], Any], path: Path, ledger: Ledger) ->
 
 
 _KINDS = {".csv": "tracks", ".json": "tracks", ".urdf": "urdf", ".xml": "mjcf"}
-"""Format name with which the code of a finding starts, by file name suffix; "usd" for all other suffixes."""
+"""First part of the finding code `<format>.unreadable`, by file name suffix; "usd" for all other suffixes."""
 
 
 def _gltf(path: Path, ledger: Ledger) -> Content | None:
@@ -260,7 +260,7 @@ def _tree(path: Path, ledger: Ledger, tracks: list[Content], models: Sequence[st
         low, high = track.extra.get("lower", {}), track.extra.get("upper", {})
         tree.check_limits(track.file, low, high)
     if not tracks:
-        text = "there is no track for this file: its joints are not moved."
+        text = "there is no track, so the joints of this file are not moved and its link poses are not compared."
         ledger.add("compare.no_track", "info", text)
     return tree.content
 

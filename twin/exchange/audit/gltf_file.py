@@ -206,10 +206,10 @@ def _chunks(data: bytes, ledger: Ledger) -> tuple[bytes, bytes | None]:
         raise ReadError(f"its header states version {version}, not 2", "gltf.version")
     if length > len(data):
         raise ReadError(
-            f"its header states {length} bytes, but it has {len(data)}: the file is truncated", "gltf.header"
+            f"its header states {length} bytes, but the file has {len(data)}: it is truncated", "gltf.header"
         )
     if length != len(data):
-        text = f"its header states {length} bytes, but it has {len(data)}."
+        text = f"its header states {length} bytes, but the file has {len(data)}."
         ledger.wrong("gltf.header", text, size=Measured(float(len(data)), length))
     found: dict[int, bytes] = {}
     at = 12

@@ -150,9 +150,9 @@ class Joint:
     def end(self, link: str) -> tuple[Array, Array | None] | None:
         """Return (point (3,) in m, direction (3,) or None for a ball) of the joint in the frame of one of its links.
 
-        The result is None if the file does not state it. The direction is reversed if the parent's name comes after
-        the child's in alphabetical order: files may exchange parent and child. The direction of a tie has no defined
-        sign.
+        Return None if the file does not state where the joint is. The direction is reversed if the parent's name comes
+        after the child's in alphabetical order, because files may exchange parent and child. The direction of a tie has
+        no defined sign.
         """
         flip = 1.0 if self.parent < self.child else -1.0
         if self.tied:

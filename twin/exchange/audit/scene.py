@@ -109,7 +109,7 @@ def _shown(contents: Sequence[Content], protocol: str, T_world_base: Array) -> S
     """Return the motion of a protocol in a robot's files; without a protocol, the poses at rest.
 
     Poses at rest are read from the GLB, if there is one, because the scene's stages refer to the robot's stage: a
-    comparison with that stage could find nothing.
+    comparison with that stage would never find a difference.
     """
     for name, ref in references(contents, {}).items():
         if protocol and (name == protocol or name.endswith(f"_{protocol}")):
@@ -135,9 +135,7 @@ def _audit_stage(path: Path, robots: Mapping[str, Shown]) -> Ledger:
     )
     if not worst <= POSITION_TOL:
         text = f"{where}: " + (
-            f"the pose differs from the robot's files by {quantity(worst, 'm')}."
-            if np.isfinite(worst)
-            else "it is missing."
+            f"the pose differs from the robot's files by {quantity(worst, 'm')}." if np.isfinite(worst) else "missing."
         )
         ledger.wrong("scene.link", text, where, size=Measured(worst, POSITION_TOL, "m"), when=when)
     return ledger
@@ -157,7 +155,7 @@ def deviation(stage: Path, robots: Mapping[str, Shown]) -> tuple[float, str, str
     for name, robot in robots.items():
         keys = sorted({0, len(robot.times) // 2, len(robot.times) - 1})
         if not robot.links:
-            return np.inf, f"pose of any link of {name} in its files", ""
+            return np.inf, f"link poses in the files of {name}", ""
         for link, Ts in robot.links.items():
             if not (prim := opened.GetPrimAtPath(root.AppendChild(name).AppendChild(link))):
                 return np.inf, f"{name}/{link}", ""

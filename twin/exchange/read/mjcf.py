@@ -181,7 +181,7 @@ class _Mjcf:
             ref = np.eye(4)
             if kind in (_SLIDE, _HINGE):
                 if not np.abs(m.jnt_axis[k]).max() > 0.5:  # not a unit vector: MuJoCo could not normalise the axis
-                    raise SourceError(f"{self.path}: joint '{self.joints[k]}': its axis has no length, or is too long")
+                    raise SourceError(f"{self.path}: joint '{self.joints[k]}': its axis has length 0, or is too long")
                 at = at @ along(m.jnt_axis[k])
                 q0 = float(m.qpos0[m.jnt_qposadr[k]])
                 ref = spatial.pose(p=[0, 0, -q0]) if kind == _SLIDE else spatial.pose(spatial.rotation_z(-q0))

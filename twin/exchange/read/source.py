@@ -165,7 +165,8 @@ def assemble(
 ) -> Imported:
     """Return the mechanism that consists of the given parts, with a tool; its rest pose has zero joint values.
 
-    The tool is the frame named `tool`, else a new frame at the end of the longest chain, reported in a finding.
+    The tool is the frame named `tool`, else the only frame, else a new frame at the end of the longest chain. A finding
+    states the choice if no frame is named `tool`.
 
     Raises:
         SourceError: the parts do not form a mechanism.
