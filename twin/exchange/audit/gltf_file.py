@@ -107,8 +107,12 @@ class Gltf:
             raise ReadError(f"{label} ends at byte {start + length} of a buffer of {len(data)} bytes", "gltf.bounds")
         size = dtype.itemsize * width
         stride = natural(view, "byteStride", label, 0) or size
+        if stride < size:
+            raise ReadError(
+                f"{label} has byteStride {stride}, but an element of {name} has {size} bytes", "gltf.bounds"
+            )
         end = offset + stride * (count - 1) + size if count else offset
-        if end > length or stride < size:
+        if end > length:
             raise ReadError(f"{name} ends at byte {end} of {label}, which has {length} bytes", "gltf.bounds")
         if offset % dtype.itemsize or start % dtype.itemsize:
             self.ledger.wrong("gltf.alignment", f"{name} is not aligned to the size of its components.", name)

@@ -20,6 +20,9 @@ from twin.exchange.audit.report import POSITION_TOL, Ledger, Measured, quantity,
 SHAFT = 5e-3
 """Maximum distance in m at which an RCM counts as enforced, if the file does not state whether it is enforced."""
 
+BESIDE = 1e-4
+"""Maximum distance in m of a stated RCM from the point in which all shaft axes meet."""
+
 SPREAD = 1e-4
 """Minimum mean squared sine of the angles between lines and their mean direction, for a determined meeting point."""
 
@@ -64,12 +67,12 @@ def check_rcm(data: dict[str, Any], clip: Clip, local: Array, ledger: Ledger) ->
         missed, at = float(distances[name][k]), f"t = {stay.times[k]:.4g} s"
         centre = next((c for c in centres if _through(stay, c)), None)
         beside = 0.0 if centre is None else float(np.linalg.norm(centre - stay.point))
-        if centre is not None and beside > max(100 * POSITION_TOL, 0.0) and missed > POSITION_TOL:
+        if centre is not None and beside > BESIDE and missed > POSITION_TOL:
             text = (
                 f"phase '{stay.name}': the shaft turns about ({', '.join(f'{c:.5g}' for c in centre)}) m, "
                 f"{quantity(beside, 'm')} from the stated RCM."
             )
-            ledger.wrong("tracks.rcm", text, stay.name, size=um(beside, POSITION_TOL), when=at)
+            ledger.wrong("tracks.rcm", text, stay.name, size=um(beside, BESIDE), when=at)
             continue
         if stay.enforced is False:
             continue
