@@ -33,6 +33,7 @@ _CHUNK = 8192
 """Number of Monte Carlo samples in a batch; each sample has a few hundred errors."""
 
 _NEWTON, _LAST = 12, 1e-10
+"""Maximum number of Newton steps, and the step size in m or rad at which they end."""
 
 _ALONG = 12
 """Number of states evaluated along a protocol."""
