@@ -197,7 +197,7 @@ def campaign_file(robot: Robot, campaign: str | Path) -> Path:
         return Path(campaign)
     path = robot.files.cad / "campaigns" / f"{campaign}.toml"
     known: dict[str, Any] = {}
-    with contextlib.suppress(OSError, ValueError, RecursionError):  # the reader of the campaign names the mistake
+    with contextlib.suppress(OSError, ValueError, RecursionError):  # the reader of the campaign reports the error
         known = tomllib.loads(path.read_text(encoding="utf-8"))
     other = known.get("same_as") if len(known) == 1 else None
     return (path.parent / other).resolve() if isinstance(other, str) else path

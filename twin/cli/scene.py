@@ -1,4 +1,4 @@
-"""Commands for scenes: `twin run` plays all robots together and measures distances; `twin info` shows a scene."""
+"""Scenes on the command line: read their parts, refuse them for commands on robots, and play them (`twin run`)."""
 
 from __future__ import annotations
 

@@ -41,8 +41,8 @@ _COMMIT, _UNDO = "commit", "undo"
 def atomic_folder(target: Path, replacing: Collection[str] = ()) -> Iterator[Path]:
     """Yield a temporary folder; move its files into `target` when the block ends without an error.
 
-    Files that the block does not write stay unchanged. On any error `target` stays unchanged. `replacing` has files of
-    the target that are removed in the same step, unless they are written again.
+    Files that the block does not write stay unchanged. On any error `target` stays unchanged. `replacing` has paths,
+    relative to the target, of old files: a file that the block does not write again is removed in the same step.
 
     Raises:
         OutputError: the target cannot be written (read-only, full, a file with the name of a folder).

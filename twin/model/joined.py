@@ -59,5 +59,5 @@ def joined(arms: Mapping[str, tuple[Mechanism, Array]]) -> Mechanism:
 
 
 def owners(arms: Mapping[str, tuple[Mechanism, Array]]) -> dict[str, str]:
-    """Return the name of the arm of each body of `joined(arms)`, by the name of the body there."""
+    """Return {body: arm}: for the name of each body in `joined(arms)`, the name of the arm to which it belongs."""
     return {f"{name}_{body.name}": name for name, (mechanism, _) in arms.items() for body in mechanism.bodies}
