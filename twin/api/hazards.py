@@ -171,7 +171,8 @@ def _arena(robot: str, campaign: str, software: Software) -> tuple[Campaign, Are
 def trends(robot: Robot, *, software: Software = _AS_FILED, progress: Progress = silent) -> Trends:
     """Run the experiments of the second paper (sections 3.1 and 3.2.1), see `twin.simulation.hazards.trends`.
 
-    They are the deviation of machine and model at each motion scale, and a motor command that is stuck every 8 s.
+    The experiments measure the deviation of the model from the machine: at each motion scale, and with a motor command
+    that is stuck every 8 s.
 
     Args:
         robot: a robot with machine.toml.

@@ -1,4 +1,4 @@
-"""Obstacles around a robot in a scene: props, and the other robots in their rest poses or in given ones."""
+"""Obstacles around a robot in a scene: props, and the other robots in their rest poses or in given poses."""
 
 from __future__ import annotations
 

@@ -53,11 +53,11 @@ class _Arm:
         self.waypoints = [protocol.start, *(p.to for p in protocol.phases if isinstance(p, Free))]
 
     def at(self, phase: int) -> int:
-        """Return the row of the start of a phase; after its last phase, the arm stays."""
+        """Return the row of `q` at the start of a phase; after its last phase, the arm stays."""
         return min(phase, len(self.q) - 1)
 
     def ends(self, phase: int) -> tuple[Array, Array]:
-        """Return joint values (n,) at the ends of a phase."""
+        """Return the joint values (n,) at the start and at the end of a phase."""
         return self.q[self.at(phase)], self.q[self.at(phase + 1)]
 
     def named(self, phase: int) -> str:

@@ -1,4 +1,4 @@
-"""Several mechanisms as one, in which each name begins with the name of its arm."""
+"""Combine the mechanisms of several arms into one; each name then begins with the name of the arm."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ WORLD = "world"
 
 
 def joined(arms: Mapping[str, tuple[Mechanism, Array]]) -> Mechanism:
-    """Return one mechanism with all arms, whose active joints are those of the arms in order.
+    """Return one mechanism with all arms; its active joints are those of the first arm, then of the next arms.
 
     Motors are left out: the joints count as driven directly. The tool is that of the last arm.
 

@@ -28,7 +28,7 @@ DOES: dict[Kind, str] = {
     "scalpel": "cuts along the path of its blade",
     "cautery": "separates tissue by heat and stops bleeding",
 }
-"""Function of the tools of each kind."""
+"""What a tool of each kind does, as text for pages."""
 
 
 class ToolTable(Sourced):

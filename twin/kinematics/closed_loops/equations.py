@@ -60,7 +60,7 @@ Chain = list[Any]
 
 @dataclass(frozen=True)
 class _Error:
-    """A frame error (6,) in the frame's own axes: shift in m, rotation in rad; with `back`, the inverse error."""
+    """A frame error (6,) in the frame's own axes: shift in m, rotation in rad; `back`: the inverse error applies."""
 
     e: ca.SX
     back: bool
