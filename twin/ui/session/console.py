@@ -22,7 +22,6 @@ from twin.core.spatial import Array
 from twin.kinematics.closed_loops.placing import LinkPoses
 from twin.model.mechanism import Mechanism
 from twin.model.movable import Movable
-from twin.model.procedure import ProcedureTable
 from twin.model.scene import Scene
 from twin.model.task import Task
 from twin.model.tissue import Tissue
@@ -171,14 +170,16 @@ class LiveConsole:
         tape = None if path is None else Tape()
         referee = None
         if self.task is not None and self.task.transfers:
-            robots = [n for hand in HANDS for n in getattr(self.table, hand)]
+            robots = [*console_scene.hands_of(self.scene)]
             referee = rings.Referee(self.task, self.objects, self._pegs, robots, SAMPLE)
         elif self.task is not None and self._course is not None:
             referee = guiding.Referee.of(self.scene, self.task, self.members, self._course, SAMPLE)
         elif self.task is not None and self.task.alignment is not None:
             referee = CameraReferee(self._camera, SAMPLE)
         elif self.task is not None and self.task.procedure is not None:
-            referee = self._guide(self.task.procedure)
+            organ = operating_scene.organ_of(self.task.procedure, self._organs)
+            clips = [f"{item.name}.on" for item in self.objects]
+            referee = ProcedureGuide(self.scene, self.task.procedure, organ, clips, console_scene.ORGANS)
         peaks, states, outbox, parts = ForcePeaks(HANDS), [], [], None
         if self.machines is not None:
             states, packets = self.machines.connect()
@@ -205,15 +206,6 @@ class LiveConsole:
         self._state, self._peaks = ConsoleState(self.scene, self.members, self.task, world), peaks
         self.referee, self.recorder, self.attempt = referee, recorder, attempt
         self._owed, self._rate, self._stopped, self._over = 0.0, 1.0, "", ""
-
-    def _guide(self, procedure: ProcedureTable) -> ProcedureGuide:
-        """Return the referee of a procedure."""
-        organ = operating_scene.organ_of(procedure, self._organs)
-        ports = [operating_scene.port_of(p) for p in operating_scene.robots_of(self.scene, procedure)]
-        hands = {n: hand for hand in HANDS for n in getattr(self.table, hand)}
-        clips = [f"{item.name}.on" for item in self.objects]
-        vessels, tools = self.scene.vessels, self.scene.tools
-        return ProcedureGuide(procedure, organ, vessels, ports, clips, console_scene.ORGANS, tools, hands)
 
     def restart(self, client: str) -> None:
         """Begin a new attempt: objects, robots and measures are as at the start.
