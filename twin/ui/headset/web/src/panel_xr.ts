@@ -254,7 +254,7 @@ export class XrPanel implements Drawer {
       case 'button':
         return this.row([c], x, y, w, zone);
       case 'row':
-        return c.shown?.() === false ? 0 : this.row(c.items, x, y, w, zone);
+        return c.shown?.() === false ? y : this.row(c.items, x, y, w, zone);
       case 'choice':
         return this.choice(c, x, y, w, zone);
       case 'slider':
