@@ -472,6 +472,13 @@ WRONG = {
     "tolerance is negative": (["validate", "sils", "--tolerance-um", "-3"], "--tolerance-um -3: give a positive"),
     "tolerance is NaN": (["validate", "sils", "--tolerance-um", "nan"], "give a positive number of micrometres"),
     "tolerance is infinite": (["validate", "sils", "--tolerance-um", "inf"], "give a positive number of micrometres"),
+    "clearance without obstacles": (["plan", "sils", "--clearance-mm", "7"], "7 has no effect without --avoid"),
+    "seed without a search": (["plan", "sils", "--seed", "-1"], "--seed -1 has no effect without --avoid"),
+    "time that never passes": (["machine", "raven_left", "--duration", "nan"], "--duration nan: give a number of"),
+    "tilt without end": (["machine", "raven_left", "--tilt-deg", "inf"], "--tilt-deg inf: give a finite number"),
+    "fewer sessions than none": (["hazards", "raven_left", "--sessions", "-1"], "--sessions -1: give at least 0"),
+    "no process": (["hazards", "raven_left", "--processes", "0"], "--processes 0: give at least 1"),
+    "too many robots": (["tolerance", "sils", "--samples", "100000000000"], "give at most 10000000"),
     "no such stage": (["info", "gone.usda"], "gone.usda: the stage does not exist"),
     "stage has no protocols": (["validate", str(ROOT / "usd/sils/sils.usda")], "neither equations nor protocols"),
 }
@@ -496,6 +503,15 @@ def test_a_port_that_is_none_is_refused(run, command, port):
     text = run(command, "sils", "--port", port)
     assert text.code == 2
     assert f"{port} is not a port: give 0 to 65535" in text.err
+
+
+@pytest.mark.parametrize(
+    "argv", [("view", "sils", "--html"), ("serve", "sils", "--record"), ("serve", "davinci", "--session")]
+)
+def test_a_folder_in_place_of_a_recording_is_refused_at_once(run, tmp_path, argv):
+    text = run(*argv, str(tmp_path), *(() if "--html" in argv else ("--port", "0")))
+    assert text.code == 2
+    assert f"cannot write to {tmp_path}: it is a folder; give the name of a file" in text.err
 
 
 # ----------------------------------------------------------------------------------------------------- scenes

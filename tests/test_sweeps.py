@@ -237,6 +237,8 @@ def test_workspace_command_writes_what_others_read(tmp_path, capsys):
         (["--tilt-deg", "200"], "--tilt-deg 200: give degrees from 0 to 180"),
         (["--turns", "0"], "--turns 0: give at least 1"),
         (["--step-mm", "0.01"], "positions; the limit is 5e+07. Increase --step-mm"),
+        (["--count", "1e30"], "positions; the limit is 5e+07. Increase --step-mm or reduce --count"),
+        (["--step-mm", "5000"], "none of 1 positions, 5e+03 mm apart, is reached in a box of 607 x 628 x 385 mm"),
         (["--joints", "--scheduler", "local"], "--scheduler: joint samples run on this machine"),
         (["--count", "1.5"], "argument --count: 1.5 is not a whole number"),
         (["--scheduler", "tcp://127.0.0.1:1", "--count", "1000"], "no Dask scheduler answers at this address"),

@@ -6,6 +6,7 @@ position. Collisions are not checked; passive joints are limited only by the equ
 
 from __future__ import annotations
 
+import math
 import pickle
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
@@ -70,7 +71,7 @@ class Grid:
     @property
     def positions(self) -> int:
         """Number of positions."""
-        return int(np.prod(self.shape))
+        return math.prod(self.shape)  # without overflow
 
     @property
     def poses(self) -> int:

@@ -38,7 +38,7 @@ def serve(args: argparse.Namespace) -> int:
     _require_compatible(args)
     for file in (args.record, args.session):
         if file is not None:
-            assets.require_writable(Path(file).parent)
+            assets.require_writable_file(Path(file))
     if args.machine and scenes.find(args.robot) is None:
         raise TwinError(f"--machine applies to a scene with machines, such as raven; {args.robot} is a robot")
     name, make = _what(args)

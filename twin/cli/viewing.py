@@ -35,10 +35,10 @@ _ADVICE = "every connected client can move and load robots, but cannot write to 
 
 def view(args: argparse.Namespace) -> int:
     """Show a robot, a scene or a stage until Ctrl-C; with --html write a recording and exit."""
-    port = free_port(args.host, args.port)
+    port = free_port(args.host, 0 if args.html is not None else args.port)  # a recording needs no certain port
     title, load = _what(args)
     if args.html is not None:
-        assets.require_writable(Path(args.html).parent)
+        assets.require_writable_file(Path(args.html))
         return _write(load, title, port, args)
 
     def open_page(server: viser.ViserServer, stopping: threading.Event, local: bool) -> Page:

@@ -11,6 +11,7 @@ from pathlib import Path
 
 from twin.core.atomic import atomic_folder as atomic_folder
 from twin.core.atomic import require_writable as require_writable
+from twin.core.atomic import require_writable_file as require_writable_file
 from twin.core.atomic import settle
 from twin.core.errors import KinematicsError, TwinError, unknown
 from twin.core.foreign.once import Once

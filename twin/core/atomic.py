@@ -84,6 +84,17 @@ def require_writable(target: Path) -> None:
         raise _ProbeError
 
 
+def require_writable_file(path: Path) -> None:
+    """Raise an error if no file could be written at this path; to be called before a long computation.
+
+    Raises:
+        OutputError: there is a folder at the path, or its folder cannot be written.
+    """
+    if path.is_dir():
+        raise OutputError(f"cannot write to {path}: it is a folder; give the name of a file, as in {path / 'name'}")
+    require_writable(path.parent)
+
+
 class Scratch(tempfile.TemporaryDirectory):
     """A temporary folder; if this process is killed, the next start removes the folder."""
 

@@ -92,7 +92,7 @@ class AuditReport(Result):
         yield ("\n" if shown else "") + (
             f"  {format.count(len(self.checks), 'check')}, {format.count(len(self.findings), 'finding')}"
             + (f", of which {format.count(notes, 'note')} (shown by --all)" if notes else "")
-            + f"; poses agree within {POSITION_TOL * 1e6:g} µm and {math.degrees(ROTATION_TOL):.3g} deg"
+            + f"; tolerance of poses: {POSITION_TOL * 1e6:g} µm and {math.degrees(ROTATION_TOL):.3g} deg"
         )
 
 
