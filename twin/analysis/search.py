@@ -15,7 +15,7 @@ from twin.api.robot import silent
 from twin.core.errors import TwinError
 
 _POSITIONS = 50_000_000
-"""Maximum number of positions; each takes 16 bytes on disk and 16 bytes in memory."""
+"""Maximum number of positions; each takes 16 bytes, in memory or on disk."""
 
 
 def workspace(

@@ -42,7 +42,7 @@ class Link:
     name: str = ""
 
     def poses(self, q: Array | None) -> Array:
-        """Return the poses (k, 4, 4) of the link for joint values (k,), or the pose (4, 4) of a fixed link."""
+        """Return the poses in the previous link's frame: (k, 4, 4) for joint values q (k,); (4, 4) of a fixed link."""
         if self.kind == "fixed" or q is None or self.axis is None:
             return self.fixed
         if self.kind == "turn":
@@ -51,7 +51,10 @@ class Link:
 
 
 def along(links: Sequence[Link], q: Sequence[Array | None], count: int) -> Array:
-    """Return the poses (k, 4, 4) of the end of a chain in the frame of its start."""
+    """Return the poses (k, 4, 4) of the end of a chain in the frame of its start.
+
+    `q` has the values (k,) of each joint in rad or m, None for a fixed link; `count` is k.
+    """
     T = np.broadcast_to(np.eye(4), (count, 4, 4))
     for link, value in zip(links, q, strict=True):
         T = T @ link.poses(value)
@@ -59,7 +62,7 @@ def along(links: Sequence[Link], q: Sequence[Array | None], count: int) -> Array
 
 
 def fit(links: Sequence[Link], given: Sequence[Array | None], goal: Array) -> list[Array | None]:
-    """Return the joint values (k,) that bring the end of a chain to the poses `goal` (k, 4, 4).
+    """Return the values (k,) in rad or m of each joint that bring the end of a chain to the poses `goal` (k, 4, 4).
 
     Joint values that are None in `given` are computed with Gauss-Newton for all frames at once. Frames that do not
     converge are restarted from the solution of a neighbouring frame. If a goal cannot be reached, the best result is

@@ -31,6 +31,7 @@ class Check:
     Attributes:
         check: short description.
         file: path relative to the audited folder.
+        tool, version: checker or library that measured, and its version.
         worst: the maximum deviation in `unit`; None if nothing can be measured.
         unit: unit of `worst` and `tolerance`.
         tolerance: limit of `worst` in `unit`; None if there is no limit.
