@@ -164,7 +164,7 @@ ADVICE: Mapping[str, str] = {
     "winding": "reverse the faces of the mesh, so that they are counter-clockwise seen from outside",
     "winding_mixed": "orient all faces counter-clockwise seen from outside",
 }
-"""Suggestions by code of the finding, or by the part of the code after the format if they apply to every format."""
+"""Suggestions by code of the finding; without a format, such as "step", the suggestion applies to every format."""
 
 
 class ReadError(Exception):

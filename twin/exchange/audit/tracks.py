@@ -58,7 +58,7 @@ def read_json(path: Path, ledger: Ledger) -> Content:
 
 
 def read_csv(path: Path, ledger: Ledger) -> Content:
-    """Return the content of a CSV track: `# key: value` lines, a header with units, and one line per frame.
+    """Return the content of a CSV track: `# key: value` lines, a header with units, and one line per key.
 
     Raises:
         ReadError: the header or all lines are missing, or a number is invalid.
