@@ -48,7 +48,7 @@ def _row(a: Mapping[str, float], b: Mapping[str, float]) -> float:
 
 
 def _word(a: Any, b: Any) -> float:
-    return 0.0 if a == b else np.inf
+    return 0.0 if a == b else 1.0
 
 
 def _difference(a: float, b: float) -> float:
@@ -334,8 +334,8 @@ def _state(view: View, canonical: Mapping[str, Joint], known: set[str], movable:
             view.say(f"link '{link}'", {"colours": shares})
     for link, m in p.masses.items():
         if link in known:
-            inertial = {"weighed": True, "mass": m.mass, "mass centre": m.center, "inertia": m.inertia}
-            view.say(f"link '{link}'", inertial)
+            inertial = {"mass": m.mass, "mass centre": m.center, "inertia": m.inertia}
+            view.say(f"link '{link}'", inertial if link in p.assumed else {"weighed": True} | inertial)
     if view.format in ("urdf", "mjcf", "usda", "usd", "usdc") and p.masses:
         for link in known & set(p.links) - set(p.masses) - (p.held or frozenset()) - {"world"}:
             view.say(f"link '{link}'", {"weighed": False})

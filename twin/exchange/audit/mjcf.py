@@ -17,7 +17,7 @@ from twin.exchange.audit.motion import Clip, Content, Shape
 from twin.exchange.audit.physics_mjcf import compiled_physics
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import Ledger, Measured, ReadError, quantity, um
-from twin.exchange.audit.urdf import named_mesh, numbers, parse_xml
+from twin.exchange.audit.urdf import assumed_masses, named_mesh, numbers, parse_xml
 
 LOOP_TOL = 1e-6
 """Maximum residual of an equality constraint at joint values of a track, in m (rotation of a weld: in rad)."""
@@ -57,6 +57,7 @@ class Mjcf:
             "handedness": "right (MuJoCo)",
         }
         self.content.physics = compiled_physics(m, self.bodies)
+        self.content.physics.assumed = assumed_masses(path)
         self.content.colors = _colors(m)
         _check_model(m, self.data, ledger)
 

@@ -193,6 +193,7 @@ class Physics:
     Attributes:
         links: names of all links.
         masses: mass properties by link.
+        assumed: links of unknown mass; their mass properties are assumed, because the format requires some.
         frames: named frames, by name.
         gravity: (3,) in m/s2 in a world with z up; None if not stated.
         held: links that are fixed to the world; None if the format cannot state this.
@@ -206,6 +207,7 @@ class Physics:
 
     links: tuple[str, ...] = ()
     masses: dict[str, Mass] = field(default_factory=dict)
+    assumed: frozenset[str] = frozenset()
     joints: list[Joint] = field(default_factory=list)
     frames: dict[str, Frame] = field(default_factory=dict)
     gravity: Array | None = None
