@@ -77,6 +77,8 @@ BAD = {
     "error_no_joints.xml": "no joints, so there is no mechanism",
     "error_quadratic_coupling.xml": "equality 'equality0' is a polynomial of degree > 1; the degree must be 1",
     "error_size_nan.xml": "size = '0.1 0.1 nan' contains a number that is not finite",
+    "error_two_tendons.xml": "equality 'equality0' couples two tendons, which a mechanism cannot express; supported:",
+    "error_no_geometry.urdf": "link 'base': a <visual> has no shape in a <geometry>",
     "error_spatial_tendon.xml": "equality 'equality0' constrains a spatial tendon, which is not supported",
     "error_unknown_attribute.xml": "MuJoCo rejects the file: XML Error: Schema violation: unrecognized attribute: ",
     "error_alias.yaml": "aliases (*name) are not supported; write the list out",

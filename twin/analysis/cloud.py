@@ -14,7 +14,7 @@ MOST = 400_000
 
 
 def points(found: Workspace) -> tuple[Array, np.ndarray, np.ndarray]:
-    """Return positions (k, 3) in m, values (k, 4), and colours (k, 3) uint8.
+    """Return positions (k, 3) in m, values (k, 4) of `COLUMNS`, and colours (k, 3) uint8.
 
     The colours show the inverse condition numbers or, without condition numbers, the margins to the joint limits.
     """

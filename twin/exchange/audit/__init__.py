@@ -227,8 +227,8 @@ def _tracks(path: Path, ledger: Ledger) -> Content | None:
 def _plays(stem: str, clip: str, models: Sequence[str]) -> bool:
     """Return whether the joint values of a clip are applied to a model file (MJCF or URDF) with the name `stem`.
 
-    A model named <robot>_<clip> is used for this clip only. The clip uses no other model. A clip without such a model
-    uses the models whose names have no clip.
+    A model named <robot>_<clip> is used only for the clip of that name, and this clip uses no other model. All other
+    clips use the models without a clip in their names.
     """
     own = [f"{m}_{clip}" for m in models if f"{m}_{clip}" in models]
     return stem in own if own else not any(stem.startswith(f"{m}_") for m in models)

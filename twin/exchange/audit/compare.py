@@ -187,7 +187,7 @@ def _times_apart(clip: Clip, ref: Reference, mine: Array, its: Array) -> str:
 
 
 def _compare_middle(content: Content, clip: Clip, ref: Reference, name: str) -> None:
-    """Report links whose poses halfway between keys differ from linear interpolation."""
+    """Report links whose poses halfway between keys differ from linear interpolation of the reference."""
     shared = [n for n in ref.clip.links if n in clip.middle]
     if not shared:
         return

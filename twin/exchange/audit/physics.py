@@ -1,9 +1,9 @@
 """Mechanism data of a file (links, joints, frames, gravity) in a common form for all formats.
 
-A joint is defined by the pose of its child in its parent at zero coordinates, and by lines in the parent's frame along
-or about which the child moves. Some formats split a joint into parts (a ball into three hinges with auxiliary links, a
-loop closure into two ties, which are pairs of coinciding points); `reduced` joins the parts, so that joints of
-different formats can be compared.
+A joint has the pose of its child in its parent at zero coordinates, and lines in the parent's frame: the child moves
+along these lines or rotates about them. Some formats split a joint into parts: a ball into three hinges with auxiliary
+links, or a loop closure into two ties. A tie is a pair of coinciding points. `reduced` joins the parts, so that joints
+of different formats can be compared.
 """
 
 from __future__ import annotations
@@ -124,8 +124,8 @@ class Joint:
         T: pose T_parent_child (4, 4) at zero coordinates; None if not stated.
         motions: lines along or about which it moves, in the parent's frame, from the parent outwards.
         drive: its limits and drive.
-        tied: pairs of coinciding points (3,) in m, one in the frame of the parent and one in the frame of the child, if
-            the file states only these (MJCF connect).
+        tied: (point in the parent's frame, same point in the child's frame), both (3,) in m, of each tie, if the file
+            states only ties (MJCF connect).
         kind_said: the kind, if the file states it without the axis (tracks, GLB); else "".
     """
 

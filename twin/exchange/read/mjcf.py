@@ -287,7 +287,9 @@ class _Mjcf:
         elif kind == eq.mjEQ_TENDON and m.eq_obj2id[i] < 0:
             couplings.append(self._tendon(i, name, label))
         else:
-            raise SourceError(f"{self.path}: equality '{name}' has a type that a mechanism cannot express")
+            what = "couples two tendons" if kind == eq.mjEQ_TENDON else f"has the type {kind.name[5:].lower()}"
+            known = "supported: connect, weld, joint, tendon (one)"
+            raise SourceError(f"{self.path}: equality '{name}' {what}, which a mechanism cannot express; {known}")
 
     def _tendon(self, i: int, name: str, label: str) -> Coupling:
         """Return the coupling of a fixed tendon: the sum of coefficient times joint coordinate is constant."""

@@ -1,8 +1,8 @@
 """Propose joints from fitting faces: type, bodies, and frames measured on the faces of each body.
 
 Directions and positions that faces determine are measured on both bodies, so that differences are found when the robot
-is built. Positions and angles that faces do not determine (position of a slide along its axis, rotation of a round pin)
-are given as numbers, on one or both bodies.
+is built. Faces do not determine the position of a slide along its axis or the rotation of a round pin: these are given
+as numbers, on one or both bodies.
 """
 
 from __future__ import annotations

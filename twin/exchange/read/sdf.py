@@ -269,7 +269,7 @@ class _Sdf:
         for element in link.findall("visual") or link.findall("collision"):
             geometry = element.find("geometry")
             if geometry is None or not len(geometry):
-                self.xml.fail(where, "a <visual> without geometry")
+                self.xml.fail(where, f"a <{element.tag}> has no shape in a <geometry>")
             shape = geometry[0]
             solid = None
             if shape.tag == "mesh":

@@ -419,7 +419,7 @@ class _Urdf:
         mass, tensor = element.find("mass"), element.find("inertia")
         kilograms = self.xml.number(where, "mass", mass.get("value") if mass is not None else None)
         if tensor is None:
-            self.xml.fail(where, "<inertial> without <inertia>")
+            self.xml.fail(where, "its <inertial> has no <inertia>")
         R = T[:3, :3]
         I = R @ self.xml.tensor(where, tensor.get) @ R.T  # noqa: E741
         return possible(Inertia(kilograms, T[:3, 3], 0.5 * (I + I.T)), name, self.findings)
@@ -469,7 +469,7 @@ class _Visuals:
             geometry = element.find("geometry")
             shape = geometry[0] if geometry is not None and len(geometry) else None
             if shape is None:
-                self.xml.fail(where, "a <visual> without geometry")
+                self.xml.fail(where, f"a <{element.tag}> has no shape in a <geometry>")
             if shape.tag == "mesh":
                 scale = self.xml.numbers(where, "mesh scale", shape.get("scale"), 3, (1, 1, 1))
                 solid = mesh_file(shape.get("filename", ""), self.path.parent, scale, name, self.findings)

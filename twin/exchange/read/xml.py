@@ -15,7 +15,7 @@ from twin.core.spatial import Array
 
 
 class Xml:
-    """An XML file; its methods raise errors that name the file and the element."""
+    """An XML file. Errors of its methods name the file, the element (`where`) and the value (`what`)."""
 
     def __init__(self, path: Path, root: str) -> None:
         self.path = path

@@ -176,7 +176,7 @@ def _groups(bodies: list[str], joints: list[RawJoint]) -> list[list[str]]:
 
 
 def _is_stated_base(scene: Scene, body: str) -> bool:
-    """Return whether the attribute `twin:base` of the parent prim has the name of this body (a prim path)."""
+    """Return whether `twin:base` of the parent prim is the name of the body at the prim path `body`."""
     prim = scene.bodies.get(body)
     name = prim.GetParent().GetAttribute("twin:base") if prim else None
     return bool(prim and name and name.Get() == prim.GetName())
