@@ -43,6 +43,11 @@ class Passive:
         """Name of the joint."""
         return self.joint.name
 
+    @property
+    def key(self) -> str:
+        """Name of the state in kernels: no input or result of a kernel has it, whatever the joint is called."""
+        return f"joint.{self.joint.name}"
+
     def stepped(self, step: ca.SX) -> ca.SX:
         """Return the state after a step."""
         kind = self.joint.type
