@@ -39,7 +39,7 @@ def study_sessions(groups: Mapping[str, Sequence[str | Path]], progress: Progres
         tasks.setdefault(task, path)
         if len(tasks) > 1:
             (a, first), (b, other) = tasks.items()
-            raise DescriptionError(f"{first} is a session of {a}, {other} is a session of {b}: all must be of one task")
+            raise DescriptionError(f"{first} is a session of {a}, {other} is a session of {b}: the tasks must be equal")
         rows.append((group, float(number), measures(found)))
     names = [n for n in rows[0][2] if all(n in row for _, _, row in rows)]
     table = {n: [row[n] for _, _, row in rows] for n in names}

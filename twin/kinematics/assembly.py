@@ -150,7 +150,8 @@ def _cold(kin: Compiled, q: Array) -> Array:
         if result.residual < residual:
             best, residual = result.T, result.residual
     raise KinematicsError(
-        f"{kin.formula.name}: found no assembly on the branch {kin.preferred_branch} at q = {_text(kin, q)}.",
+        f"{kin.formula.name}: no assembly was found on the branch {kin.preferred_branch} at q = {_text(kin, q)}. "
+        "Check q, or give a seed pose.",
         best=best,
         residual=residual,
     )
