@@ -37,7 +37,7 @@ def arm(count=3):
 
 
 def post(x, y, size=0.06, touches=frozenset()):
-    """Return a square post."""
+    """Return a square post at (x, y) in m as an obstacle."""
     return Still(
         "room/post", Body("post", (box("post", [0, 0, 0], [size, size, 0.2]),)), spatial.pose(p=[x, y, 0]), touches
     )

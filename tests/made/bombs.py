@@ -92,7 +92,7 @@ def _doubled(levels: int, times: int) -> bytes:
     )
 
 
-# ------------------------------------------------------------------------------------------ the outsider's
+# ------------------------------------------------------------------------------------------ of a reviewer
 
 
 @bomb(NEW, "depth of its objects")
@@ -158,7 +158,7 @@ def urdf_in_utf_16_with_entities_audited(folder: Path) -> Path:
     return _write(folder / "r.urdf", ENTITIES.format("utf-16").encode("utf-16"))
 
 
-# ---------------------------------------------------------------------------------------------- ours
+# ------------------------------------------------------------------------------------------ our own
 
 
 @bomb(NEW, "vertices and triangles in its objects")

@@ -72,7 +72,7 @@ def _frame(z: np.ndarray, x: np.ndarray) -> np.ndarray:
 
 
 def _angle(A: np.ndarray, B: np.ndarray) -> float:
-    """Return the angle between two frames' axes, rad (2 asin of the chord: exact for small angles)."""
+    """Return the angle in rad between two frames, from the distance of their matrices: accurate for small angles."""
     return 2 * np.arcsin(np.linalg.norm(A - B) / np.sqrt(8))
 
 

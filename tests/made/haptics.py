@@ -35,12 +35,12 @@ class Touch:
         self.out, self._compute = attach(law, self.state, *given, self.planes)
 
     def among(self, *planes):
-        """Set the planes."""
+        """Set the planes that the tool can touch; return self."""
         self.planes[:] = rows(planes, np.eye(4))
         return self
 
     def start(self, p):
-        """Begin with the hand at rest."""
+        """Set the hand at rest at p (3,) in m."""
         self.state[3:6] = p
 
     def at(self, p):

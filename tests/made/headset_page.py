@@ -64,7 +64,7 @@ def bundled_emulator(folder):
 
 
 def chromium():
-    """Yield a browser: the body of a fixture."""
+    """Yield a Chromium browser; used as the body of a fixture."""
     from playwright.sync_api import sync_playwright
 
     program = shutil.which("chromium") or shutil.which("google-chrome") or shutil.which("chromium-browser")
@@ -96,7 +96,7 @@ def free_port():
 
 
 class Serving:
-    """A process of `twin serve`, started like by a user, or of another module with the arguments robot and port."""
+    """A process of `twin serve`, started from a command line, or of another module with a robot and --port."""
 
     def __init__(self, robot, port=None, *more, command=("twin", "serve", "--no-browser")):
         self.robot, self.port, self.more, self.command = robot, port or free_port(), more, command
@@ -204,7 +204,7 @@ class Page:
         return np.array(got["q"]), links, root, poses, got["flags"]
 
     def pixel(self, p_scene):
-        """Return where on the page a point (3,) of the scene is seen."""
+        """Return the pixel (x, y) of the page at which a point (3,) of the scene is drawn."""
         c = self("twin.camera()")
         clip = _matrix(c["projection"]) @ _matrix(c["view"]) @ np.append(p_scene, 1.0)
         x, y = clip[:2] / clip[3]
@@ -397,7 +397,7 @@ def ready(page, robot):
 
 
 def agrees(page, robot):
-    """Check the drawn nodes with the streamed poses, and these with the reference model; return q (n,)."""
+    """Check that drawn links, streamed poses and reference model agree; return q (n,)."""
     q, links, _, poses, _ = page.state()
     truth = robot.reference().solve(q).link_poses
     for name, T in links.items():

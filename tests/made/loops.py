@@ -72,7 +72,7 @@ def two_links(*couplings, **more):
 
 
 def through_a_trocar():
-    """Return a shaft on a ball joint at the end of a slide, which passes through a tube that pivots in the base."""
+    """Return a shaft on a ball joint at the end of a slide; the shaft passes through a tube that pivots in the base."""
     joints = (
         Joint("x", "prismatic", "base", "slide", ALONG_X, ALONG_X, active=True),
         Joint("ball", "spherical", "slide", "shaft", spatial.pose(p=[0, 0, 0.5])),

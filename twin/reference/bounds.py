@@ -25,7 +25,7 @@ from twin.core.units import MM
 from twin.reference.lookup import BALL, GRID, PAIR, look_up
 
 _NODES = 400_000
-"""Number of grid nodes in the bounding box of a surface, on which the edge of a cell depends."""
+"""Approximate number of grid nodes in the bounding box of a surface; it determines the edge of a cell."""
 
 _CELL = (0.15 * MM, 6 * MM)
 """Smallest and largest edge of a grid cell in m."""
@@ -40,7 +40,7 @@ _SMALL = 1 / 250
 """Radius of the smallest balls, relative to the extent of the surface."""
 
 _PIECES = 1_500_000
-"""Maximum number of triangles after division; beyond, they stay larger and the bounds are wider, but valid."""
+"""Maximum number of triangles after division. If more are needed, they stay larger; the bounds are then less tight."""
 
 _KEPT = 512
 """Maximum number of files in the cache; the oldest files are removed first."""
@@ -109,7 +109,7 @@ def balls(triangles: Array) -> Array:
         places = np.take_along_axis(pieces.mean(axis=1), axis[of][:, None], axis=1)[:, 0]
         least, most = np.minimum.reduceat(places, first), np.maximum.reduceat(places, first)
         side = places > ((least + most) / 2)[of]
-        even = (least == most)[of]  # all in one place: halved by number
+        even = (least == most)[of]  # all centres in one place: halved by index
         side[even] = (np.arange(len(pieces)) - first[of] >= (sizes[of] + 1) // 2)[even]
         pieces, number = pieces[open_], (2 * number + side)[open_]
     rows: list[tuple[float, ...]] = []
@@ -166,9 +166,9 @@ class Grid:
         marked = np.ones(shape, bool)
         marked[tuple(np.rint((middles - start) / cell).astype(np.intp).T)] = False
         steps = np.asarray(distance_transform_edt(marked), float)
-        # a middle is within half a diagonal of its marked node, and a point of the surface within `spread` of a middle
+        # a piece's centre is within half a cell's diagonal of its marked node; its points are within `spread` of it
         values = np.maximum(steps * cell - np.sqrt(3) / 2 * cell - spread, 0.0)
-        # near the surface: at most the distance of the nearest middle, which is a point of the surface, less `spread`
+        # near the surface: distance from the nearest centre minus `spread`; the centre is a point of the surface
         near = np.argwhere(steps <= _BAND)
         tree = cKDTree(middles, balanced_tree=False, compact_nodes=False)
         values[tuple(near.T)] = np.maximum(tree.query(start + near * cell, workers=1)[0] - spread, 0.0)

@@ -156,7 +156,7 @@ def _text() -> str:
     b.branch(ball)
 
     def upper(value: ir.Value, way: ir.Value) -> ir.Value:
-        """Return an upper bound of the ball's distance from a node with a stored distance, and its own distance."""
+        """Return an upper bound of the distance of the ball's part, from `value` stored at a node at distance `way`."""
         off = b.select(b.fcmp_ordered("<", value, known), error, far)
         return b.fadd(b.fadd(b.fadd(value, way), radius), off)
 
@@ -226,7 +226,7 @@ def look_up(
         states: (n,) row of `poses` of each item.
         pairs: (n,) row of `table` of each item.
         enough: (n,) in m; a larger lower bound is not required.
-        reject: (n,) in m; if the upper bound is below it, the lower bound is 0, and no better one is searched.
+        reject: (n,) in m; if the upper bound is below this value, the search ends and the lower bound is 0.
         fine: (n,) in m; balls with at most this radius are not replaced by their smaller balls.
         table: (pairs, PAIR) int64.
         grids: (grids, GRID) float64.

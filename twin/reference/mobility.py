@@ -13,7 +13,7 @@ _FLAT = 1e-9
 """Singular values below this fraction of the largest one of all constraints count as zero."""
 
 _SHARE = 1e-6
-"""Norm of a row's coefficients in the linear dependencies of the constraint rows above which it counts as repeated."""
+"""A constraint row is repeated if the norm of its coefficients in the rows' linear dependencies exceeds this value."""
 
 
 @dataclass(frozen=True)

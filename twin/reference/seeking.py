@@ -17,7 +17,7 @@ Values = Callable[[Array], Array]
 Mask = NDArray[np.bool_]
 
 Valid = Callable[[Array], Mask]
-"""Function of states (k, nq): (k,) bool, whether the functions that are searched (`Values`) are valid in each."""
+"""Test of states (k, nq) -> (k,) bool: whether the functions `Values` are valid in each state."""
 
 _ITERATIONS = 40
 _STRIDE, _STRIDE_LONGEST = 0.1, 0.5

@@ -1,12 +1,11 @@
 """The joint space of a mechanism: joint limits, and joint values at which its bodies do not collide.
 
 A path q(s) is checked as a whole, not at sampled points. In the middle of an interval of s, the distance of a pair of
-bodies is computed. Two bodies cannot collide in the interval if this distance exceeds the possible approach of the two
+bodies is tested. Two bodies cannot collide in the interval if this distance exceeds the possible approach of the two
 bodies in half of the interval (`travel`); otherwise the interval is halved.
 
-For most intervals, the distance of the convex hulls, a lower bound, is sufficient. Where it is not, and the remaining
-motion is small, coal tests whether the meshes are nearer than the motion. This is much faster than computing their
-distance.
+For most intervals, bounds of the distance are sufficient (`pairs`). If they are not and the remaining motion is small,
+coal tests whether the meshes are nearer than the motion. This is much faster than computing their distance.
 """
 
 from __future__ import annotations

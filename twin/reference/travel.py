@@ -2,9 +2,9 @@
 
 Only coordinates that move exactly one of the two bodies count. A slide by dx moves a body by dx. A rotation by dx moves
 any point of the body by at most rho dx, where rho is the largest possible distance of the body's points from the axis.
-At any joint values, rho is at most the sum of four terms. Let the axis be that of joint 1, followed by joints 2, 3, ...
-up to the body: the distance of the origin of joint 2 from the axis; the lengths of the offsets from joint 2 to joint 3
-and so on; the largest distance of the body's points from the origin of its last joint; the extensions of sliding
+Let the axis be that of joint 1, and let joints 2, 3, ... follow up to the body. At any joint values, rho is at most the
+sum of four terms: the distance of the origin of joint 2 from the axis; the lengths of the offsets from joint 2 to joint
+3 and so on; the largest distance of the body's points from the origin of its last joint; the extensions of sliding
 joints between axis and body. Let L(s0, s1) be the path length of a coordinate along q(s): two points of the pair
 approach each other by at most the sum of rho L(s0, s1).
 """

@@ -171,9 +171,9 @@ class Tree:
         return poses, J
 
     def place(self, X: Array) -> Array:
-        """Return the poses (k, joints, 4, 4) of all joint frames in base at configurations X (k, nq), for many at once.
+        """Return the poses (k, joints, 4, 4) of all joint frames in base at configurations X (k, nq).
 
-        NumPy computes them for all configurations at once; `update` calls Pinocchio for one configuration at a time.
+        NumPy computes all configurations at once; `update` calls Pinocchio for one configuration at a time.
         """
         poses = np.zeros((len(X), self.model.njoints, 4, 4))
         poses[:, 0] = np.eye(4)

@@ -124,7 +124,7 @@ class Report(Result):
         robot, title, source: name, title and source document of the robot.
         protocol, protocol_title: name and title of the protocol.
         variants: variant in use, by name of the equation.
-        reasons: why the default variant differs from the printed equation, by name of the equation.
+        reasons: for each variant, its difference from the printed equation, and why, by "equation, variant".
         residuals: the residual matrix.
         findings: findings of all checks (CAD, protocol, comparison, stage, clearance); they determine the verdict.
         phases: phases of the protocol.
@@ -214,7 +214,7 @@ class Report(Result):
         }
 
     def text(self) -> Iterator[Part]:
-        """Yield the verdict, findings by cause, the short residual matrix, and the suggestion."""
+        """Yield the verdict, findings by cause, the short residual matrix, and the number of assumed parameters."""
         yield f"{self.robot} · {self.protocol} · {', '.join(f'{k} {v}' for k, v in self.variants.items())}\n"
         unjudged = not self.variants and self.verdict == "agree"
         yield f"  {_WITHOUT if unjudged else self.verdict_line}\n"

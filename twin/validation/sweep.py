@@ -135,7 +135,7 @@ def sweep(
     i = kin.joints.index(joint)
     limits = model.mechanism.joint(joint).limits
     if limits is None:
-        raise TwinError(f"joint '{joint}' has no limits, so its stroke is unknown; add its [[limit]] to the CAD")
+        raise TwinError(f"joint '{joint}' has no limits, so its stroke is unknown; add a [[limit]] to the TOML file")
     tolerances = Tolerances()
     q = np.tile(home, (samples, 1))
     q[:, i] = np.linspace(*limits, samples)
