@@ -11,16 +11,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-import twin
 from made import headset_page
 from made.headset_page import until
-from twin.api.act import props_of, robots_at
 from twin.core import spatial
 from twin.core.errors import WorldError
 from twin.core.units import DEG, MM
 from twin.simulation.controllers.camera import Drag, Dragging, hands
 from twin.ui.session import console
 from twin.ui.session.console import HeldError, LiveConsole
+from twin.ui.session.exercise import Exercise
 from twin.ui.session.pens import IDLE, ROLL, Pens
 from twin.ui.viewer.console import ARROWS, ConsoleFront, hand_text, status
 from twin.ui.viewer.server import serve
@@ -29,21 +28,11 @@ ARMS = {"right": "psm1", "left": "psm2"}
 FRAME = 1 / 60
 
 
-@pytest.fixture(scope="module")
-def scene():
-    return twin.load_scene("davinci")
-
-
-@pytest.fixture(scope="module")
-def robots(scene):
-    return robots_at(scene.places)
-
-
 class Desk:
     """A live console with the pens of a page, and the time that passes."""
 
-    def __init__(self, scene, robots):
-        self.live = LiveConsole(scene, robots)
+    def __init__(self, loaded):
+        self.live = LiveConsole(loaded)
         self.pens = Pens(self.live)
         self.live.advance(FRAME)
 
@@ -73,9 +62,9 @@ class Desk:
 
 
 @pytest.fixture
-def desk(scene, robots, monkeypatch):
+def desk(bare_theatre, monkeypatch):
     monkeypatch.setattr(console, "_BUDGET", np.inf)  # a busy machine does not make the World late
-    return Desk(scene, robots)
+    return Desk(bare_theatre)
 
 
 def moved(before, after):
@@ -262,8 +251,8 @@ def test_silence_and_a_world_that_fails_are_told(desk, monkeypatch):
 
 
 @contextmanager
-def fronted(scene, robots):
-    front = ConsoleFront("test", scene, robots, None, serve("test", "127.0.0.1", 0))
+def fronted(loaded):
+    front = ConsoleFront("test", loaded, serve("test", "127.0.0.1", 0))
     try:
         yield front
     finally:
@@ -271,8 +260,8 @@ def fronted(scene, robots):
 
 
 @pytest.fixture(scope="module")
-def front(scene, robots):
-    with pytest.MonkeyPatch.context() as patch, fronted(scene, robots) as front:
+def front(bare_theatre):
+    with pytest.MonkeyPatch.context() as patch, fronted(bare_theatre) as front:
         patch.setattr(console, "_BUDGET", np.inf)
         yield front
 
@@ -287,9 +276,9 @@ def go_on(front, until, seconds=20.0):
     raise AssertionError(status(front.console.reading))
 
 
-def test_the_scoreboard_of_a_task_its_end_and_a_restart(scene, robots):
-    task, server = scene.tasks["pegboard"], serve("test", "127.0.0.1", 0)
-    front = ConsoleFront("test", scene, robots, props_of(scene), server, task=task)
+def test_the_scoreboard_of_a_task_its_end_and_a_restart(theatre):
+    scene, server = theatre.scene, serve("test", "127.0.0.1", 0)
+    front = ConsoleFront("test", theatre, server, Exercise(scene.tasks["pegboard"]))
     try:
         score = front._score
         front.step()
@@ -379,13 +368,14 @@ def test_a_page_that_is_refused_is_told_once_and_its_arrows_go_back(front, monke
 # -- in Chromium ------------------------------------------------------------------------------------------------------
 
 
-def test_rings_move_on_the_page(scene, robots):
+def test_rings_move_on_the_page(theatre):
     """A ring that is set free beside the pegs falls to the floor; on its peg it counts."""
-    props, task = props_of(scene), scene.tasks["pegboard"]
+    scene = theatre.scene
     loose = replace(scene.objects[0], T_world_object=spatial.pose(p=np.array([0, 40, 910]) * MM))
     placed = replace(scene.objects[1], T_world_object=spatial.pose(p=np.array([-42, 40, 900]) * MM))
     changed = replace(scene, objects=(loose, placed, *scene.objects[2:]))
-    front = ConsoleFront("test", changed, robots, props, serve("test", "127.0.0.1", 0), task=task)
+    changed, exercise = replace(theatre, scene=changed), Exercise(scene.tasks["pegboard"])
+    front = ConsoleFront("test", changed, serve("test", "127.0.0.1", 0), exercise)
     try:
         node = front.nodes["ring1"].bodies["ring1"]
         go_on(front, lambda: abs(node.position[2] - 895.7 * MM) < 0.03 * MM)  # flat on the floor
@@ -402,10 +392,10 @@ def chromium():
 
 
 @pytest.fixture(scope="module")
-def look(chromium, scene, robots):
+def look(chromium, bare_theatre):
     from test_viewer_page import Looker, without_shadows
 
-    front = without_shadows(ConsoleFront("twin · davinci", scene, robots, None, serve("davinci", "127.0.0.1", 0)))
+    front = without_shadows(ConsoleFront("twin · davinci", bare_theatre, serve("davinci", "127.0.0.1", 0)))
     thread = threading.Thread(target=front.run)
     thread.start()
     try:

@@ -10,7 +10,7 @@ import pytest
 
 from made.dome_console import dome_console
 from test_plan_mode import Here
-from twin.cli.scene import content
+from twin.cli.scene import load
 from twin.core.units import MM
 from twin.ui.session import console, plan_view
 from twin.ui.session.plan_mode import Preview
@@ -26,8 +26,7 @@ LOW = 0.02
 
 @pytest.fixture(scope="module")
 def scene(tmp_path_factory):
-    made = dome_console(tmp_path_factory.mktemp("dome"))
-    return made, *content(made)
+    return load(dome_console(tmp_path_factory.mktemp("dome")))
 
 
 class Planner:
@@ -67,7 +66,7 @@ def plan_here(console, arm):
 def opened(scene):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(console, "_BUDGET", np.inf)
-        front = ConsoleFront("test", *scene, serve("test", "127.0.0.1", 0))
+        front = ConsoleFront("test", scene, serve("test", "127.0.0.1", 0))
         plan_here(front.console, ARM)
         try:
             yield front

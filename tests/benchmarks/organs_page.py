@@ -20,6 +20,7 @@ import sys
 import time
 from collections import defaultdict
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -46,9 +47,7 @@ TICKS = os.sysconf("SC_CLK_TCK")
 
 async def serve() -> None:
     """Serve the scene with its organs under rods, and print the port; end with the input."""
-    scene = api.load_scene("vsrs")
-    robots, props = scenes.content(scene)
-    shown = served.of_scene(scene, robots, props, False, Pressed())
+    shown = served.of_scene(replace(scenes.load(api.load_scene("vsrs")), feed=Pressed()), False)
     streaming.PAGE.update(page_files(HERE / "twin/ui/headset/web/dist", shown.preload) | dict(shown.late))
     async with streaming.serving(lambda: shown, plans=False) as s:
         print(s.port, flush=True)
