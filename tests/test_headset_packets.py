@@ -396,7 +396,7 @@ def test_a_port_that_is_taken_is_told(running, capsys):
         (["davinci", "--mqtt", "localhost:x"], "x is not a port"),
         (["davinci", "--mqtt", "localhost:0"], "port 0 is not the port of a broker"),
         (["davinci", "--mqtt-topic", "a"], "--mqtt-topic requires --mqtt"),
-        (["davinci", "--mqtt", "localhost", "--mqtt-topic", "a/#"], "--mqtt-topic 'a/#' is not a topic"),
+        (["davinci", "--mqtt", "localhost", "--mqtt-topic", "a/#"], "--mqtt-topic 'a/#' is not a valid topic"),
         (["sils", "--packets", "9870"], "--packets requires a scene with a console, such as davinci; sils is a robot"),
         (["vsrs", "--protocols", "--mqtt", "localhost"], "--mqtt and --protocols cannot be combined"),
         (["davinci", "--packets", "9870", "--replay", "x.json"], "--packets and --replay cannot be combined"),

@@ -324,8 +324,8 @@ def test_each_fault_fails_its_check(vsrs, changes, checks):
     [
         ({}, False, "All stages are done"),
         ({}, True, "The replay gives different bytes"),
-        ({"cystic_duct__cut": 0, "gallbladder__freed": 0}, False, "Not finished: 5 of 7 checks are passed"),
-        ({"liver__depth": 0.009}, False, "1 of 7 checks is failed"),
+        ({"cystic_duct__cut": 0, "gallbladder__freed": 0}, False, "Not finished: 5 of 7 checks passed"),
+        ({"liver__depth": 0.009}, False, "1 of 7 checks failed"),
     ],
 )
 def test_report_is_headed_by_what_was_done(vsrs, changes, differs, word):

@@ -66,8 +66,8 @@ class ProcedureSession(Result):
         if self.measures.done or self.verdict != "disagree":
             return "The replay gives different bytes" if self.ran.difference is not None else super().word
         if failed := sum(c.lost for c in checks):
-            return f"{failed} of {len(checks)} checks {'is' if failed == 1 else 'are'} failed"
-        return f"Not finished: {sum(c.done for c in checks)} of {len(checks)} checks are passed"
+            return f"{failed} of {len(checks)} checks failed"
+        return f"Not finished: {sum(c.done for c in checks)} of {len(checks)} checks passed"
 
     @property
     def procedure(self) -> ProcedureTable:

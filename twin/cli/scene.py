@@ -1,4 +1,4 @@
-"""Commands for scenes: `twin run` plays all robots together and measures distances; `twin info` shows a scene."""
+"""Scenes on the command line: read their parts, refuse them for commands on robots, and play them (`twin run`)."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def tissues(scene: Scene) -> tuple[Tissue, ...]:
 
 
 def with_organs(loaded: LoadedScene, task: Task | None = None) -> LoadedScene:
-    """Return a scene with its soft organs; in a procedure, the World has them, otherwise they are only shown."""
+    """Return a scene with its soft organs; in a procedure, the World simulates them, otherwise `feed` does."""
     found = tissues(loaded.scene)
     if task is not None and task.procedure is not None:
         return replace(loaded, organs=found)
@@ -81,7 +81,7 @@ def with_organs(loaded: LoadedScene, task: Task | None = None) -> LoadedScene:
 def run(file: Path, args: argparse.Namespace) -> int:
     """Plan and play the protocols of all robots together; write stage, table and picture.
 
-    The exit code is 1 if robots collide.
+    The exit code is 1 if bodies are nearer than the required clearance, or a trocar is not at its port.
     """
     scene = api.load_scene(file)
     root = show.folder(args, scene.name)
