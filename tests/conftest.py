@@ -187,6 +187,22 @@ def bare_theatre(theatre):
     return replace(theatre, props=None)
 
 
+@pytest.fixture(scope="module")
+def browser():
+    """Chromium without a window, closed after each file: while it is open, no event loop can run."""
+    from made import headset_page
+
+    yield from headset_page.chromium()
+
+
+@pytest.fixture(scope="session")
+def emulator(tmp_path_factory):
+    """The script of an emulated headset."""
+    from made import headset_page
+
+    return headset_page.bundled_emulator(tmp_path_factory.mktemp("emulator"))
+
+
 @pytest.fixture
 def rng():
     """A generator with a fixed seed."""

@@ -29,12 +29,11 @@ def dome(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def page(dome):
+def page(browser, dome):
     server = headset.Serving(str(dome.file.parent))
     try:
-        for browser in headset.chromium():
-            with console(browser, server.url, scripts=[PAD], size=(900, 520)) as opened:
-                yield opened
+        with console(browser, server.url, scripts=[PAD], size=(900, 520)) as opened:
+            yield opened
     finally:
         server.stop()
 

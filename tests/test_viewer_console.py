@@ -11,7 +11,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from made import headset_page
 from made.headset_page import until
 from twin.core import spatial
 from twin.core.errors import WorldError
@@ -387,19 +386,14 @@ def test_rings_move_on_the_page(theatre):
 
 
 @pytest.fixture(scope="module")
-def chromium():
-    yield from headset_page.chromium()
-
-
-@pytest.fixture(scope="module")
-def look(chromium, bare_theatre):
+def look(browser, bare_theatre):
     from test_viewer_page import Looker, without_shadows
 
     front = without_shadows(ConsoleFront("twin · davinci", bare_theatre, serve("davinci", "127.0.0.1", 0)))
     thread = threading.Thread(target=front.run)
     thread.start()
     try:
-        look = Looker(chromium, front, width=900, height=760, tab=None)
+        look = Looker(browser, front, width=900, height=760, tab=None)
         yield look
         assert look.errors == []
     finally:
