@@ -56,7 +56,7 @@ class Desk:
         """Drag the arrows of a hand by a way in m and a turn in rad, in the World."""
         T = self.live.tool(hand)
         to = spatial.pose(spatial.exp_so3(np.array(turn)) @ T[:3, :3], T[:3, 3] + way)
-        self.pens.lead(client, hand, T, to)
+        self.pens.move(client, hand, T, to)
         return to
 
 
@@ -303,7 +303,7 @@ def test_the_scoreboard_of_a_task_its_end_and_a_restart(theatre):
 def drag(front, hand, way, ended=True):
     T = front._at[hand].copy()
     T[:3, 3] += way
-    front.ask(hand, lambda: front._lead(hand, "page 1", T, ended))
+    front.ask(hand, lambda: front._move(hand, "page 1", T, ended))
     return T
 
 
@@ -462,7 +462,7 @@ def test_a_motion_is_planned_and_made_on_the_page(look):
     until(lambda: mode.phase == "aim" and mode.ready, "the target")
     T = front._at["left"].copy()
     T[:3, 3] += 0.004 * front.console.view[:3, 0]
-    front.ask("left", lambda: front._lead("left", "page 1", T, True))
+    front.ask("left", lambda: front._move("left", "page 1", T, True))
     until(lambda: np.allclose(front.console.moved("left"), T, atol=1e-6), "the moved target")
     page.get_by_text("Left hand: psm2 rests, its target follows").wait_for()
     page.get_by_role("button", name="Plan a motion").click()

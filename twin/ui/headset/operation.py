@@ -279,7 +279,7 @@ class Operation(LiveConsole):
             if isinstance(message, wire.Haptics):
                 return self.feel(client, message.on)
             if isinstance(message, wire.Fulcrum):
-                return self.lead_by(client, message.mode)
+                return self.choose_fulcrum(client, message.mode)
             if isinstance(message, wire.Training):
                 return self.train(client, Mode[message.mode.upper()])
             if isinstance(message, wire.Button):

@@ -359,7 +359,7 @@ class LiveConsole:
         self.require_free(client)
         self.device.feel(on)
 
-    def lead_by(self, client: str, fulcrum: Fulcrum) -> None:
+    def choose_fulcrum(self, client: str, fulcrum: Fulcrum) -> None:
         """Choose the end of the instruments that the hands control.
 
         Raises:

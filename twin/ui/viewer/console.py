@@ -205,14 +205,14 @@ class ConsoleFront(Loop):
                 return
             R = spatial.matrix_from_quat_wxyz(np.array(event.target.wxyz))
             T, client, phase = spatial.pose(R, np.array(event.target.position)), _name(event.client), event.phase
-            self.ask(hand, lambda: self._lead(hand, client, T, phase == "end"))
+            self.ask(hand, lambda: self._move(hand, client, T, phase == "end"))
 
         return arrows
 
-    def _lead(self, hand: str, client: str, T: Array, ended: bool) -> None:
+    def _move(self, hand: str, client: str, T: Array, ended: bool) -> None:
         T_old, self._at[hand] = self._at[hand], T
         self._dragged.discard(hand)
-        self.pens.lead(client, hand, T_old, T)
+        self.pens.move(client, hand, T_old, T)
         self._left_to_settle.add(hand)
         if not ended:
             self._dragged.add(hand)
@@ -351,7 +351,7 @@ class ConsoleFront(Loop):
         self._direct = None
         if (fulcrum := self.console.reading["fulcrum"]) is not None:
             self._direct = gui.add_checkbox("direct fulcrum", fulcrum == "direct", hint="The hands move the outer ends")
-            self._on(self._direct, "fulcrum", lambda c, v: self.console.lead_by(c, FULCRUMS[int(v)]))
+            self._on(self._direct, "fulcrum", lambda c, v: self.console.choose_fulcrum(c, FULCRUMS[int(v)]))
 
     def _tool(self, hand: str) -> str:
         """Return the title of the tool of a hand."""
@@ -463,7 +463,7 @@ def status(reading: Mapping[str, Any], planned: tuple[str, str] | None = None) -
 
     `planned` is the status of planning mode; None if there is nothing to say.
     """
-    led = [h["robot"] for h in reading["hands"].values() if h["follows"]]
+    moved = [h["robot"] for h in reading["hands"].values() if h["follows"]]
     walls = [f"{h['robot']}: {h['wall']}" for h in reading["hands"].values() if h["wall"]]
     if reading["stopped"]:
         return "bad", f"The simulation has stopped: {reading['stopped']}"
@@ -485,7 +485,7 @@ def status(reading: Mapping[str, Any], planned: tuple[str, str] | None = None) -
         return "good", "Clutch: only the arrows move; the instruments are at rest."
     if reading["mode"] == "camera":
         return "good", "Camera: both hands move the picture."
-    return "good", f"{reading['owner']} controls {' and '.join(led) or 'no arm'}."
+    return "good", f"{reading['owner']} controls {' and '.join(moved) or 'no arm'}."
 
 
 def hand_text(reading: Mapping[str, Any], hand: str) -> tuple[str, str]:
