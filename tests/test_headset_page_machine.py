@@ -13,11 +13,6 @@ pytestmark = [pytest.mark.browser, pytest.mark.alone]  # machine processes in re
 
 
 @pytest.fixture(scope="module")
-def browser():
-    yield from headset.chromium()
-
-
-@pytest.fixture(scope="module")
 def page(browser):
     server = headset.Serving("raven")
     with console(browser, server.url, size=(900, 520)) as opened:

@@ -49,11 +49,6 @@ PANEL = """
 
 
 @pytest.fixture(scope="module")
-def browser():
-    yield from headset.chromium()
-
-
-@pytest.fixture(scope="module")
 def serving():
     server = headset.Serving("davinci", None, "--task", "pegboard")
     yield server

@@ -16,6 +16,7 @@ from twin.simulation.devices.given import HandState
 from twin.simulation.session.procedure_guide import ProcedureGuide
 from twin.simulation.world import Block, World
 from twin.ui.session.console import LiveConsole
+from twin.ui.session.exercise import Exercise
 
 OPEN = 2 * HALF
 
@@ -150,9 +151,8 @@ def test_mistake_is_shown_at_once_as_a_failed_check(vsrs, changes, failed, event
 
 @pytest.mark.slow
 def test_session_by_hand_is_replayed_with_the_same_bytes_and_judged(tmp_path, vsrs):
-    robots, props = scenes.content(vsrs)
-    more = {"task": vsrs.tasks["cholecystectomy"], "props": props, "organs": scenes.tissues(vsrs)}
-    live = LiveConsole(vsrs, robots, session=tmp_path / "hands.session", **more)
+    task = vsrs.tasks["cholecystectomy"]
+    live = LiveConsole(scenes.with_organs(scenes.load(vsrs), task), Exercise(task, tmp_path / "hands.session"))
     assert live.reading["hands"]["right"]["tool"] == "clip_applier"
     for k in range(60):
         pose = spatial.pose(spatial.rotation_z(0.1 * (k > 2)), [1e-4 * k, 0, -2e-4 * k])

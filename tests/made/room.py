@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import argparse
 import asyncio
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,6 @@ import numpy as np
 import twin
 import twin.ui.headset
 from made.cloth import Cloth
-from twin.cad.build import read_mechanism
 from twin.cli import scene as scenes
 from twin.model.scene import load_scene
 from twin.ui.door.gate import Gate
@@ -34,20 +34,15 @@ def room(robot, cloth):
     file = scenes.find(robot)
     if file is None:
         return served.of_robot(twin.load(robot), robot, None, True, cloth)
-    scene, props = _of(file)
-    return served.of_scene(scene, {p.name: twin.load(p.name) for p in scene.places}, props, True, cloth)
-
-
-def _of(file):
-    scene = load_scene(file)
-    return scene, None if scene.props is None else read_mechanism(scene.props, with_mass=False).mechanism
+    return served.of_scene(replace(scenes.load(load_scene(file)), feed=cloth))
 
 
 def viewed(robot, cloth, port):
     """Return the viewer's front with a scene and a cloth; `run` of the result starts it."""
-    scene, props = _of(scenes.find(robot))
-    actors = [Actor(p.name, p.name, Desk(twin.load(p.name)), p.T_world_base, p.protocol) for p in scene.places]
-    return open_page(scene.name, actors, props, viser_server(scene.name, "127.0.0.1", port), feed=cloth)
+    loaded = scenes.load(load_scene(scenes.find(robot)))
+    scene, desks = loaded.scene, {n: Desk(r) for n, r in loaded.robots.items()}
+    actors = [Actor(p.name, p.name, desks[p.name], p.T_world_base, p.protocol) for p in scene.places]
+    return open_page(scene.name, actors, loaded.props, viser_server(scene.name, "127.0.0.1", port), feed=cloth)
 
 
 async def serve(robot, port, cloth):

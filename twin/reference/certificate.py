@@ -66,7 +66,7 @@ def certify(seen: Stations, pairs: Pairs, which: np.ndarray, within: float, chec
         near = np.flatnonzero(bound - ahead < least - within)
         # the distance that excludes a pair; while no exact distance is known, `_FAR` replaces it
         wanted = np.minimum(least, _FAR) - within + ahead[near]
-        bound[near] = np.maximum(bound[near], pairs.bounds(poses, row[near], pair[near], wanted)[0])
+        bound[near] = np.maximum(bound[near], pairs.bounds.at(poses, row[near], pair[near], wanted)[0])
         for i in np.argsort(bound - ahead, kind="stable"):
             if bound[i] - ahead[i] < least - within:
                 check()

@@ -55,6 +55,7 @@ class Pairs:
         shapes: the bodies' shapes; obstacles last.
         rows: (pairs, 2) indices of the two shapes.
         required: (pairs,) required distances in m.
+        bounds: bounds of the distances of pairs at shape poses (k, shapes, 4, 4).
     """
 
     def __init__(
@@ -117,7 +118,7 @@ class Pairs:
         self._half = np.array([s.corners[-1] - s.corners[0] for s in self.shapes]).reshape(-1, 3) / 2
         self._middle = np.array([s.corners[-1] + s.corners[0] for s in self.shapes]).reshape(-1, 3) / 2
         self._radii = np.linalg.norm(self._half, axis=1)
-        self._bounds = Bounds([s.triangles for s in self.shapes], self.rows)
+        self.bounds = Bounds([s.triangles for s in self.shapes], self.rows)
         # pairs whose relative pose depends on few rotations: (velocity indices, edges of a cell in rad)
         self._turns: dict[int, tuple[np.ndarray, Array]] = {}
         self._cells: dict[tuple[int, ...], bool] = {}
@@ -135,7 +136,7 @@ class Pairs:
 
     def load(self) -> None:
         """Make grids, balls and hulls of all shapes now, not at their first use in a test."""
-        self._bounds.load(np.arange(len(self)))
+        self.bounds.load(np.arange(len(self)))
         for shape in {*self.rows.ravel().tolist()}:
             _ = self.shapes[shape].hull
 
@@ -178,21 +179,6 @@ class Pairs:
         a, b = self.rows[pairs].T
         way = np.maximum(np.abs(c[a, :, states] - c[b, :, states]) - h[a, :, states] - h[b, :, states], 0.0)
         return np.sqrt((way * way).sum(axis=1))
-
-    def bounds(
-        self,
-        poses: Array,
-        states: np.ndarray,
-        pairs: np.ndarray,
-        enough: Array,
-        reject: Array | None = None,
-        fine: float = 0.0,
-    ) -> tuple[Array, Array]:
-        """Return lower and upper bounds (n,) in m of the distances of `pairs` (n,) at rows `states` (n,) of poses.
-
-        See `Bounds.at` for `enough`, `reject` and `fine`.
-        """
-        return self._bounds.at(poses, states, pairs, enough, reject, fine)
 
     def hulls_apart(self, pair: int, poses: Array) -> float:
         """Return the distance in m of a pair's convex hulls, a lower bound, at shape poses (shapes, 4, 4)."""
@@ -279,7 +265,7 @@ class Pairs:
         close = self.gaps(poses, states, pairs) < self.required[pairs]
         states, pairs = states[close], pairs[close]
         required = self.required[pairs]
-        low, high = self.bounds(poses, states, pairs, required, required, 0.0 if exact else SEARCHED)
+        low, high = self.bounds.at(poses, states, pairs, required, required, 0.0 if exact else SEARCHED)
         out[states[high < required]] = True
         if not exact:
             out[states[self.seem_near(X, poses, states, pairs, low, high, ~out)]] = True

@@ -200,7 +200,7 @@ class JointSpace:
             states, pair = np.repeat(np.arange(len(X)), len(pairs)), np.tile(pairs, len(X))
             near = self._pairs.gaps(poses, states, pair) < most
             states, pair = states[near], pair[near]
-            low, _ = self._pairs.bounds(poses, states, pair, np.full(len(pair), most), fine=SEARCHED)
+            low, _ = self._pairs.bounds.at(poses, states, pair, np.full(len(pair), most), fine=SEARCHED)
             np.minimum.at(out, k + states, low)
             out[k : k + _BLOCK][~closed] = 0.0
         return out
@@ -392,7 +392,7 @@ class JointSpace:
             required, way = pairs.required[pair], ways[row, pair]
             margin = np.maximum(required, required / 2 + way)
             left = np.flatnonzero(pairs.gaps(poses, row, pair) < margin)
-            least, most = pairs.bounds(
+            least, most = pairs.bounds.at(
                 *(poses, row[left], pair[left], margin[left], required[left]),
                 0.0 if exact else SEARCHED,
             )

@@ -9,22 +9,16 @@ from __future__ import annotations
 import logging
 import math
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Literal
 
-from twin.api import Robot
-from twin.api.machine import Machines
 from twin.core.atomic import Scratch
 from twin.core.errors import TwinError, unknown
 from twin.core.jobs import Call
 from twin.core.spatial import Array
 from twin.kinematics.closed_loops.placing import LinkPoses
-from twin.model.mechanism import Mechanism
 from twin.model.movable import Movable
-from twin.model.scene import Scene
-from twin.model.task import Task
-from twin.model.tissue import Tissue
 from twin.model.trainer import MODEL
 from twin.simulation import console_scene, contact_scene, operating_scene
 from twin.simulation.console_scene import HANDS, Member
@@ -41,8 +35,11 @@ from twin.simulation.session.run import SAMPLE, head_of
 from twin.simulation.session.tape import Tape
 from twin.simulation.world import World
 from twin.ui.session.console_state import ConsoleState, log_changes
+from twin.ui.session.exercise import NO_TASK, Exercise
+from twin.ui.session.feed import Feed
 from twin.ui.session.force_peaks import ForcePeaks
 from twin.ui.session.live_machines import LiveMachines
+from twin.ui.session.loaded_scene import LoadedScene
 from twin.ui.session.plan_mode import PlanMode
 from twin.ui.session.recorder import Recorder
 from twin.ui.session.world_feed import WorldFeed
@@ -57,9 +54,6 @@ _NICE = 10
 """Increase of the nice value of the process that makes a report: a lower priority keeps the World in real time."""
 
 PlanStep = Literal["aim", "find", "accept", "cancel"]
-
-MakeReport = Callable[[str, str], bytes]
-"""Function at the top level of a module: (session file, scene file) -> page of the report, HTML."""
 
 
 class HeldError(TwinError):
@@ -78,7 +72,7 @@ class LiveConsole:
         task: the task; None: no task.
         objects: the movable objects of the World.
         referee: judge of a task with rings or a wire, of the camera task or of a procedure; None for other tasks.
-        feed: deformables of the World; None: it has none.
+        feed: deformables: in a procedure those of the World, otherwise those of the loaded scene; None: none.
         machines: connections to machines; None: there are none.
         planning: planning mode of the arms.
         shown: mechanism and equations of all robots that are shown: those of `members`, and the models of machines.
@@ -87,77 +81,48 @@ class LiveConsole:
         reading: the last state: controlled arms, arms at a limit, and the reason if nothing moves.
     """
 
-    def __init__(
-        self,
-        scene: Scene,
-        robots: Mapping[str, Robot],
-        device: GivenHands | None = None,
-        session: Path | None = None,
-        task: Task | None = None,
-        props: Mechanism | None = None,
-        report: MakeReport | None = None,
-        condition: Condition | None = None,
-        fulcrum: Fulcrum = "compensated",
-        organs: Sequence[Tissue] = (),
-        machines: Machines | None = None,
-    ) -> None:
-        """Create the World with the robots at the places of the scene.
+    _device_type: type[GivenHands] = GivenHands
 
-        Args:
-            scene: the scene.
-            robots: robots by the names of their places.
-            device: the input device; None: `GivenHands`.
-            session: session file; the files of later attempts have its name with a number. None: no file, or a
-                temporary one if a report is made.
-            task: a task; if it has rings, the World has movable objects and contact; if it is a procedure, organs,
-                vessels and clips.
-            props: mechanism of the props; only needed for such a task, and for the forces of contacts.
-            report: makes the report of an attempt, in another process; None: no reports.
-            condition: condition of the session, with the switch of the forces; None: the default of the scene.
-            fulcrum: end of the instruments that the hands control at the start (see `pivot`); only for `device` None.
-            organs: the organs of the scene; only needed for a procedure.
-            machines: connections to the machines of the scene, which `close` ends; None: the scene has no machines.
+    def __init__(self, loaded: LoadedScene, exercise: Exercise = NO_TASK) -> None:
+        """Create the World with the robots at the places of the scene.
 
         Raises:
             TwinError: the scene has no console, the console does not match its robots, or the task its props.
             WorldError: a link is inside an organ at the start.
             OutputError: the session cannot be written.
         """
-        if scene.console is None:
-            raise TwinError(f"scene '{scene.name}' has no console: add a section [console] to {scene.file.name}")
-        self.scene, self.table = scene, scene.console
-        settings = console_scene.settings(scene, fulcrum, task)
-        self.device = device or GivenHands(console_scene.PEDALS, HANDS, self.table.scale, settings=settings)
-        self.machines = None if machines is None else LiveMachines(scene, machines, self.device)
-        self.members = {n: Member(r.mechanism, r.kinematics(), LinkPoses(r.loops)) for n, r in robots.items()}
+        scene, task = loaded.scene, exercise.task
+        self.scene, self.table, self.task = scene, console_scene.console_of(scene), task
+        self._props, self._organs, self._make_report = loaded.props, loaded.organs, exercise.report
+        self._first = console_scene.settings(scene, exercise.fulcrum, task)
+        self.device = self._device_type(console_scene.PEDALS, HANDS, self.table.scale, settings=self._first)
+        self.machines = None if loaded.machines is None else LiveMachines(scene, loaded.machines, self.device)
+        self.members = {n: Member(r.mechanism, r.kinematics(), LinkPoses(r.loops)) for n, r in loaded.robots.items()}
         self.planning = PlanMode(scene, self.members, lambda: self.world, str(scene.file))
-        self.task, self._props, self._make_report = task, props, report
         on = scene.haptics is None or scene.haptics.on
-        self.condition = condition or Condition(haptics=on)
+        self.condition = exercise.condition or Condition(haptics=on)
         self.device.feel(self.condition.haptics)
         with_rings = task is not None and task.grasps
-        self._organs, self._first = tuple(organs), settings
         self.objects: Sequence[Movable] = scene.objects if with_rings else ()
         if task is not None and task.procedure is not None:
             self.objects = clips_of(scene.tools)
-        self._pegs = contact_scene.pegs(scene, props, task) if task is not None and with_rings else {}
-        self._scratch = None
-        self._course = contact_scene.course(scene, props, task) if task is not None and task.guide else None
+        self._pegs = contact_scene.pegs(scene, self._props, task) if task is not None and with_rings else {}
+        self._course = contact_scene.course(scene, self._props, task) if task is not None and task.guide else None
         judged = task is not None and bool(with_rings or task.alignment or task.procedure)
-        if session is None and judged and report is not None:
+        self._scratch, self._session = None, exercise.session
+        if self._session is None and judged and self._make_report is not None:
             self._scratch = Scratch()
-            session = Path(self._scratch.name) / "hands.session"
-        self._session = session
+            self._session = Path(self._scratch.name) / "hands.session"
         self.owner: str | None = None
-        self._places = {p.name: p for p in (*scene.places, *(scene.models if machines else ()))}
+        self._places = {p.name: p for p in (*scene.places, *(scene.models if self.machines else ()))}
         self.shown = {n: self.members[n.removesuffix(MODEL)] for n in self._places}
         self._camera = scene.cameras[self.table.camera].robot
         self._report: tuple[int, Call] | None = None
         self.attempt = 0
         self._begin()
-        self.feed: WorldFeed | None = None
+        self.feed: Feed | None = loaded.feed
         if task is not None and task.procedure is not None:
-            self.feed = WorldFeed(lambda: self.world, operating_scene.organ_of(task.procedure, organs))
+            self.feed = WorldFeed(lambda: self.world, operating_scene.organ_of(task.procedure, self._organs))
         self.reading = self._read()
 
     # -- the task -------------------------------------------------------------------------------------
@@ -394,7 +359,7 @@ class LiveConsole:
         self.require_free(client)
         self.device.feel(on)
 
-    def lead_by(self, client: str, fulcrum: Fulcrum) -> None:
+    def choose_fulcrum(self, client: str, fulcrum: Fulcrum) -> None:
         """Choose the end of the instruments that the hands control.
 
         Raises:

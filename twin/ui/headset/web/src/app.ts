@@ -198,7 +198,7 @@ export class App {
     if (!this.xr.presenting) return '';
     const act = this.hands.count ? 'pinch or pull the trigger' : 'look there for a moment';
     if (this.place.placing) return `Point at the floor and ${act}: the robot will be placed there.`;
-    if (this.place.leading) return 'Pinch to move the whole robot; pinch with both hands to turn and scale it.';
+    if (this.place.moving) return 'Pinch to move the whole robot; pinch with both hands to turn and scale it.';
     return '';
   }
 

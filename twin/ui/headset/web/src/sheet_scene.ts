@@ -113,12 +113,12 @@ export function scene(app: App): Tab {
         },
         {
           kind: 'button',
-          id: 'lead',
+          id: 'move',
           label: () => 'Move by hand',
-          on: () => app.place.leading,
+          on: () => app.place.moving,
           off: () => !app.xr.presenting,
           press: () => {
-            app.place.leading = !app.place.leading;
+            app.place.moving = !app.place.moving;
             app.refresh();
           },
           hint: 'In XR: pinch to move the whole robot; pinch with both hands to turn and scale it',

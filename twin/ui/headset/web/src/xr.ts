@@ -198,7 +198,7 @@ export class Xr {
     app.hands.forget();
     app.console?.hands.forget();
     app.console?.screen.hide();
-    app.place.placing = app.place.leading = false;
+    app.place.placing = app.place.moving = false;
     app.place.aim(null);
     app.xrPanel.group.visible = false;
     app.place.reset();
