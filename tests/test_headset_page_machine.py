@@ -80,6 +80,8 @@ def test_no_panel_covers_a_tip_or_a_button(page, size):
         page(f"(() => {{ const r = {STATE}.robots.raven_left; r.why = 'too fast '.repeat(80); }})()")
         page("twin.app.machines.refresh()")
         assert page(BUTTONS), "a long message pushes no button out"
+        long = "const m = twin.app.machines; m.apart.textContent = 'joint '.repeat(200); m.place();"
+        assert page(f"(() => {{ {long} return {BUTTONS.strip()}; }})()"), "a long text of the deviations does neither"
     finally:
         page.page.set_viewport_size({"width": 900, "height": 520})
 

@@ -61,6 +61,7 @@ export class Machines {
     this.curve.height = 2 * HIGH;
     this.curve.setAttribute('role', 'img');
     this.curve.setAttribute('aria-label', 'Distance of the tips of machine and model over time');
+    if (info.trains) this.level.title = 'Tap the camera pedal to swap which one is solid';
     this.board.append(this.title, this.level, this.curve, this.apart, this.said);
     if (info.trains) this.board.append(this.row());
     parent.append(this.board);
@@ -127,7 +128,7 @@ export class Machines {
     this.dress(state.view);
     const robots = this.names.map((n) => [n, state.robots[n]] as const);
     this.level.textContent = robots.map(([n, r]) => `${n}: ${r?.level ?? 'does not answer'}`).join('\n') +
-      (this.info.trains ? `\nView: ${state.view === 'real' ? 'machine solid, model ghost' : 'model solid, machine ghost'} (tap the camera pedal to switch)` : '');
+      (this.info.trains ? `\nView: ${state.view === 'real' ? 'machine solid, model ghost' : 'model solid, machine ghost'} (tap the camera pedal)` : '');
     const one = robots[0]?.[1];
     const bad = robots.map(([, r]) => r?.problem ?? r?.why ?? '').find((t) => t) ?? '';
     this.said.textContent = bad || (one ? PHASES[one.phase] : '');
@@ -164,12 +165,12 @@ export class Machines {
     const top = Math.round(low) + 10;
     const high = (this.app.console?.views.corner.top ?? window.innerHeight) - top - 10;
     const now = `${top} ${high} ${window.innerWidth} ${this.level.textContent} ${this.said.textContent}`;
-    if (now === this.around) return;
+    const over = () => this.board.scrollHeight - this.board.clientHeight;
+    if (now === this.around && over() <= 0) return; // the text of the deviations may need more lines than before
     this.around = now;
     Object.assign(this.board.style, { top: `${top}px`, maxHeight: `${high}px` });
     // The buttons and the message are always visible; the rest only if there is space above the small picture.
     const spare = [this.apart, this.curve, this.title];
-    const over = () => this.board.scrollHeight - this.board.clientHeight;
     for (const part of spare) part.hidden = false;
     this.said.style.maxHeight = '';
     for (const part of spare) part.hidden = over() > 0;
