@@ -15,7 +15,7 @@ from twin.planning.protocol import Protocol, RotationOrder, Waypoint, trocar_of
 from twin.planning.trajectory import PathKinematics, PhaseSpan, Trajectory
 
 OVER = 1e-3
-"""Fraction by which a sample may exceed a limit of speed or acceleration."""
+"""Fraction by which a sample may exceed a limit of speed, acceleration or jerk."""
 
 AGAIN = "plan the protocol again: these samples differ from the planned ones"
 """Suggestion for samples that differ from the planned ones."""
@@ -178,7 +178,7 @@ def _over(
 
 
 def _consistent(trajectory: Trajectory, kinematics: PathKinematics) -> list[Finding]:
-    """Check that the stated joint speeds agree with the changes of the positions, given the accelerations."""
+    """Check joint speeds against slopes of the positions, within the maximum acceleration times one time step."""
     dt = float(trajectory.t[1] - trajectory.t[0])
     slope = (trajectory.q[2:] - trajectory.q[:-2]) / (2 * dt)
     error = np.abs(slope - trajectory.qd[1:-1]) / (dt * kinematics.max_acceleration * (1 + OVER))

@@ -24,8 +24,8 @@ class Demands:
         joints: path of the driven joints (n,).
         speed, acceleration: (n,) limits of the driven joints in m or rad per s and per s2.
         extra: derivatives of further coordinates: path length and angle of the moved frame, then motors.
-        extra_speed, extra_acceleration: limits of these coordinates.
-        load, jerk: as of `time_path`; `jerk` is None without a limit.
+        extra_speed, extra_acceleration: limits of these coordinates in m or rad per s and per s2.
+        load, jerk: arguments of `time_path`; `jerk` is None without a limit.
     """
 
     joints: Path
@@ -66,7 +66,7 @@ def demands(path: PhasePath, joints: Path, protocol: Protocol, kinematics: PathK
     latest: tuple[Array, tuple[Motion, Array, Array]] | None = None
 
     def at(s: Array) -> tuple[Motion, Array, Array]:
-        """Return (motion, first and second derivative of the joints); load and jerk need them of the same samples."""
+        """Return (motion, first and second derivative of the joints), stored, because load and jerk use the same s."""
         nonlocal latest
         if latest is None or latest[0] is not s:
             latest = s, (path.motion(s), joints(s, 1), joints(s, 2))
