@@ -163,17 +163,24 @@ def _tip_rates(trajectory: Trajectory, protocol: Protocol) -> list[Finding]:
         ):
             norms = np.linalg.norm(values, axis=1)
             k = int(np.argmax(norms))
-            what = f"{trajectory.frame} in phase '{span.name}'"
-            out += _over(trajectory, code, trajectory.frame, what, rows.start + k, si(norms[k], unit), si(limit, unit))
+            what, size = f"{trajectory.frame} in phase '{span.name}'", si(norms[k], unit)
+            way = f"plan the protocol again with the limits of the phase, or raise them in [limits.{span.type}]"
+            out += _over(trajectory, code, trajectory.frame, what, rows.start + k, size, si(limit, unit), way)
     return out
 
 
 def _over(
-    trajectory: Trajectory, code: str, where: str, what: str, sample: int, size: Quantity, limit: Quantity
+    trajectory: Trajectory,
+    code: str,
+    where: str,
+    what: str,
+    sample: int,
+    size: Quantity,
+    limit: Quantity,
+    way: str = "lower the limits of the phase, or raise the limit of the robot",
 ) -> list[Finding]:
     if size.value <= limit.value * (1 + OVER):
         return []
-    way = "lower the limit of the phase, or raise the limit of the robot"
     return [disagreement(code, where, f"{what} exceeds its limit", size, limit, way, when=_when(trajectory, sample))]
 
 
