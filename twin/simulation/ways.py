@@ -1,4 +1,4 @@
-"""Ways of an arm of a scene around everything else: props, the other robots where they are, and movable objects."""
+"""Plan paths ("ways") of an arm of a scene around props, the other robots where they are, and movable objects."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ from twin.reference.pairs import Still
 from twin.reference.space import JointSpace
 
 _STEP, _TURN = 8 * MM, 10 * DEG
-"""Largest motion of the tool between two poses of a way."""
+"""Largest motion of the tool, in m and rad, between two poses of a way."""
 
 _FINE = 200
 """Number of places on a path between which the motion of the tool is measured."""
 
 
 class Ways:
-    """Plans ways for the arms of a scene, one arm at a time, with `planning.around`."""
+    """Plans ways (collision-free paths) for the arms of a scene, one arm at a time, with `planning.around`."""
 
     def __init__(self, scene: Scene, arms: Mapping[str, tuple[Mechanism, Kinematics]], props: Mechanism | None) -> None:
         """Set up; nothing is computed yet.
@@ -44,7 +44,7 @@ class Ways:
 
     @property
     def clearance(self) -> float:
-        """Distance in m that a way usually keeps: that of the scene."""
+        """Clearance in m that a way usually keeps: that of the scene."""
         return self._scene.clearance
 
     @cached_property

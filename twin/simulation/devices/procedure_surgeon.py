@@ -40,8 +40,8 @@ class Manner:
         aim: standard deviation of the aim in m, along each axis.
         quick, slow: mean speeds in m/s far from and near to tissue.
         before: distance from which a tool approaches.
-        lift: (3,) by which the organ is lifted before clipping, in m.
-        peel: (3,) by which it is lifted further for each freed cell of the bed, in m.
+        lift: (3,) displacement in m by which the organ is lifted before clipping.
+        peel: (3,) displacement in m by which it is lifted further for each freed cell of the bed.
         view: distance of the endoscope from the vessel in m.
         press: time in s for which jaws stay closed.
         taken, cut, kept: positions along the vessel, as fractions of its length from the organ: of the first clip on
@@ -123,7 +123,7 @@ class ProcedureSurgeon(Block):
         self._worker = self._carrier("clip_applier", others)
         for kind in ("scissors", "cautery"):
             if self._carrier(kind, others) != self._worker:
-                raise WorldError(f"{self._worker} cannot carry {kind}; add it to `robots` of the tool")
+                raise WorldError(f"{self._worker} cannot carry {kind}; add {self._worker} to `robots` of such a tool")
         everyone = [*self._arms.values(), camera]
         self._at = {a.robot: a.tip.copy() for a in everyone}
         self._shake = {a.robot: Tremor(self._rng, self.manner.hand, dt) for a in everyone}
@@ -293,7 +293,7 @@ class ProcedureSurgeon(Block):
         return sum(float(self._now[n][0]) >= 1 - 1e-9 for n in names)
 
     def _close_at(self, vessel: str, s: float, aside: float = 0.0) -> Iterator[None]:
-        """Bring the middle of the jaws to a place along a vessel, `aside` in m beside it, close and open them."""
+        """Bring the middle of the jaws to a place along a vessel, or `aside` m beside it; close and open the jaws."""
         robot = self._worker
         point, along = self._place(vessel, s)
         tool = self._tools[[*self._tools][self._tool[robot]]]
@@ -316,7 +316,7 @@ class ProcedureSurgeon(Block):
         self.missed.append("cut")
 
     def _remove(self) -> Iterator[None]:
-        """Free the bed cell by cell from the side of the instrument, while the organ is lifted; then take it out."""
+        """Free the bed cell by cell from the instrument's side, while the organ is lifted; then take the organ out."""
         robot, holder, organ = self._worker, self._holder, self._organ.name
         yield from self._change(robot, "cautery")
         order = np.argsort(np.linalg.norm(self._bed() - self._arms[robot].port, axis=1))

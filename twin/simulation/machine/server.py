@@ -104,7 +104,7 @@ class Server:
         said: Callable[[str], None] = lambda text: None,
         ends: Callable[[], bool] = lambda: False,
     ) -> None:
-        """Run for a time in s, or until `ends` returns True; it is called 20 times per second.
+        """Run for a time in s, or until `ends` returns True; `ends` is called 20 times per second.
 
         `said` gets a line for each change of the run level, with its reason.
         """

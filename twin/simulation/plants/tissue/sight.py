@@ -32,7 +32,7 @@ class Sight:
 def _blocked(start: Array, rays: Array, vertices: Array, triangles: Index) -> np.ndarray:
     """Return whether the lines from one start (3,) along rays (n, 3), to their ends, pass a triangle.
 
-    The method is that of T. Moeller and B. Trumbore (1997), with what is the same for all rays computed once.
+    The method is that of T. Moeller and B. Trumbore (1997), with quantities that are equal for all rays computed once.
     """
     p, q, r = (vertices[triangles[:, k]] for k in range(3))
     e, g, s = q - p, r - p, start - p
