@@ -294,7 +294,7 @@ def _depth(trajectory: Trajectory, sample: int) -> float:
 
 
 def _rotation(angles: Array, order: RotationOrder) -> Array:
-    """Return R (3, 3) for angles (3,) in rad, computed independently of the path."""
+    """Return R (3, 3) for angles (3,) in rad, computed by other code than in the planned path."""
     if order == "xyz":  # Rx(a) Ry(b) Rz(c) is the inverse of Rz(-c) Ry(-b) Rx(-a)
         return _rotation(-angles[::-1], "zyx").T
     (cz, cy, cx), (sz, sy, sx) = np.cos(angles), np.sin(angles)

@@ -1,4 +1,4 @@
-"""Limits of a phase as functions of its path parameter, of one robot or of several that move together."""
+"""Limits of one robot, or of several that move together, as functions of the path parameter of a phase."""
 
 from __future__ import annotations
 
@@ -137,8 +137,8 @@ def timed(robots: Sequence[Demands], dt: float) -> Timing:
 def _joint_limits(path: PhasePath, protocol: Protocol, kinematics: PathKinematics) -> tuple[Array, Array]:
     """Return the maximum speeds and accelerations (n,) of the driven joints, in m or rad per s and per s2.
 
-    In a phase defined by joint values, a joint without limits of its own has those of the phase type. The tool may be
-    at rest in such a phase (a gripper's jaw moves), so that the limits of the tool would not apply.
+    In a phase defined by joint values, a joint without limits of its own gets the tool limits of the phase type. The
+    tool may be at rest in such a phase (only a gripper's jaw moves), and its limits would then not slow down the joint.
     """
     speed, acceleration = kinematics.max_speed, kinematics.max_acceleration
     waypoint = protocol.waypoints.get(path.waypoint or "")

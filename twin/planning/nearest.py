@@ -15,7 +15,7 @@ _HALVINGS = 8
 
 
 def nearest_free(space: Space, q: Array, seed: int = 0) -> Array | None:
-    """Return a free configuration (n,) near q (n,): the nearest free sample, moved towards q; None: none is free."""
+    """Return a free configuration (n,) near q (n,): the nearest free sample, moved towards q; None: no sample is."""
     rng, limits = np.random.default_rng(seed), space.limits
     inside = np.clip(q, limits[:, 0], limits[:, 1])
     if space.free(inside[None])[0]:
@@ -26,7 +26,7 @@ def nearest_free(space: Space, q: Array, seed: int = 0) -> Array | None:
         block = block[space.free(block)]
         if len(block):
             best = block[np.argmin(np.linalg.norm((block - inside) * space.weights, axis=1))]
-            low, high = 0.0, 1.0  # parts of the way from best to inside: free, perhaps not free
+            low, high = 0.0, 1.0  # fractions of the way from best to inside: free, perhaps not free
             for _ in range(_HALVINGS):
                 middle = (low + high) / 2
                 free = space.free((best + middle * (inside - best))[None])[0]

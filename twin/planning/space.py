@@ -43,7 +43,7 @@ class Space(Interface):
     """
 
     def interruptible(self, check: Callable[[], None]) -> Space:
-        """Return the same space, whose tests call `check` every few milliseconds; an exception of it ends a test."""
+        """Return the same space with tests that call `check` every few milliseconds; its exceptions end a test."""
         ...
 
     @property

@@ -90,7 +90,7 @@ class Behind(Space):
         self._straight = bool(np.abs(first(np.linspace(0.0, 1.0, 9), 2)).max(initial=0.0) < 1e-9)
 
     def interruptible(self, check: Callable[[], None]) -> Behind:
-        """Return the same space, whose tests call `check` every few milliseconds; an exception of it ends a test."""
+        """Return the same space with tests that call `check` every few milliseconds; its exceptions end a test."""
         return Behind(self.whole.interruptible(check), self.first)
 
     @property

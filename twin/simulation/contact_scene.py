@@ -102,7 +102,7 @@ def course(scene: Scene, props: Mechanism | None, task: Task) -> Course:
         TwinError: wire or dome is not among the solid bodies, the wire has only one part, or the task has no ring to
             guide.
     """
-    from scipy.spatial import ConvexHull  # late: it takes a while
+    from scipy.spatial import ConvexHull  # imported here, because the import takes a while
 
     if task.guide is None:
         raise TwinError(f"task '{task.name}' has no ring to guide: choose a task with a section [task.NAME.guide]")

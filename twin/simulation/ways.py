@@ -68,7 +68,7 @@ class Ways:
         return float((np.minimum(q - low, high - q) / (high - low))[~kin.auxiliary].min())
 
     def obstacles(self, robot: str, q: Mapping[str, Array], objects: Mapping[str, Array]) -> list[Still]:
-        """Return what is around an arm, in its base frame: the other robots, the props and objects; see `plan`."""
+        """Return the obstacles of an arm, in its base frame: the other robots, the props and objects; see `plan`."""
         T_world_base, poses = self._places[robot].T_world_base, {}
         for name in q.keys() - {robot}:
             links = self._models[name].solve(q[name]).link_poses
@@ -95,7 +95,7 @@ class Ways:
             goal: its joint values (n,) at the end.
             q: present joint values (n,) of this arm and of other robots; a robot without them is in its rest pose.
             objects: present poses (4, 4) of the objects in the World that are in the way.
-            clearance: distance in m to keep from what does not touch the arm by design.
+            clearance: minimum distance in m from bodies that do not touch the arm by design.
             seed: random seed of the search.
 
         Raises:

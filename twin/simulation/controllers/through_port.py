@@ -87,9 +87,9 @@ class ThroughPort(Block):
 
 
 def _way(p_port: Array) -> Evaluator:
-    """Return the function of two poses (16 each) that gives the way (4) from one to the other.
+    """Return the function of two poses (16 each) that gives the displacement `way` (4) from the first to the second.
 
-    The way is the direction about x and y of the tool in rad, the depth in m, and the roll in rad.
+    The values are the tilt about x and y of the tool in rad, the change of depth in m, and the roll in rad.
     """
     z = ca.SX.sym("z", 32)
     T, goal = symbolic.unflat(z[:16], 4, 4), symbolic.unflat(z[16:], 4, 4)

@@ -135,7 +135,7 @@ class ProcedureSurgeon(Block):
         self.outputs = self._said(still=True)
 
     def _carrier(self, kind: Kind, among: Sequence[str]) -> str:
-        """Return the robot with a tool of a kind: the one that starts with it, or else the first that can carry it."""
+        """Return the robot for a kind of tool: the robot that starts with it, or else the first that can carry it."""
         p = self.procedure
         able = [n for n in among if any(t.kind == kind and n in t.robots for t in self._tools.values())]
         if not able:
@@ -245,7 +245,7 @@ class ProcedureSurgeon(Block):
         for _ in range(_TRIES):
             now = organ.weights @ self._now[f"{organ.name}.nodes"].reshape(-1, 3)
             far = now - root
-            high = now[:, 2] > np.quantile(now[:, 2], 0.8)  # from above, where the port is
+            high = now[:, 2] > np.quantile(now[:, 2], 0.8)  # the grasper comes from above
             point = now[np.flatnonzero(high)[np.argmax(np.linalg.norm(far[high], axis=1))]]
             yield from self._to(holder, self._aimed(point))
             self._opening[holder] = 0.0

@@ -108,7 +108,7 @@ class Server:
 
         `said` gets a line for each change of the run level, with its reason.
         """
-        gc.freeze()  # else the collector goes through all imported modules, which takes many ticks
+        gc.freeze()  # without this, garbage collection checks all imported modules, which takes many ticks
         begin, k, level = time.monotonic(), 0, None
         while k * TICK < seconds and not (k % _ASK == 0 and ends()):
             due = begin + k * TICK

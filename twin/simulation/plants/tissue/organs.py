@@ -35,8 +35,8 @@ _LOOK = 12
 """Number of steps between two tests whether a link is inside an organ."""
 
 _STILL = 5e-6
-"""Organs are at rest if no node is farther than this in m from its rest position, and none moves farther per step. It
-is less than a step of the quantised vertices in the stream."""
+"""Organs are at rest if no node is farther than this in m from its rest position, and none moves farther per step.
+This is less than a step of the quantised vertices in the stream."""
 
 _ITERATIONS = 400
 """Maximum number of iterations of MuJoCo's solvers. With MuJoCo's default of 100, the solver of the stiffness ended at
@@ -402,7 +402,7 @@ def _add(spec: mujoco.MjSpec, tool: Tool, period: float, bits: int) -> None:
 
 def _samples(tool: Tool) -> Array:
     """Return points (n, 3) on the convex hulls of a link's parts, in its frame in m."""
-    import trimesh  # late: it takes a second
+    import trimesh  # imported here, because the import takes a second
 
     out = [np.zeros((0, 3))]
     for part in tool.body.meshes:
