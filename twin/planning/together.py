@@ -160,7 +160,7 @@ class Behind(Space):
     def _parts(self, path: Path) -> list[_Part]:
         """Return parts of the path of all arms, so short that u grows by at most 1 per unit of the parameter of a part.
 
-        The tests of paths assume that speeds change little in 1/512 of a path, as on `first`.
+        The tests of paths assume that speeds change little within 1/512 of a path, as they do on the path `first`.
         """
         fastest = np.abs(path(np.linspace(0.0, 1.0, _SAMPLES), 1)[:, -1]).max()
         at = np.linspace(0.0, 1.0, max(int(np.ceil(fastest - 1e-9)), 1) + 1)

@@ -233,7 +233,7 @@ def trends(robot: str, parts: Parts, table: TrendsTable, progress: Callable[[str
 
 
 def _apart(parts: Parts, run: Trace, model: Trace) -> Array:
-    """Return the distance (k,) of the true tips in mm; after a stop, from where the model was at the stop."""
+    """Return the distance (k,) of the true tips in mm; after a stop, that from the model's tip at the stop."""
     k = len(run.q)
     wanted = parts.kin.forward_many(model.q[:k])[:, :3, 3]
     stopped = run.levels == Level.E_STOP

@@ -94,7 +94,9 @@ def _require_convex(mask: Array) -> None:
         raise UnmeasuredError(
             f"the rectangle has {len(rows)} pixels in the picture (minimum {_SHORTEST}); move the camera nearer"
         )
-    hull = ConvexHull(np.column_stack([columns, rows]))  # of the middles of pixels: half a pixel inside on every side
+    hull = ConvexHull(
+        np.column_stack([columns, rows])
+    )  # hull of the pixels' middles: half a pixel smaller on every side
     missing = float(hull.volume + hull.area / 2 + 1) - len(rows)
     if missing > _DENT * len(rows) + 0.25 * hull.area:
         raise UnmeasuredError(
