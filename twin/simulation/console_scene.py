@@ -109,7 +109,7 @@ def world(
         task: a task; if it has rings, the instruments touch objects and the solid bodies of the props. In a procedure,
             the grippers of the hands close the jaws of tools, which act on the organs.
         props: mechanism of the props; only needed for a task with rings, and for the forces of contacts.
-        haptics: whether the forces on the hands are on at the start; None: the World has none. With forces, the
+        haptics: whether the forces on the hands are on at the start; None: the World has no such forces. With them, the
             instruments touch the solid bodies and each other in every task.
         organs: the organs of the scene; only needed for a procedure.
         parts: compiled parts of the machines of the scene, by the names of their places. `device` also writes their
@@ -228,7 +228,7 @@ def port_in_base(place: Place) -> Array:
 
 
 def pivot(table: ConsoleTable, place: Place, kin: Kinematics, q: Array) -> Pivot | None:
-    """Return the pivot of an instrument at its start joint values q (n,); None: `table` has no length of it.
+    """Return the pivot of an instrument at its start joint values q (n,); None: `table` has no length for it.
 
     Raises:
         TwinError: the tip is less than 1 mm from the port.
@@ -387,7 +387,7 @@ def _camera(
 
 
 def picture_in_tool(camera: CameraTable, mechanism: Mechanism) -> Array:
-    """Return the pose (4, 4) of the picture's frame in the tool frame of the camera's robot; one body has both."""
+    """Return the pose (4, 4) of the picture's frame in the tool frame of the camera's robot, on the same body."""
     tool, frame = (mechanism.frame(n) for n in (mechanism.tool, camera.frame))
     return spatial.inverse(tool.T_body_frame) @ frame.T_body_frame @ camera.in_frame @ PICTURE
 

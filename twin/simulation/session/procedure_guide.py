@@ -154,7 +154,7 @@ class ProcedureGuide(ProcedureReferee):
         return f"Pull the {p.organ} out with {holder}: {self.out / MM:.0f} mm from a port, at most {p.out_mm:g} mm"
 
     def _with(self, kind: Kind, do: str) -> str:
-        """Return a step that needs a tool; if no robot carries it, first how to take it."""
+        """Return the instruction `do` for the robot with a kind of tool; if no robot has it, how to change the tool."""
         carrier = next((n for n in self.robots if self._tools[self._carried[n]].kind == kind), None)
         if carrier is not None:
             return f"{self._tools[self._carried[carrier]].title} of {carrier}, {self._hands[carrier]} hand: {do}"
