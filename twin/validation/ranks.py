@@ -271,7 +271,9 @@ def _read(path: Path) -> Users:
             continue
         if len(row) != len(head):
             raise DescriptionError(f"{path}:{line}: {len(row)} cells; the header has {len(head)}")
-        groups.append(row[at].strip())
+        if not (group := row[at].strip()):
+            raise DescriptionError(f"{path}:{line}: {_GROUP} is empty; give the name of the user's group")
+        groups.append(group)
         lines.append(line)
         for i, measure in numbers:
             columns[measure].append(_number(row[i].strip(), f"{path}:{line}: {measure}", measure != _SESSION))

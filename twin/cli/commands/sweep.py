@@ -23,7 +23,7 @@ def arguments(command: Command) -> None:
     command.integer("--grid", "number of values of each varied quantity: evaluate the full grid instead of samples")
     command.text("--objective", "NAMES", "comma-separated list of volume, conditioning, margin, tolerance")
     command.trocar()
-    command.integer("--seed", "random seed of the Latin hypercube", 0)
+    command.seed("random seed of the Latin hypercube")
     command.scheduler()
     command.integer("--workers", "number of worker processes (default: one for each processor)")
     command.flag("--parquet", "also write sweep.parquet")
