@@ -193,7 +193,7 @@ class Physics:
     Attributes:
         links: names of all links.
         masses: mass properties by link.
-        assumed: links of unknown mass; their mass properties are assumed, because the format requires some.
+        assumed: links of unknown mass, whose mass properties are assumed because the format requires them.
         frames: named frames, by name.
         gravity: (3,) in m/s2 in a world with z up; None if not stated.
         held: links that are fixed to the world; None if the format cannot state this.

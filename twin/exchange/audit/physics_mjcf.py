@@ -35,7 +35,7 @@ def compiled_physics(model: mujoco.MjModel, bodies: dict[str, int]) -> Physics:
     out.motors, out.all_motors = _motors(m), True
     names = [m.body(i).name for i in range(m.nbody)]
     for name, i in bodies.items():
-        if i and (m.body_mass[i] or m.body_weldid[i]):  # a body fixed to the world needs no mass: 0 states none
+        if i and (m.body_mass[i] or m.body_weldid[i]):  # a body fixed to the world needs no mass: 0 means "not stated"
             R = poses.rotation(m.body_iquat[i][[1, 2, 3, 0]])
             inertia = R @ np.diag(m.body_inertia[i]) @ R.T
             out.masses[name] = Mass(float(m.body_mass[i]), m.body_ipos[i].copy(), inertia)
