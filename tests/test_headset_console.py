@@ -421,7 +421,7 @@ def test_a_scene_without_protocols_is_not_played(command, tmp_path, capsys):
     more = ["--html", str(tmp_path / "page.html")] if command == "view" else ["--out", str(tmp_path / "out")]
     assert main([command, "davinci", *more]) == 2
     said = capsys.readouterr().err
-    assert "psm1, psm2, ecm have no protocol in scene.toml" in said
+    assert "scene.toml has no protocol for psm1, psm2, ecm" in said
     assert "`twin serve davinci` or `twin view davinci`" in said
 
 

@@ -28,7 +28,7 @@ from twin.ui.headset import packet_hands, served
 from twin.ui.headset import protocol as wire
 from twin.ui.headset.operation import Operation
 from twin.ui.headset.protocol import RefusedError
-from twin.ui.session import console
+from twin.ui.session import console, console_state
 from twin.ui.session.timeline import RATE
 
 WORLD = console_scene.world
@@ -233,7 +233,7 @@ def test_a_camera_pedal_that_is_stuck_at_the_start_moves_nothing(running):
 
 @pytest.mark.parametrize("pedal", ["clutch", "camera"])
 def test_a_pedal_that_stays_pressed_is_told(running, monkeypatch, caplog, pedal):
-    monkeypatch.setattr(console, "_STUCK", 0.3)
+    monkeypatch.setattr(console_state, "_STUCK", 0.3)
     running.start()
     setattr(running.pens, pedal, True)
     with caplog.at_level(logging.WARNING):
@@ -408,7 +408,7 @@ def test_a_port_that_is_taken_is_told(running, capsys):
         (["davinci", "--mqtt", "localhost:x"], "x is not a port"),
         (["davinci", "--mqtt", "localhost:0"], "port 0 is not the port of a broker"),
         (["davinci", "--mqtt-topic", "a"], "--mqtt-topic requires --mqtt"),
-        (["davinci", "--mqtt", "localhost", "--mqtt-topic", "a/#"], "--mqtt-topic 'a/#' is not a topic"),
+        (["davinci", "--mqtt", "localhost", "--mqtt-topic", "a/#"], "--mqtt-topic 'a/#' is not a valid topic"),
         (["sils", "--packets", "9870"], "--packets requires a scene with a console, such as davinci; sils is a robot"),
         (["vsrs", "--protocols", "--mqtt", "localhost"], "--mqtt and --protocols cannot be combined"),
         (["davinci", "--packets", "9870", "--replay", "x.json"], "--packets and --replay cannot be combined"),

@@ -21,7 +21,7 @@ from twin.exchange.read.step import read_skeleton
 DATA = Path(__file__).parent / "data/importing"
 
 BAD = {
-    "error_axis_zero.sdf": "joint 'q': its axis has no length",
+    "error_axis_zero.sdf": "joint 'q': its axis has length 0",
     "error_child_world.sdf": "joint 'q': the child of the joint is the world: swap parent and child",
     "error_frame_on_nothing.sdf": "frame 'g' does not exist",
     "error_limits_swapped.sdf": "joint 'q': limits -1 .. -2 are not ordered",
@@ -39,7 +39,7 @@ BAD = {
     "error_no_unit.step": "states no length unit; a STEP file without a unit cannot be scaled. Export it again in",
     "error_not_step.step": "is not a STEP file: it does not begin with ISO-10303-21",
     "error_one_body.step": "it contains one body, 'block': a mechanism requires an assembly with a node for each bod",
-    "error_axis_zero.urdf": "joint 'q1': its axis has no length",
+    "error_axis_zero.urdf": "joint 'q1': its axis has length 0",
     "error_box_negative.urdf": "link 'base': box of size -0.1: it must be positive",
     "error_entities.urdf": "the file declares a document type or entities; expand the entities first",
     "error_inertia_incomplete.urdf": "link 'upper': ixx is missing",
@@ -51,7 +51,7 @@ BAD = {
     "error_not_xml.urdf": "not XML: no element found: line 8, column 0",
     "error_origin_nan.urdf": "joint 'q1': origin xyz = '0 0 nan' is not 3 finite numbers",
     "error_origin_not_numbers.urdf": "joint 'q1': origin xyz = '0 0 1,5' is not 3 numbers",
-    "error_other_root.urdf": "the root element is <model>, expected <robot>. The file is a xacro or another format",
+    "error_other_root.urdf": "the root element is <model>, expected <robot>. Expand a xacro first",
     "error_planar_joint.urdf": "joint 'q1': there is no joint type 'planar'",
     "error_two_links_of_one_name.urdf": "link 'base': the name is used twice",
     "error_two_parents.urdf": "link 'upper': joints 'q1' and 'q2' are both parents of the link, but a URDF is a tree",
@@ -64,7 +64,7 @@ BAD = {
     "error_unknown_type.usda": "lowerLimit has type 'flaot', which USD does not define",
     "error_limits_swapped.usda": "fourbar: joint 'crank_joint': limits -1 .. -1.5708 are not ordered",
     "error_mimic_of_a_vendor.usda": "joint /fourbar/elbow is coupled to another joint by PhysxMimicJointAPI:rotZ",
-    "error_missing_vertices.usda": "mesh /fourbar/crank/crank_shape: an index refers to vertex 9, but it has 4",
+    "error_missing_vertices.usda": "mesh /fourbar/crank/crank_shape: an index refers to vertex 9, but the mes",
     "error_no_bodies.usda": "no rigid bodies (PhysicsRigidBodyAPI), so there is no mechanism",
     "error_no_joints.usda": "no joints, so there is no mechanism",
     "error_not_usda.usda": "is not a readable USD file",

@@ -254,5 +254,5 @@ def test_another_server_in_place_of_a_broker_is_told(monkeypatch):
 
 @pytest.mark.parametrize("topic", ["", "a/#", "a/+/b", "/a", "a/", "a\0b", "x" * 201])
 def test_what_is_no_topic_is_refused(topic):
-    with pytest.raises(TwinError, match="is not a topic: give up to 200 characters without"):
+    with pytest.raises(TwinError, match="is not a valid topic: use 1 to 200 characters without"):
         ScaleTopic("127.0.0.1", 1883, topic, (0.05, 1.0), 0.5, print)

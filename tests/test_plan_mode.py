@@ -437,7 +437,7 @@ def test_what_cannot_be_asked_for_is_refused_with_the_way_out(console):
         console.ask("aim", client="another")
     console.ask("aim")
     console.wait(3)
-    with pytest.raises(TwinError, match=f"the target is where {ARM} is: move it away first"):
+    with pytest.raises(TwinError, match=f"the target is where {ARM} is: move the target away first"):
         console.ask("find")
     with pytest.raises(TwinError, match=f"a motion of {ARM} is being planned"):
         console.ask("aim", hand="right")

@@ -10,7 +10,7 @@ from made import organs as made
 from twin.api.procedure import replay_procedure
 from twin.cli import scene as scenes
 from twin.core import spatial
-from twin.simulation import console_scene, operating_scene
+from twin.simulation import console_scene
 from twin.simulation.controllers.tool_grip import HALF, GripToTool
 from twin.simulation.devices.given import HandState
 from twin.simulation.session.procedure_guide import ProcedureGuide
@@ -64,10 +64,8 @@ class Told:
 
     def __init__(self, scene):
         p, organ = scene.tasks["cholecystectomy"].procedure, made.abdomen()[1]
-        ports = [operating_scene.port_of(x) for x in operating_scene.robots_of(scene, p)]
         clips = [f"clip_{k}.on" for k in range(1, 7)]
-        hands = {n: hand for hand in ("right", "left") for n in getattr(scene.console, hand)}
-        self.guide = ProcedureGuide(p, organ, scene.vessels, ports, clips, 0.016, scene.tools, hands)
+        self.guide = ProcedureGuide(scene, p, organ, clips, 0.016)
         names = [*scene.tools]
         self.now = {f"{r}.{what}": np.zeros(3) for r in p.start for what in ("tip", "pull", "lifted")}
         self.now |= {f"{r}.{what}": np.full(1, v) for r in p.start for what, v in (("slipped", 0.0), ("holds", -1.0))}

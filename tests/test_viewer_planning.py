@@ -224,7 +224,7 @@ def test_what_is_refused_is_told(front, monkeypatch):
     assert said == [("there is no plan to accept: press Plan, and move the target", True)]
     press(front, "Target")
     press(front, "Plan")
-    assert said[-1] == ("the target is where raven_left is: move it away first", True)
+    assert said[-1] == ("the target is where raven_left is: move the target away first", True)
 
 
 def test_a_target_stays_when_the_arm_had_not_reached_its_goal(scene):

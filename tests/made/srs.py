@@ -1,10 +1,10 @@
 """Tip and trocar in closed form, for arms with a spherical shoulder and wrist (S-R-S) and a straight instrument.
 
-Tip and trocar fix the shaft, hence the wrist; what remains free is the swivel of the elbow about the line from shoulder
-to wrist, and eight postures for each swivel: the signs of q2, q4 and q6. Both are chosen for the largest margin. The
-margin is the minimum of all distances to joint limits (relative to half the range), |sin q2| and |sin q6|, which vanish
-where joint axes are in line (|sin q4| does not depend on the choice). A path keeps one swivel, the one whose smallest
-margin along the path is largest, so that a closed path also closes in the joints.
+Tip and trocar determine the shaft, and therefore the wrist. Two choices remain: the swivel of the elbow about the line
+from shoulder to wrist, and for each swivel one of eight postures (the signs of q2, q4 and q6). Both are chosen for the
+largest margin. The margin is the minimum of all distances to joint limits (relative to half the range), |sin q2| and
+|sin q6|. These sines are 0 where joint axes are collinear; |sin q4| does not depend on the choice. A path has one
+swivel, whose smallest margin along the path is the largest; a closed path is therefore also closed in the joints.
 
 Convention: alpha = 0, -90, 90, -90, 90, -90, 90 deg in modified Denavit-Hartenberg form, origin at the shoulder.
 """
@@ -37,8 +37,8 @@ class TrocarPose:
     """An arm with its instrument through a trocar.
 
     Attributes:
-        q: (6,) joints in rad; the seventh turns the instrument about itself and is free.
-        swivel: rad, 0 with the elbow in the vertical plane through shoulder and wrist, above.
+        q: (6,) joints in rad; the seventh joint rotates the instrument about its axis and is free.
+        swivel: angle in rad; 0: the elbow is in the vertical plane through shoulder and wrist, above their line.
         margin: see the module; negative beyond a limit.
         elbow, wrist: (3,) in m, in the frame at the shoulder.
     """

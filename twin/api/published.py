@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -241,8 +241,11 @@ def masses(robot: Robot, progress: Progress = silent) -> Masses:
     if robot.files is None:
         sources.append(collect.of_mechanism(robot.mechanism, "stage"))
     else:
-        weighed = robot.weighed().mechanism
-        sources.append(collect.of_mechanism(weighed, "computed from the CAD"))
+        cad = robot.weighed().cad
+        weighed = cad.mechanism
+        computed = collect.of_mechanism(weighed, "computed from the CAD")
+        reasons = tuple(f for f in cad.findings if f.code in ("cad.open_mesh", "cad.no_material"))
+        sources.append(replace(computed, findings=(*computed.findings, *reasons)))
         if robot.files.stage.is_file():
             from twin.usd.read import read_stage
 

@@ -1,4 +1,4 @@
-"""What the options --protocol, --all-protocols and --variant choose."""
+"""Evaluate the options --protocol, --all-protocols and --variant."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The option --machine: connect to machines of a scene that run already, and start the others."""
+"""The option --machine: connect to machines of a scene that are already running, and start the others."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Commands for scenes: `twin run` plays all robots together and measures distances; `twin info` shows a scene."""
+"""Scenes on the command line: read their parts, refuse them for commands on robots, and play them (`twin run`)."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def tissues(scene: Scene) -> tuple[Tissue, ...]:
 
 
 def organs(scene: Scene, robots: Mapping[str, api.Robot]) -> OrganFeed | None:
-    """Return the soft organs of a scene for a page without a World; None: the scene has no organs."""
+    """Return the soft organs of a scene for a page whose World does not simulate them; None: there are no organs."""
     if not (found := tissues(scene)):
         return None
     from twin.simulation import tissue_scene
@@ -78,7 +78,7 @@ def organs(scene: Scene, robots: Mapping[str, api.Robot]) -> OrganFeed | None:
 
 
 def bending(scene: Scene, robots: Mapping[str, api.Robot], task: Task | None) -> dict[str, Any]:
-    """Return the arguments `feed` and `organs` of a page with a console; in a procedure, the World has the organs."""
+    """Return the arguments of a page with a console: the World simulates `organs` in a procedure, else `feed` does."""
     if task is not None and task.procedure is not None:
         return {"feed": None, "organs": tissues(scene)}
     return {"feed": organs(scene, robots), "organs": ()}
@@ -87,7 +87,7 @@ def bending(scene: Scene, robots: Mapping[str, api.Robot], task: Task | None) ->
 def run(file: Path, args: argparse.Namespace) -> int:
     """Plan and play the protocols of all robots together; write stage, table and picture.
 
-    The exit code is 1 if robots collide.
+    The exit code is 1 if bodies are nearer than the required clearance, or a trocar is not at its port.
     """
     scene = api.load_scene(file)
     root = show.folder(args, scene.name)

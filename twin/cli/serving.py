@@ -135,7 +135,7 @@ def _require_compatible(args: argparse.Namespace) -> None:
     if (args.participant is None) != (args.run is None):
         raise TwinError("--participant and --run must be given together, such as --participant 7 --run 1")
     if args.participant is not None and args.haptics is not None:
-        raise TwinError("--haptics and --participant cannot be combined: the number of the participant sets the order")
+        raise TwinError("--haptics and --participant cannot be combined: --participant determines which run has forces")
     if args.participant is not None and args.session is None:
         raise TwinError("--participant requires --session FILE, which records the condition")
 

@@ -67,7 +67,8 @@ def show_page(
         title: name of the shown robot or scene.
         port: the port.
         advice: sentence on the rights of connected clients.
-        open_page: opens the page on a server, with an event that ends it, and whether only this computer can connect.
+        open_page: function of (server, event that ends the page, whether only this computer can connect); it opens the
+            page.
     """
     from twin.ui.door.gate import Gate
     from twin.ui.viewer.server import serve, stop
@@ -191,7 +192,7 @@ def _plays(scene: Scene, args: argparse.Namespace) -> bool:
     """Return whether the robots of a scene play their protocols, because no hand moves them.
 
     Raises:
-        TwinError: they have no protocols, or --fulcrum does not apply.
+        TwinError: a robot has no protocol to play, or --fulcrum does not apply.
     """
     plays = scene.console is None or args.html is not None or args.protocols
     if plays:

@@ -1,10 +1,10 @@
 """Bounds of the distance between two surfaces from balls and a grid of distances, for many poses at once.
 
 One surface is covered by balls; of the other, lower bounds of the distance are stored on a grid in its own frame. The
-distance of the surfaces is at least the smallest stored value at a ball's centre minus the ball's radius, and at most
-this value plus both errors, because each ball contains a part of its surface. A look-up (`lookup`) takes nanoseconds;
-computing the distance of two meshes takes up to a millisecond. Grids and balls depend on the surface only and are kept
-on disk.
+distance of the surfaces is at least the minimum, over the balls, of the stored value at the centre minus the radius. As
+each ball contains a part of its surface, the distance is at most the stored value plus its error plus the radius, for
+any ball. A look-up (`lookup`) takes nanoseconds; computing the distance of two meshes takes up to a millisecond. Grids
+and balls depend on the surface only and are kept on disk.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ _KEPT = 512
 """Maximum number of files in the cache; the oldest files are removed first."""
 
 _VERSION = 3
-"""Number of the method by which grids and balls are made; files in the cache that have another number are not used."""
+"""Version of the method that makes grids and balls; cached files of another version are not used."""
 
 
 def divided(triangles: Array, edge: float) -> Array:
@@ -70,7 +70,7 @@ def divided(triangles: Array, edge: float) -> Array:
 
 
 def _radius(triangles: Array) -> float:
-    """Return about the radius in m of the smallest balls of the surface of triangles (k, 3, 3)."""
+    """Return the approximate radius in m of the smallest balls of the surface of triangles (k, 3, 3)."""
     sides = triangles[:, 1:] - triangles[:, :1]
     area = float(np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1).sum()) / 2
     return float(np.sqrt(area / 2**_DEPTH))
@@ -85,12 +85,12 @@ def _cell(triangles: Array) -> float:
 def balls(triangles: Array) -> Array:
     """Return balls (n, 5) that cover the surface of triangles (k, 3, 3); each ball contains a part of the surface.
 
-    A ball's part of the surface is halved for two smaller balls. The rows are in the order of a depth-first search:
-    centre (3) in m, radius in m, number of the row that follows the ball and all balls of its part.
+    A ball's part of the surface is halved for two smaller balls. The rows are in the order of a depth-first search. A
+    row contains: centre (3) in m, radius in m, index of the first row after the ball and its smaller balls.
     """
     extent = float(np.ptp(triangles.reshape(-1, 3), axis=0).max())
     small = max(extent * _SMALL, 0.1 * MM)
-    pieces = divided(triangles, max(2 * small, _radius(triangles)))  # not smaller than the balls can be
+    pieces = divided(triangles, max(2 * small, _radius(triangles)))  # smaller pieces would have no effect
     number, made = np.ones(len(pieces), np.int64), {}
     for depth in range(_DEPTH + 1):
         order = np.argsort(number, kind="stable")
@@ -228,7 +228,8 @@ class Bounds:
     def __init__(self, triangles: Sequence[Array], pairs: np.ndarray) -> None:
         """Define the pairs; grids and balls are made, or loaded from the cache, when they are required.
 
-        Of each pair, that shape has the grid for which the cells and the balls of the other are smaller.
+        In each pair, one shape has the grid and the other the balls: the choice with the smaller sum of half a cell
+        and the radius of a ball.
 
         Args:
             triangles: (k, 3, 3) of each shape, in its own frame.
@@ -280,7 +281,7 @@ class Bounds:
         reject: Array | None = None,
         fine: float = 0.0,
     ) -> tuple[Array, Array]:
-        """Return bounds (n,) from below and (n,) from above in m of distances of `pairs` (n,) in `states` (n,).
+        """Return (lower bounds (n,), upper bounds (n,)) in m of the distances of `pairs` (n,) in `states` (n,).
 
         Args:
             poses: (k, shapes, 4, 4) T_base_shape in each state.
@@ -289,7 +290,7 @@ class Bounds:
             enough: (n,) in m; the search for a larger lower bound ends at this value, and the upper bound may then be
                 infinite.
             reject: (n,) in m; where the upper bound is below this value, the lower bound is 0. None: 0.
-            fine: in m; balls with this radius are not replaced by smaller ones.
+            fine: in m; balls with at most this radius are not replaced by smaller ones.
         """
         if not self._ready[pairs].all():
             self.load(pairs)

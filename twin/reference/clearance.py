@@ -40,7 +40,7 @@ class Shape:
 
     Attributes:
         triangles: (k, 3, 3) corners of its triangles in m, in the frame of the body.
-        corners: (8, 3) corners of its bounding box in m, which limit the mesh's motion.
+        corners: (8, 3) corners of its bounding box in m; no point of the mesh moves farther than the farthest corner.
     """
 
     def __init__(self, name: str, body: str, meshes: Sequence[Mesh]) -> None:

@@ -25,7 +25,7 @@ class Mobility:
         redundancy: number of redundant constraint rows (rows of the loop Jacobian).
         redundant: number of redundant rows by loop: rows that depend on other rows of this loop or of earlier loops.
         repeated: directions of each loop that other constraints also lock, so that one of these constraints could be
-            omitted. "offset z" is along, "turn x" is about an axis of the joint's frame on its parent body.
+            omitted. "offset z": along z, "turn x": about x of the joint's frame on its parent body.
         internal: degrees of freedom that remain if all active joints are locked (a rod that spins between two ball
             joints).
     """

@@ -34,7 +34,7 @@ _STATION = {True: 0.1, False: 0.02}
 """Motion of a driven joint (rad if an angle, else m) between two stations (states with closed, tested loops)."""
 
 _FINE = 512
-"""Number of intervals of a path; in each, the speed is taken as the larger speed of both ends, times `_BETWEEN`."""
+"""Number of intervals of a path. The assumed speed in an interval is the larger speed of its ends times `_BETWEEN`."""
 
 _BETWEEN = 1.05
 """Safety factor: in a corner rounded over 1/80 of a path (six intervals), the speed within an interval exceeds the
@@ -53,7 +53,7 @@ _NARROW = 3.0
 """Largest margin, in units of the required distance, for which meshes are tested; for larger margins coal is slow."""
 
 _SEARCH = 6 * MM
-"""Motion in m of two bodies from the nearest tested state that a search accepts; paths found are tested whole."""
+"""Largest motion in m of two bodies from the nearest tested state, in a search; a found path is tested completely."""
 
 _BLOCK = 2048
 """Number of states whose distances are computed together."""
@@ -101,7 +101,7 @@ class JointSpace:
         self._check: Callable[[], None] = _nothing
 
     def load(self) -> JointSpace:
-        """Make all that the tests use now, not at their first use; return this space."""
+        """Make shapes, grids and balls now, not at their first use in a test; return this space."""
         self._pairs.load()
         return self
 
@@ -172,8 +172,9 @@ class JointSpace:
         return limits, np.array([_ANGLE if j.is_angle else 1.0 for j in active])
 
     def free(self, q: Array, *, exact: bool = True) -> np.ndarray:
-        """Return (k,) bool: whether joint values q (k, n) are within limits, with closed loops and the clearance.
+        """Return (k,) bool: whether joint values q (k, n) are free.
 
+        That is: they are within limits, the loops close, `keep` allows the state, and all required distances are kept.
         If `exact` is False, distances that the bounds do not decide are judged by `Pairs.seem_near`.
         """
         self._check()
@@ -303,7 +304,7 @@ class JointSpace:
         return self._closing.placed(q)
 
     def _count(self, path: Callable[..., Array]) -> int:
-        """Return the number of stations of a path, so that no driven joint moves farther than `_STATION` between."""
+        """Return the number of stations of a path; between two of them, no driven joint moves more than `_STATION`."""
         coarse = path(np.linspace(0.0, 1.0, 65))
         return max(int(np.ceil(64 * (np.abs(np.diff(coarse, axis=0)) / self._steps).max(initial=0.0))) + 1, 2)
 

@@ -143,7 +143,7 @@ class Levers:
         off = centres[self._bodies] - place[self._joints, :, 1]
         along = (off * place[self._joints, :, 0]).sum(axis=1)
         for n in np.flatnonzero(self._balls):
-            # the sum, not the norm: the turns may follow each other
+            # the sum, not the norm: the rotations about the three axes may follow each other
             steps[n] = moved[:, self._columns[n] : self._columns[n] + 3].sum(axis=1)
             along[self._joints == n] = 0.0
         rho = np.sqrt(np.maximum((off * off).sum(axis=1) - along**2, 0.0)) + radii[self._bodies, None]

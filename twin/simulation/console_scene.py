@@ -151,7 +151,7 @@ def world(
     objects = scene.objects if task is not None and task.grasps else ()
     felt = _felt(scene, props, haptics)
     if objects or felt:
-        arms = {n: (places[n], members[n].mechanism, members[n].kin) for hand in HANDS for n in getattr(table, hand)}
+        arms = {n: (places[n], members[n].mechanism, members[n].kin) for n in hands_of(scene)}
         plants.append(contact_scene.contact(scene, props, arms, q, objects, felt, task))
     operated = None
     if task is not None and task.procedure is not None:
@@ -194,7 +194,7 @@ def _operated(
 ) -> tuple[operating_scene.Field, list[Block]]:
     """Return organs, vessels and objects of a procedure, and the blocks by which grippers close the jaws of tools."""
     procedure = operating_scene.procedure_of(scene, task)
-    hands = {n: hand for hand in HANDS for n in getattr(console_of(scene), hand)}
+    hands = hands_of(scene)
     if without := [n for n in procedure.start if n not in hands]:
         raise TwinError(f"{scene.file}: task '{task.name}': no hand of [console] moves {', '.join(without)}")
     return operating_scene.field(scene, task, mechanisms, q, organs, ORGANS), [
@@ -211,6 +211,15 @@ def console_of(scene: Scene) -> ConsoleTable:
     if scene.console is None:
         raise TwinError(f"scene '{scene.name}' has no console: add a section [console] to {scene.file.name}")
     return scene.console
+
+
+def hands_of(scene: Scene) -> dict[str, str]:
+    """Return the hand that moves each robot of a console, by robot: first those of the right hand.
+
+    Raises:
+        TwinError: the scene has no console.
+    """
+    return {n: hand for hand in HANDS for n in getattr(console_of(scene), hand)}
 
 
 def port_in_base(place: Place) -> Array:
@@ -253,8 +262,7 @@ def settings(scene: Scene, fulcrum: Fulcrum = "compensated", task: Task | None =
     """
     table = console_of(scene)
     out = {FULCRUM: float(FULCRUMS.index(fulcrum))} if table.instrument_mm else {}
-    hands = [n for hand in HANDS for n in getattr(table, hand)]
-    out |= {f"{n}.tool": float(k % len(scene.tools)) for k, n in enumerate(hands) if scene.tools}
+    out |= {f"{n}.tool": float(k % len(scene.tools)) for k, n in enumerate(hands_of(scene)) if scene.tools}
     first = {} if task is None or task.procedure is None else task.procedure.start
     out |= machine_scene.SETTINGS if scene.trainer is not None else {}
     return out | {f"{n}.tool": float([*scene.tools].index(tool)) for n, tool in first.items()}
@@ -334,7 +342,7 @@ def _forces(
 ) -> list[Block]:
     """Return the blocks of the forces on both hands; `felt`: whether contact writes planes."""
     table, places = console_of(scene), {p.name: p for p in scene.places}
-    names = [n for hand in HANDS for n in getattr(table, hand)]  # in the order of the grippers in contact
+    names = [*hands_of(scene)]  # in the order of the grippers in contact
     out: list[Block] = []
     for hand in HANDS:
         arms = [

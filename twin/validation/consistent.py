@@ -71,7 +71,10 @@ class Fix:
 def fixes(
     protocol: Protocol, trajectory: Trajectory, paths: PathKinematics, T_tool_frame: Array
 ) -> tuple[dict[str, str], list[Finding]]:
-    """Return fixes for each pivot with a monitored RCM that the shaft misses: (facts as text, findings)."""
+    """Return (facts as text, findings) on the fixes of each phase whose shaft misses a monitored RCM at its waypoint.
+
+    `paths` is the robot's planning data; `T_tool_frame` (4, 4) is the pose of the protocol's frame in the tool frame.
+    """
 
     def planner(changed: Protocol) -> Trajectory:
         return plan(changed, paths, T_tool_frame=T_tool_frame, dt=STEP)
@@ -92,7 +95,7 @@ def fixes(
                     info(
                         "rcm.fix",
                         f"waypoint '{span.waypoint}'",
-                        f"'{span.waypoint}' would respect the RCM with this change: {fix.text}",
+                        f"with this change, the shaft passes through the RCM at '{span.waypoint}': {fix.text}",
                         mm(fix.moved) if fix.moved > 0 else deg(fix.turned),
                         when=f"phase '{span.name}'",
                         word="",

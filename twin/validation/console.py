@@ -79,7 +79,7 @@ class Laws(Protocol):
         ...
 
     def error(self, P_0: Array, P_1: Array, W_0: Array, W_1: Array, T: Array, scale: float) -> Array:
-        """Return the error (4, 4) of the tool motion P_0 to P_1 for the handle motion W_0 to W_1."""
+        """Return the error (4, 4) of the tool motion P_0 to P_1 for the handle motion W_0 to W_1; see `tool`."""
         ...
 
 

@@ -82,8 +82,8 @@ class Accuracy(Table):
 class Chain(Table):
     """Accuracy test of the paper's console.
 
-    `displacements` is the number of displacements per axis, `resolution_mm` is the resolution of the haptic pen, and
-    `of` names the [[accuracy]] section with the printed results.
+    `displacements` is the number of displacements per axis, `resolution_mm` is the resolution of the haptic pen,
+    `required_mm` is the largest accepted error, and `of` names the [[accuracy]] section with the printed results.
     """
 
     displacements: int = Field(ge=2)

@@ -95,7 +95,8 @@ def read_csv(path: Path, ledger: Ledger) -> Content:
     expected += [f"{n}_{c}" for n in links for c in ("x_m", "y_m", "z_m", "qx", "qy", "qz", "qw")]
     if header != expected:
         odd = next((f"'{a}' instead of '{b}'" for a, b in zip(header, expected, strict=False) if a != b), "")
-        text = f"columns do not match links and joints: found {odd or f'{len(header)} instead of {len(expected)}'}."
+        found = odd or f"{len(header)} columns instead of {len(expected)}"
+        text = f"columns do not match links and joints: found {found}."
         ledger.wrong("tracks.columns", text, odd)
         if len(header) != len(expected):
             raise ReadError(text)

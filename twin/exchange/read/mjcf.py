@@ -62,7 +62,7 @@ def read_mjcf(path: Path, root: str | None = None) -> Imported:
 
 
 def refuse_nan(path: Path) -> None:
-    """Raise `SourceError` if a number is NaN or infinite: MuJoCo never finishes compiling an ellipsoid of such size."""
+    """Raise `SourceError` if a number is NaN: MuJoCo never finishes compiling an ellipsoid whose size is NaN."""
     for number, line in enumerate(read_bytes(path, "MJCF").decode(errors="replace").splitlines(), 1):
         for name, value in _ATTRIBUTE.findall(line):
             if "nan" in (tokens := value.lower().split()) and all(map(_is_number, tokens)):
@@ -181,7 +181,7 @@ class _Mjcf:
             ref = np.eye(4)
             if kind in (_SLIDE, _HINGE):
                 if not np.abs(m.jnt_axis[k]).max() > 0.5:  # not a unit vector: MuJoCo could not normalise the axis
-                    raise SourceError(f"{self.path}: joint '{self.joints[k]}': its axis has no length, or is too long")
+                    raise SourceError(f"{self.path}: joint '{self.joints[k]}': its axis has length 0, or is too long")
                 at = at @ along(m.jnt_axis[k])
                 q0 = float(m.qpos0[m.jnt_qposadr[k]])
                 ref = spatial.pose(p=[0, 0, -q0]) if kind == _SLIDE else spatial.pose(spatial.rotation_z(-q0))
@@ -228,7 +228,7 @@ class _Mjcf:
                     f"actuator '{name}' pulls a fixed tendon: joint '{self.joints[tied[0]]}' is imported as "
                     "driven, without gains."
                 )
-                text += f" {others} are not driven; they move only if an equality couples them." if others else ""
+                text += f" Its other joints, {others}, move only if an equality couples them." if others else ""
                 self.findings.warn("actuator", text, name)
                 yield tied[0], None
                 continue

@@ -343,7 +343,7 @@ class _Urdf:
         elif kind != "continuous":
             low, high = value(limit, "lower"), value(limit, "upper")
             if low is None and high is None:
-                text = f"{where}: <limit> gives no lower and upper: the joint is unlimited."
+                text = f"{where}: <limit> has neither lower nor upper: the joint is unlimited."
                 self.findings.warn("limits", text, name)
             else:
                 # In URDF a missing limit means zero.
@@ -366,7 +366,7 @@ class _Urdf:
         return out
 
     def _within(self, out: dict, name: str) -> None:
-        """Clip the soft limits to the hard limits, beyond which they have no effect."""
+        """Clip the soft limits to the hard limits; leave them out if the two intervals do not overlap."""
         if out.get("limits") is None or out["soft_limits"] is None:
             return
         (low, high), (first, last) = out["limits"], out["soft_limits"]
@@ -375,8 +375,9 @@ class _Urdf:
         out["soft_limits"] = (max(low, first), min(high, last))
         if not out["soft_limits"][0] < out["soft_limits"][1]:
             del out["soft_limits"]
-        text = f"its soft limits {first:g} .. {last:g} exceed its limits {low:g} .. {high:g} and have no effect there"
-        self.findings.note("soft_limits", f"joint '{name}': {text}; they are cut to the limits.", name)
+        done = "clipped to the limits" if "soft_limits" in out else "left out"
+        text = f"its soft limits {first:g} .. {last:g} exceed its limits {low:g} .. {high:g}; they are {done}"
+        self.findings.note("soft_limits", f"joint '{name}': {text}.", name)
 
     def _mimic(self, name: str, names: Names, joints: dict[str, Element]) -> Coupling:
         where, mimic = f"joint '{name}', mimic", joints[name].find("mimic")

@@ -21,7 +21,7 @@ from twin.model.movable import Movable
 from twin.model.scene import Scene
 from twin.model.task import Task
 from twin.simulation import console_scene
-from twin.simulation.console_scene import HANDS, Member
+from twin.simulation.console_scene import Member
 from twin.simulation.contact_scene import Course
 from twin.simulation.session.referee import InstrumentReferee, Runs, signals_of
 from twin.simulation.session.rings import crossing
@@ -225,7 +225,7 @@ class Referee(InstrumentReferee):
         if task.guide is None:
             raise TwinError(f"task '{task.name}' has no ring to guide")
         table, places = console_scene.console_of(scene), {p.name: p for p in scene.places}
-        robots = [n for hand in HANDS for n in getattr(table, hand)]
+        robots = [*console_scene.hands_of(scene)]
         ring = next(o for o in scene.objects if o.name == task.guide.ring)
         tools = {n: _tool(places[n].T_world_base, members[n].kin) for n in robots}
         return cls(task.guide, ring, course, robots, getattr(table, task.guide.first)[0], tools, period)

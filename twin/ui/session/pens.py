@@ -237,7 +237,7 @@ class Pens:
             self.release()
 
     def settle(self, hand: str) -> None:
-        """Move a hand whose arm cannot reach the goal back to the tool, so that the tool follows the next motion.
+        """Move a hand back to its tool if the arm cannot reach the goal, so that the tool follows the next motion.
 
         In planning mode, the arm rests, and nothing is moved.
         """

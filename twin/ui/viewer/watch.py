@@ -37,7 +37,10 @@ class Stream(Protocol):
     problem: str
 
     def take(self) -> tuple[Mapping[str, Mapping[str, Array]], Mapping[str, Array]] | None:
-        """Return T_base_link (4, 4) by robot and link, and vertices (n, 3) by deformable, of the newest frame, once."""
+        """Return link poses and vertices of the newest frame; None if no frame has arrived since the last call.
+
+        Poses are T_base_link (4, 4) by robot and link. Vertices are (n, 3) in m in the World, by deformable.
+        """
         ...
 
     def close(self) -> None: ...  # noqa: D102

@@ -44,7 +44,7 @@ _JOINT = Kind(
 _LIMITS = Kind(
     "stage.limits",
     "disagreement",
-    "exchange the limits: engines lock the joint, or exchange or ignore the limits",
+    "exchange the limits: otherwise, engines lock the joint, exchange its limits or ignore them",
     word="upper",
 )
 _JOINT_COLLISION = Kind("stage.joint_collision", "warning", "author physics:collisionEnabled = false")

@@ -64,7 +64,7 @@ def select(scene: Scene, root: str | None, notes: list[Finding]) -> Selection:
     if len(robots) > 1:
         firsts = ", ".join(g[0] for g in robots)
         raise StageError(
-            f"{place}: {len(robots)} robots, with {firsts}. Choose one by its root prim: "
+            f"{place}: {len(robots)} robots, whose first bodies are {firsts}. Choose one by its root prim: "
             "twin new NAME --from FILE --root PRIM."
         )
     members = [p for p in bodies if p in set(robots[0])]

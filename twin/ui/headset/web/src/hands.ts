@@ -22,7 +22,7 @@ import { pickNear, pickRay, rayOf } from './pick';
 
 const SLOTS = 4; // maximum number of input sources
 const DWELL = 1400; // ms of gaze at one target that count as a press
-const STILL = 0.02; // fraction of the panel by which the gaze may move meanwhile
+const STILL = 0.02; // motion of the gaze meanwhile, as a fraction of its distance (of 1 m, if the target is nearer)
 
 type Doing = 'nothing' | 'panel' | 'grab' | 'lead' | 'free';
 

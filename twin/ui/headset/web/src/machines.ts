@@ -16,7 +16,7 @@ const PHASES: Record<MachineState['phase'], string> = {
   replay: 'The machine and the model repeat the record.',
   done: 'The machine has repeated the record.',
   stopped: 'Stopped.',
-  follow: 'Machine solid; its desired joints as ghost.',
+  follow: 'Solid: the machine’s measured joints. Ghost: its desired joints.',
 };
 
 /** Buttons of the trainer: mode, label, hint. */
@@ -93,7 +93,7 @@ export class Machines {
   hear(message: Message): void {
     if (message.type === 'state' && message.machines) {
       this.state = message.machines;
-      // the page keeps the hands during a replay: silence would stop it
+      // the page keeps the hands during a replay: silent hands would stop it
       if (Object.values(message.machines.robots).some((r) => r.phase === 'replay')) this.app.console?.pens.use();
     }
     if (message.type !== 'deviations') return;
@@ -127,7 +127,7 @@ export class Machines {
     this.dress(state.view);
     const robots = this.names.map((n) => [n, state.robots[n]] as const);
     this.level.textContent = robots.map(([n, r]) => `${n}: ${r?.level ?? 'does not answer'}`).join('\n') +
-      (this.info.trains ? `\nView: ${state.view === 'real' ? 'machine solid, model ghost' : 'model solid, machine ghost'} (tap the camera pedal)` : '');
+      (this.info.trains ? `\nView: ${state.view === 'real' ? 'machine solid, model ghost' : 'model solid, machine ghost'} (tap the camera pedal to switch)` : '');
     const one = robots[0]?.[1];
     const bad = robots.map(([, r]) => r?.problem ?? r?.why ?? '').find((t) => t) ?? '';
     this.said.textContent = bad || (one ? PHASES[one.phase] : '');
@@ -140,7 +140,7 @@ export class Machines {
     this.draw();
   }
 
-  /** Make the arms solid and the others ghosts. */
+  /** Draw machines solid and models as ghosts, or the reverse, as the view requires. */
   private dress(view: MachinesState['view']): void {
     const loaded = this.app.members.filter((m) => m.robot).length;
     const now = `${view} ${loaded}`;
@@ -153,7 +153,7 @@ export class Machines {
     this.app.world.dirty = true;
   }
 
-  /** Width in pixels that the panel covers at the left; 0 on a phone, where it lies across. */
+  /** Width in pixels that the panel covers at the left; 0 on a phone, where it spans the width. */
   covers(): number {
     const { right } = this.board.getBoundingClientRect();
     return right < window.innerWidth / 2 ? right : 0;
@@ -167,7 +167,7 @@ export class Machines {
     if (now === this.around) return;
     this.around = now;
     Object.assign(this.board.style, { top: `${top}px`, maxHeight: `${high}px` });
-    // The buttons and what is said are always seen; the rest only where there is room above the small picture.
+    // The buttons and the message are always visible; the rest only if there is space above the small picture.
     const spare = [this.apart, this.curve, this.title];
     const over = () => this.board.scrollHeight - this.board.clientHeight;
     for (const part of spare) part.hidden = false;

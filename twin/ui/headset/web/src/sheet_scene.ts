@@ -32,7 +32,7 @@ export function scene(app: App): Tab {
   if (around)
     rows.push([
       toggle('surroundings', 'Surroundings', () => !app.hidden, () => (app.hidden = !app.hidden)),
-      toggle('through', 'See through them', () => app.surroundings.seeThrough, () => {
+      toggle('through', 'Transparent', () => app.surroundings.seeThrough, () => {
         app.surroundings.seeThrough = !app.surroundings.seeThrough;
       }),
     ]);
@@ -109,7 +109,7 @@ export function scene(app: App): Tab {
           on: () => app.place.placing,
           off: () => !app.xr.canPlace,
           press: () => app.place.begin(),
-          hint: 'In AR',
+          hint: 'Only in AR',
         },
         {
           kind: 'button',
