@@ -464,7 +464,7 @@ def test_a_motion_is_planned_and_made_on_the_page(look):
     T[:3, 3] += 0.004 * front.console.view[:3, 0]
     front.ask("left", lambda: front._move("left", "page 1", T, True))
     until(lambda: np.allclose(front.console.moved("left"), T, atol=1e-6), "the moved target")
-    page.get_by_text("Left hand: psm2 rests, its target follows").wait_for()
+    page.get_by_text("Left hand: psm2 is at rest; its target follows").wait_for()
     page.get_by_role("button", name="Plan a motion").click()
     page.get_by_text("Clearance of the motion").wait_for()
     page.get_by_text("proven 4.5 mm").wait_for()

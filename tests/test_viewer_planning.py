@@ -149,7 +149,7 @@ def test_a_target_is_moved_by_the_arrows_and_the_arm_rests(front):
     for name, T_base_body in poses.items():
         np.testing.assert_allclose(seen[name], T_base_body[:3, 3], atol=1e-6)
     assert "Move the target of raven_left: it may pass through anything" in front._status.content
-    assert "Left hand: raven_left rests, its target follows" in front._status.content
+    assert "Left hand: raven_left is at rest; its target follows" in front._status.content
 
 
 def test_the_ghost_is_red_where_the_target_is_not_free(front):

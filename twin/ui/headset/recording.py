@@ -74,7 +74,7 @@ class Recording:
         Raises:
             RefusedError: the maximum number or total size of recordings is reached.
         """
-        if self._saved >= FILES or self._written + self._size >= IN_ALL:
+        if self._saved >= FILES or self._written >= IN_ALL:
             text = (
                 f"{self._saved} recordings with {self._written / 1e6:.0f} MB: one run of the server records at most "
                 f"{FILES} recordings and {IN_ALL / 1e6:.0f} MB; start the server again"

@@ -128,7 +128,7 @@ class LiveConsole:
     # -- the task -------------------------------------------------------------------------------------
 
     def _begin(self) -> None:
-        """Make the World of a new attempt; if this fails, the present one stays."""
+        """Make the World of a new attempt; if this fails, the present World remains."""
         path, attempt = self._session, self.attempt + 1
         if path is not None and attempt > 1:
             path = path.with_name(f"{path.stem}-{attempt}{path.suffix}")
@@ -360,7 +360,7 @@ class LiveConsole:
         self.device.feel(on)
 
     def choose_fulcrum(self, client: str, fulcrum: Fulcrum) -> None:
-        """Choose the end of the instruments that the hands control.
+        """Choose which end of the instruments the hands control.
 
         Raises:
             HeldError: another client controls the hands.

@@ -493,6 +493,6 @@ def hand_text(reading: Mapping[str, Any], hand: str) -> tuple[str, str]:
     now = reading["hands"][hand]
     plan = reading["plan"]
     aims = plan is not None and plan["phase"] == "aim" and now["follows"]
-    doing = now["wall"] or ("rests, its target follows" if aims else "follows" if now["follows"] else "is at rest")
+    doing = now["wall"] or ("is at rest; its target follows" if aims else "follows" if now["follows"] else "is at rest")
     tone = "warn" if now["wall"] else "good" if now["follows"] else "plain"
     return tone, f"{hand.capitalize()} hand: {now['robot']} {doing}"
