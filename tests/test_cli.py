@@ -469,7 +469,10 @@ WRONG = {
     "misspelt equation": (["validate", "sils", "--variant", "eq11=printed"], "there is no equation 'eq11'. Did you"),
     "misspelt variant": (["validate", "sils", "--variant", "eq1=printd"], "there is no variant 'printd'. Did you mean"),
     "misspelt bare variant": (["validate", "sils", "--variant", "litteral"], "Did you mean 'literal'?"),
-    "bare and pair": (["validate", "sils", "--variant", "printed", "--variant", "eq1=printed"], "not both"),
+    "bare and pair": (
+        ["validate", "sils", "--variant", "printed", "--variant", "eq1=printed"],
+        "alone, or only EQ=NAME",
+    ),
     "equation twice": (["validate", "sils", "--variant", "eq1=printed", "--variant", "eq1=corrected"], "given twice"),
     "tolerance is text": (["validate", "sils", "--tolerance-um", "wide"], "invalid float value: 'wide'"),
     "tolerance is zero": (["validate", "sils", "--tolerance-um", "0"], "give a positive number of micrometres"),

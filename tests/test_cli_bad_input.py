@@ -498,3 +498,19 @@ def test_full_output(robot, tmp_path, tmp_path_factory, argv, most, cache):
     assert "Traceback" not in done.stderr
     assert "pxrInternal" not in done.stderr
     assert everything(tmp_path) == before
+
+
+@pytest.mark.parametrize("command", ["operate sher", "operate raven", "tolerance sils", "selftest sils", "plan sils"])
+def test_a_negative_seed_is_refused(command, capsys):
+    assert main([*command.split(), "--seed", "-1"]) == 2
+    assert "argument --seed: -1 is too small: give a whole number, at least 0" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("option", "least"), [("sessions", 0), ("processes", 1)])
+def test_a_campaign_needs_numbers_that_are_possible(option, least, capsys):
+    """A slice would take `--sessions -1` for all sessions but the last."""
+    assert main(["hazards", "raven_left", f"--{option}", str(least - 1)]) == 2
+    assert (
+        f"argument --{option}: {least - 1} is too small: give a whole number, at least {least}"
+        in capsys.readouterr().err
+    )

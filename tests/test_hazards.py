@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 from collections import Counter
+from dataclasses import asdict, fields
 from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
@@ -17,11 +18,11 @@ import numpy as np
 import pytest
 
 import twin
-from twin.api.hazards import FILE, Share, campaign_file, hazards, outcomes
+from twin.api.hazards import FILE, Share, _require_own, campaign_file, hazards, outcomes
 from twin.api.machine import machine_parts
 from twin.cli import main
 from twin.core.errors import DescriptionError, OutputError
-from twin.simulation.hazards.attacked import Arena, Session
+from twin.simulation.hazards.attacked import Arena, Outcome, Session
 from twin.simulation.hazards.campaign import FREE, load
 from twin.simulation.hazards.detection import Adaptive
 from twin.simulation.hazards.fault import Fault
@@ -161,6 +162,7 @@ def test_a_log_goes_on_after_a_line_that_was_cut(tmp_path):
         ("[1]\n", "another campaign"),
         ("nonsense\n", "not the log of a campaign"),
         (json.dumps(HEAD) + "\n{}\n", "not the log of a campaign"),
+        ("notes without an end of line", "not the log of a campaign"),
     ],
 )
 def test_another_log_is_refused_and_kept(tmp_path, text, message):
@@ -168,6 +170,40 @@ def test_another_log_is_refused_and_kept(tmp_path, text, message):
     with pytest.raises(OutputError, match=message):
         Log(tmp_path / FILE, HEAD)
     assert (tmp_path / FILE).read_text() == text
+
+
+def test_a_log_has_one_writer_at_a_time(tmp_path):
+    log = Log(tmp_path / FILE, HEAD)
+    with pytest.raises(OutputError, match="another campaign is running with the log"):
+        Log(tmp_path / FILE, HEAD)
+    log.add({"index": 3})
+    log.close()
+    again = Log(tmp_path / FILE, HEAD)
+    assert again.rows == {3: {"index": 3}}
+    again.close()
+
+
+def test_a_log_that_cannot_be_written_is_named(tmp_path):
+    (tmp_path / FILE).mkdir()
+    with pytest.raises(OutputError, match=f"cannot write to .*{FILE}: Is a directory; give another --out"):
+        Log(tmp_path / FILE, HEAD)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"index": 5000}, r"session 5000: index is 5000; expected '0 to 2099': delete its line"),
+        ({"value": 7.5}, r"session 3: value is 7.5; expected "),
+        ({"peak": None}, r"session 3: peak is missing: delete its line"),
+    ],
+)
+def test_a_log_with_a_line_of_another_session_is_refused(tmp_path, plan, change, message):
+    row = asdict(plan.draw(3)) | dict.fromkeys((f.name for f in fields(Outcome)), 0) | {"response": None} | change
+    log = Log(tmp_path / FILE, HEAD)
+    log.add({k: v for k, v in row.items() if v is not None or k == "response"})
+    with pytest.raises(OutputError, match=message):
+        _require_own(plan, log)
+    log.close()
 
 
 def test_a_jump_is_felt_in_the_tick_after_3_mm(arena):

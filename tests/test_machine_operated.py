@@ -123,6 +123,8 @@ def test_a_twin_follows_a_machine_process():
     [
         ([], "give either --states HOST:PORT (TCP port of a `twin machine`) or --packets PORT"),
         (["--states", "a:b"], "--states a:b: give HOST:PORT or PORT"),
+        (["--states", "\u00b2"], "--states \u00b2: give HOST:PORT or PORT"),  # a superscript is a digit for Python
+        (["--states", "a..b:9"], "no machine sends states at a..b:9: "),
         (["--states", "9"], "no machine sends states at 127.0.0.1:9"),
     ],
 )

@@ -174,7 +174,7 @@ def test_the_report_takes_the_score_of_this_robot_and_no_other(bench, tmp_path):
     [
         (["--family", "colour"], "there is no family 'colour'"),
         (["--count", "0"], "--count 0"),
-        (["--seed", "-1"], "--seed -1"),
+        (["--seed", "-1"], "--seed: -1 is too small"),
         (["--protocol", "nowhere"], "nowhere"),
     ],
 )

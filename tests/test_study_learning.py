@@ -130,6 +130,7 @@ def test_sim_tlx_is_compared_as_it_is_with_the_reason(tmp_path):
         (answers("ssq", ("A", 1), ("B", 4)), r"users\.csv:3: ssq_1 is 4; give an integer, 0 to 3"),
         (answers("ueq", ("A", 1), ("B", 0)), r"users\.csv:3: ueq_1 is 0; give an integer, 1 to 7"),
         (answers("ueq", ("A", 1)).replace("ueq_26", "ueq_27"), "ueq_26 is missing"),
+        ("group,time\nA,1\nA,2\n ,3\nB,4\n", ":4: group is empty; give the name of the user's group"),
         ("group,time,time\nA,1,2\nB,1,2\n", "the header has 'time' twice"),
         ("group,time\nA,1\nB,2\n", "every group has only one session or user"),
         ("group,session,time\nA,,1\nB,1,2\n", r"users\.csv:2: session is ''; give the number of the session"),
@@ -193,7 +194,7 @@ def test_measures_of_a_peg_board_are_the_papers():
 
 def test_sessions_that_cannot_be_compared_are_refused(four, tmp_path):
     other = session(tmp_path, "other", 80, task="pegboard")
-    with pytest.raises(DescriptionError, match=r"session of davinci, task pegboard: all must be of one task"):
+    with pytest.raises(DescriptionError, match=r"session of davinci, task pegboard: the tasks must be equal"):
         study_sessions({**four, "last": [other]})
     with pytest.raises(DescriptionError, match="give a second one to compare"):
         study_sessions({"first": four["first"]})

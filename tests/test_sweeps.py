@@ -455,7 +455,7 @@ def test_a_sweep_stops_and_goes_on(tmp_path, capsys):
         (["--vary", "l_p=120..150mm", "--objective", "beauty"], "objective 'beauty'"),
         (["--vary", "l_p=120..150mm", "--objective", "tolerance"], "depends on the mechanism only"),
         (["--vary", "bar1:r12-s1=570..580mm", "--objective", "volume"], "a distance of the mechanism"),
-        (["--vary", "l_p=120..150mm", "--grid", "1"], "--grid: give at least 2 levels"),
+        (["--vary", "l_p=120..150mm", "--grid", "1"], "--grid 1: give at least 2"),
         (["--vary", "l_p=120..150mm", "--workers", "0"], "--workers 0: give at least 1"),
     ],
 )

@@ -20,6 +20,7 @@ import sys
 import time
 from collections import defaultdict
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -45,14 +46,17 @@ TICKS = os.sysconf("SC_CLK_TCK")
 
 
 async def serve() -> None:
-    """Serve the scene with its organs under rods, and print the port; end with the input."""
-    scene = api.load_scene("vsrs")
-    robots, props = scenes.content(scene)
-    shown = served.of_scene(scene, robots, props, False, Pressed())
+    """Serve the scene with its organs under rods, and print the port; end with the input.
+
+    For each line of input, it prints the time in s and the number of steps that the organs have done.
+    """
+    feed = Pressed()
+    shown = served.of_scene(replace(scenes.load(api.load_scene("vsrs")), feed=feed), False)
     streaming.PAGE.update(page_files(HERE / "twin/ui/headset/web/dist", shown.preload) | dict(shown.late))
     async with streaming.serving(lambda: shown, plans=False) as s:
         print(s.port, flush=True)
-        await asyncio.to_thread(sys.stdin.read)
+        while await asyncio.to_thread(sys.stdin.readline):
+            print(time.monotonic(), feed.organs._steps, flush=True)
 
 
 async def listen(port: int, seconds: float) -> None:
@@ -77,6 +81,15 @@ async def listen(port: int, seconds: float) -> None:
         "torn": sum(organs.torn(f) for f in frames),
     }
     print(json.dumps(found | {f"p{p}": float(np.percentile(age, p)) for p in (50, 95)}))
+
+
+def stepped(server: subprocess.Popen[str]) -> np.ndarray:
+    """Return the time in s and the number of steps that the organs of the server have done."""
+    assert server.stdin is not None
+    assert server.stdout is not None
+    server.stdin.write("\n")
+    server.stdin.flush()
+    return np.array(server.stdout.readline().split(), float)
 
 
 def used(server: int) -> dict[str, float]:
@@ -126,9 +139,11 @@ def main() -> int:
             with subprocess.Popen(client, stdout=subprocess.PIPE, **apart) as listener:
                 assert listener.stdout is not None
                 listener.stdout.readline()
+                first = stepped(server)
                 before, counts, start = used(server.pid), [p("twin.app.line.frames") for p in pages], time.monotonic()
                 listener.stdout.readline()
                 passed, after = time.monotonic() - start, used(server.pid)
+                took, steps = stepped(server) - first
                 rates = [(p("twin.app.line.frames") - n) / passed for p, n in zip(pages, counts, strict=True)]
                 found = json.loads(listener.stdout.read())
     finally:
@@ -136,6 +151,7 @@ def main() -> int:
         server.wait(20)
     rate = found["hz"] * found["bytes"] / 1e6
     print(f"client: {found['hz']:.1f} Hz, {found['bytes']:.0f} bytes a frame, {rate:.2f} MB/s, {found['torn']} torn")
+    print(f"organs: {steps / took:.2f} steps a second")
     print(f"age: p50 {found['p50']:.1f} ms, p95 {found['p95']:.1f} ms")
     print(f"pages: {', '.join(f'{r:.1f}' for r in rates)} frames/s received")
     shares = {kind: 100 * (after[kind] - before[kind]) / passed for kind in after}

@@ -16,7 +16,7 @@ from twin.core.errors import TwinError
 from twin.core.units import MM
 
 _POSITIONS = 50_000_000
-"""Maximum number of positions; each takes 16 bytes on disk and 16 bytes in memory."""
+"""Maximum number of positions; each takes 16 bytes, in memory or on disk."""
 
 
 def workspace(

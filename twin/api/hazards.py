@@ -8,18 +8,19 @@ import os
 import time
 import tomllib
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from functools import lru_cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from twin.api.machine import machine_parts
 from twin.api.robot import Progress, Robot, load, silent
-from twin.core.errors import TwinError
+from twin.core.errors import OutputError, TwinError
 
 if TYPE_CHECKING:
     from twin.simulation.hazards.attacked import Arena
     from twin.simulation.hazards.campaign import Campaign
+    from twin.simulation.hazards.log import Log
     from twin.simulation.hazards.summary import Hazards
     from twin.simulation.hazards.trends import Trends
     from twin.simulation.machine.machine import Parts
@@ -100,6 +101,11 @@ def hazards(
     s = parts.settings
     run = {"mode": s.mode, "overdrive": s.overdrive, "released": s.released.model_dump()}
     log = Log(folder / FILE, {"log": "twin-hazards", "version": 2, "robot": robot.name, "campaign": digest, **run})
+    try:
+        _require_own(plan, log)
+    except TwinError:
+        log.close()
+        raise
     left = [i for i in range(len(plan)) if i not in log.rows][: len(plan) if sessions is None else sessions]
     count, many = max(1, min(processes or os.cpu_count() or 1, len(left))), len(left)
     streams: list[Stream[dict[str, Any]]] = [Stream(outcomes) for _ in range(count if left else 0)]
@@ -141,6 +147,27 @@ def hazards(
     return Hazards(robot.name, plan.table, len(plan), rows, assumed)
 
 
+def _require_own(plan: Campaign, log: Log) -> None:
+    """Raise an error if a line of the log is not the outcome of a session of the campaign.
+
+    Raises:
+        OutputError: a session is not one of the campaign, its fault differs, or a value is missing.
+    """
+    from twin.simulation.hazards.attacked import Outcome
+
+    needed = {"response", *(f.name for f in fields(Outcome))}
+    for index, row in log.rows.items():
+        drawn = asdict(plan.draw(index)) if 0 <= index < len(plan) else {"index": f"0 to {len(plan) - 1}"}
+        wrong = [key for key, value in drawn.items() if row.get(key) != value] or sorted(needed - row.keys())
+        if wrong:
+            said = f"{wrong[0]} is {row[wrong[0]]!r}" if wrong[0] in row else f"{wrong[0]} is missing"
+            expected = f"; expected {drawn[wrong[0]]!r}" if wrong[0] in drawn else ""
+            raise OutputError(
+                f"{log.path}: session {index}: {said}{expected}: delete its line, and it runs again, or give another "
+                "--out"
+            )
+
+
 def outcomes(share: Share) -> Iterator[dict[str, Any]]:
     """Yield the line of each session of a share; this runs in a separate process."""
     from twin.simulation.hazards.attacked import Session
@@ -171,7 +198,8 @@ def _arena(robot: str, campaign: str, software: Software) -> tuple[Campaign, Are
 def trends(robot: Robot, *, software: Software = _AS_FILED, progress: Progress = silent) -> Trends:
     """Run the experiments of the second paper (sections 3.1 and 3.2.1), see `twin.simulation.hazards.trends`.
 
-    They are the deviation of machine and model at each motion scale, and a motor command that is stuck every 8 s.
+    The experiments measure the deviation of the model from the machine: at each motion scale, and with a motor command
+    that is stuck every 8 s.
 
     Args:
         robot: a robot with machine.toml.
@@ -197,7 +225,7 @@ def campaign_file(robot: Robot, campaign: str | Path) -> Path:
         return Path(campaign)
     path = robot.files.cad / "campaigns" / f"{campaign}.toml"
     known: dict[str, Any] = {}
-    with contextlib.suppress(OSError, ValueError, RecursionError):  # the reader of the campaign names the mistake
+    with contextlib.suppress(OSError, ValueError, RecursionError):  # the reader of the campaign reports the error
         known = tomllib.loads(path.read_text(encoding="utf-8"))
     other = known.get("same_as") if len(known) == 1 else None
     return (path.parent / other).resolve() if isinstance(other, str) else path

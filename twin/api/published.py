@@ -320,7 +320,7 @@ def equations_of_motion(robot: Robot, states: int = 200, seed: int = 0) -> Publi
     form = robot.formula.motion if robot.formula is not None else None
     if form is None or robot.files is None:
         raise TwinError(
-            f"{robot.name} has no published equations of motion; of the built-in robots, only raven_left has them"
+            f"{robot.name} has no published equations of motion; of the built-in robots, raven_left and raven_right do"
         )
     dynamics = arm(robot.mechanism, inertia.of_robot(robot.files.cad)).dynamics()
     return PublishedMotion(robot.name, form.source, states, judge(form, dynamics, states, seed))

@@ -1,4 +1,4 @@
-"""The parser of the command line, and the arguments that several commands have; those of one are in its file."""
+"""The parser of the command line, and the arguments of several commands; those of a single command are in its file."""
 
 from __future__ import annotations
 
@@ -95,9 +95,15 @@ class Command(_Parser):
         shown = "" if default is None else f" (default {default:.12g})"
         self.add_argument(name, type=kind, default=default, metavar=metavar, help=text + shown)
 
-    def integer(self, name: str, text: str, default: int | None = None, metavar: str = "N") -> None:
-        """Add an option with a whole number, as `number` does."""
-        self.number(name, metavar, text, default, int)
+    def integer(
+        self, name: str, text: str, default: int | None = None, metavar: str = "N", least: int | None = None
+    ) -> None:
+        """Add an option with a whole number, as `number` does; smaller numbers than `least` are refused."""
+        self.number(name, metavar, text, default, int if least is None else _at_least(least))
+
+    def seed(self, text: str) -> None:
+        """Add --seed."""
+        self.integer("--seed", text, 0, least=0)
 
     def choice(self, name: str, choices: tuple[str, ...], text: str, default: str | None = None) -> None:
         """Add an option with a few possible values."""
@@ -164,7 +170,7 @@ class Command(_Parser):
         self.flag("--no-browser", "do not open a browser")
 
     def machines(self) -> None:
-        """Add the option for machines that run already."""
+        """Add the option for machines that are already running."""
         text = (
             "robot of the scene whose `twin machine` is already running, with its host, UDP port of packets and TCP "
             "port of states; this command starts the other machines"
@@ -184,6 +190,18 @@ class Command(_Parser):
         """Add the option --scheduler."""
         text = "address of a Dask scheduler, as in tcp://10.0.0.1:8786, or `local` for Dask worker processes on this "
         self.text("--scheduler", "ADDRESS", text + "machine")
+
+
+def _at_least(least: int) -> Callable[[str], int]:
+    """Return the conversion of a text to a whole number that is not below `least`."""
+
+    def convert(text: str) -> int:
+        if (value := int(text)) < least:
+            raise argparse.ArgumentTypeError(f"{text} is too small: give a whole number, at least {least}")
+        return value
+
+    convert.__name__ = int.__name__  # argparse names it in its message about a text that is not a number
+    return convert
 
 
 def port_number(text: str) -> int:

@@ -92,7 +92,8 @@ class Kernel:
             out: float64 arrays (c, k) to fill and return, which saves allocations; None: new arrays.
 
         Raises:
-            ValueError: an array has a wrong shape, or an array of `out` is not contiguous float64.
+            ValueError: an array has a wrong shape, an array of `out` is not contiguous float64, or `carry` is missing
+                or has a wrong size.
         """
         if len(arrays) != len(self.inputs):
             raise ValueError(f"{len(arrays)} arrays given, expected one for each of {', '.join(self.inputs)}")

@@ -41,8 +41,8 @@ _COMMIT, _UNDO = "commit", "undo"
 def atomic_folder(target: Path, replacing: Collection[str] = ()) -> Iterator[Path]:
     """Yield a temporary folder; move its files into `target` when the block ends without an error.
 
-    Files that the block does not write stay unchanged. On any error `target` stays unchanged. `replacing` has files of
-    the target that are removed in the same step, unless they are written again.
+    Files that the block does not write stay unchanged. On any error `target` stays unchanged. `replacing` has paths,
+    relative to the target, of old files: a file that the block does not write again is removed in the same step.
 
     Raises:
         OutputError: the target cannot be written (read-only, full, a file with the name of a folder).
@@ -75,7 +75,7 @@ class _ProbeError(Exception):
 
 
 def require_writable(target: Path) -> None:
-    """Raise an error if `atomic_folder` could not write to the target; to be called before a long computation.
+    """Raise an error if `atomic_folder` could not write to the target; call this before a long computation.
 
     Raises:
         OutputError: the target cannot be written (read-only, full, a file with the name of a folder).
@@ -238,10 +238,10 @@ def _back(base: Path, own: Path) -> None:
 
 
 def _inside(base: Path, name: str) -> Path:
-    """Return the path of a file in a journal, if it is inside `base`; another user may have written the journal.
+    """Return the path of a file named in a journal, which another user may have written.
 
     Raises:
-        ValueError: the path is outside the folder.
+        ValueError: the path is outside `base`.
     """
     path = base / name
     if not path.parent.resolve().is_relative_to(base.resolve()) or ".." in Path(name).parts:

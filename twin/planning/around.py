@@ -73,7 +73,7 @@ def around(
         cancelled: asked every few milliseconds, in the same thread; once it is true, the search ends. None: never.
         cost: what the search minimises; None: the length of the path.
         straight: whether a free straight path is returned without a search; False if its cost may not be the smallest.
-        samples: number of samples up to which the first path found is improved; 0: it is not.
+        samples: maximum number of samples by which the first path found is improved; 0: it is returned as found.
         grown: called after each search with its tree; not called if the straight path is free.
         ended: called after each round, which is a search or an improvement; not called if the straight path is free.
 
@@ -229,13 +229,12 @@ def improved(
 
 
 def _polished(search: Search, way: Way, rng: np.random.Generator) -> Way:
-    """Return a way with more shortcuts, or the same way if its path is then not free."""
-    corners = way.corners
+    """Return a way with more shortcuts: each time, as many more as its rounded corners allow."""
     for _ in range(_POLISHED):
-        corners = shortened(search.space, corners, rng, search.cost)
-    trials = (rounded(corners, search.space.weights, width) for width in _WIDTHS)
-    curve = next((curve for curve in trials if search.space.free_along(curve)), None)
-    return way if curve is None else Way(corners, curve)
+        stages = [way.corners, *shortcuts(search.space, way.corners, rng, search.cost, partial=True)]
+        if len(stages) > 1:
+            way = _way(search.space, stages) or way
+    return way
 
 
 def _enclosed(reached: tuple[int, int], count: int) -> str:
@@ -248,36 +247,62 @@ def _enclosed(reached: tuple[int, int], count: int) -> str:
     return f"; {' and '.join(text)}" if text else ""
 
 
-def shortened(space: Space, corners: Array, rng: np.random.Generator, cost: Cost | None = None) -> Array:
-    """Return the corners (k, n) of a path with all its `shortcuts`."""
-    return [corners, *shortcuts(space, corners, rng, cost)][-1]
+def shortcuts(
+    space: Space, corners: Array, rng: np.random.Generator, cost: Cost | None = None, *, partial: bool = False
+) -> Iterator[Array]:
+    """Yield the corners (k, n) of a path with one, two, ... detours replaced by shorter parts, where these are free.
 
-
-def shortcuts(space: Space, corners: Array, rng: np.random.Generator, cost: Cost | None = None) -> Iterator[Array]:
-    """Yield the corners (k, n) of a path with one, two, ... detours replaced by straight parts, where these are free.
-
-    In each round, straight paths between random pairs of points are tested together, and the one is taken that lowers
-    the cost of the path most; `cost` None: its length.
+    In each round, shortcuts between random pairs of points are tested together, and the one is taken that lowers the
+    cost of the path most; `cost` None: its length. A shortcut is straight. `partial`: every second one is straight in
+    some joints only, drawn at random, and the others move as before; this shortens paths along obstacles, where no
+    straight shortcut is free (R. Geraerts, M. H. Overmars, "Creating high-quality paths for motion planning", Int. J.
+    Robotics Research 26(8), 2007).
     """
     points, cost = np.asarray(corners), cost or length(space.weights)
+    straight = np.ones((_SHORTCUTS, points.shape[1]), bool)
     for _ in range(_ROUNDS_OF_SHORTCUTS):
         if len(points) < 3:
             break
         along = _along(points * space.weights)
         ends = np.sort(rng.uniform(0.0, along[-1], (_SHORTCUTS, 2)), axis=1)
+        if partial:
+            straight[::2] = rng.integers(0, 2, straight[::2].shape)
         i, j = (np.searchsorted(along, s, side="right") - 1 for s in ends.T)
-        ends, i, j = ends[i < j], i[i < j], np.minimum(j[i < j], len(points) - 2)
-        a, b = (np.column_stack([np.interp(s, along, column) for column in points.T]) for s in ends.T)
-        # all three parts are tested: the loops at a or b could be closed in another assembly mode
-        parts = np.concatenate([a, points[i], b]), np.concatenate([b, a, points[j + 1]])
+        j = np.minimum(j, len(points) - 2)
+        tried = np.flatnonzero(i < j)
+        if not len(tried):
+            continue
+        parts = [_shortcut(points, along, i[k], j[k], ends[k], straight[k]) for k in tried]
+        first = np.cumsum([0, *(len(p) - 1 for p in parts[:-1])])
+        pairs = np.concatenate([p[:-1] for p in parts]), np.concatenate([p[1:] for p in parts])
         until = np.concatenate([[0.0], np.cumsum(cost(points[:-1], points[1:]))])
-        gain = until[j + 1] - until[i] - cost(*parts).reshape(3, -1).sum(axis=0)
-        gain[~space.free_each(*parts).reshape(3, -1).all(axis=0)] = 0.0
+        gain = until[j[tried] + 1] - until[i[tried]] - np.add.reduceat(cost(*pairs), first)
+        # all connections are tested: the loops at the ends of a straight part could be closed in another assembly mode
+        gain[~np.logical_and.reduceat(space.free_each(*pairs), first)] = 0.0
         if gain.max(initial=0.0) <= 0.0:
             continue
         k = int(np.argmax(gain))
-        points = np.concatenate([points[: i[k] + 1], a[[k]], b[[k]], points[j[k] + 1 :]])
+        points = np.concatenate([points[: i[tried[k]]], parts[k], points[j[tried[k]] + 2 :]])
         yield points
+
+
+def _shortcut(points: Array, along: Array, i: int, j: int, ends: Array, straight: np.ndarray) -> Array:
+    """Return the corners (m, n) of a path from corner i to corner j + 1 with a shortcut between two points.
+
+    Args:
+        points: (k, n) corners of the path.
+        along: (k,) length of the path up to each corner.
+        i: row of the last corner before the shortcut.
+        j: row of the last corner before the end of the shortcut.
+        ends: (2,) length of the path up to the start and the end of the shortcut.
+        straight: (n,) bool: joints that move in a straight line; the others move as before.
+    """
+    a, b = (np.array([np.interp(s, along, column) for column in points.T]) for s in ends)
+    if straight.all():
+        return np.array([points[i], a, b, points[j + 1]])
+    share = (along[i + 1 : j + 1, None] - ends[0]) / (ends[1] - ends[0])
+    between = np.where(straight, a + share * (b - a), points[i + 1 : j + 1])
+    return np.concatenate([[points[i], a], between, [b, points[j + 1]]])
 
 
 def rounded(corners: Array, weights: Array, width: float) -> Smooth:

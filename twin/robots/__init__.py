@@ -56,7 +56,7 @@ def load_formula(
         name: name of the robot, for a plain formula; default: the name of its folder.
         driven: function called for a plain formula. It returns ((name, is_angle) of each active joint in order, a tool
             pose (4, 4), q at this pose or None); solvers start at this pose.
-        trial: whether the file is a copy of a file that was run before; else a notice that its code is run is logged.
+        trial: whether the file is a copy of a file that was run before; if not, a notice is logged that its code runs.
         read: function that returns the bytes of a file outside this package.
 
     Raises:

@@ -176,8 +176,8 @@ def compare(path: Path) -> Ranks:
     the last sessions of all groups are compared with each other, and in each group the first session with the last.
 
     Raises:
-        DescriptionError: the column is missing, there is only one group, every group has only one value, or a cell is
-            not a number (with its line number).
+        DescriptionError: the column `group` is missing, there is only one group, every group has only one value, or a
+            cell is not a number (with its line number).
     """
     return compare_users(_read(path), str(path))
 
@@ -271,7 +271,9 @@ def _read(path: Path) -> Users:
             continue
         if len(row) != len(head):
             raise DescriptionError(f"{path}:{line}: {len(row)} cells; the header has {len(head)}")
-        groups.append(row[at].strip())
+        if not (group := row[at].strip()):
+            raise DescriptionError(f"{path}:{line}: {_GROUP} is empty; give the name of the user's group")
+        groups.append(group)
         lines.append(line)
         for i, measure in numbers:
             columns[measure].append(_number(row[i].strip(), f"{path}:{line}: {measure}", measure != _SESSION))

@@ -72,7 +72,7 @@ def _mirror(robot: Robot, args: argparse.Namespace) -> Mirror:
         print(f"{robot.name}: joint packets to 127.0.0.1:{source.port} (UDP)", flush=True)
         return Mirror(robot, source)
     host, _, port = args.states.rpartition(":")
-    if not (port.isdigit() and 0 < int(port) < 65536):
+    if not (port.isascii() and port.isdigit() and 0 < int(port) < 65536):
         raise TwinError(f"--states {args.states}: give HOST:PORT or PORT, such as 127.0.0.1:36001")
     return Mirror(robot, StateReader(host or "127.0.0.1", int(port), n))
 
@@ -82,5 +82,5 @@ def _view(args: argparse.Namespace, port: int, mirror: Mirror) -> int:
     from twin.cli.viewing import show_page
     from twin.ui.viewer.mirror import MirrorFront
 
-    advice, title = "every connected client can look", f"twin · {mirror.name}"
+    advice, title = "every connected client can watch, but not control", f"twin · {mirror.name}"
     return show_page(args, mirror.name, port, advice, lambda server, end, _: MirrorFront(title, mirror, server, end))

@@ -24,8 +24,9 @@ def arguments(command: Command) -> None:
     command.flag("--trends", text)
     text = "name of a campaign of the robot, or path of a file (default table1)"
     command.text("--campaign", "NAME", text, default="table1")
-    command.integer("--sessions", "maximum number of sessions to run now (default: all that are not yet in the log)")
-    command.integer("--processes", "number of processes (default: number of processors)")
+    text = "maximum number of sessions to run now (default: all that are not yet in the log)"
+    command.integer("--sessions", text, least=0)
+    command.integer("--processes", "number of processes (default: number of processors)", least=1)
     command.out("./twin-out/<robot>/<name>-hazards/")
 
 

@@ -39,7 +39,7 @@ def arguments(command: Command) -> None:
     command.text("--mistake", "NAME", text)
     command.choice("--haptics", ("on", "off"), "compute forces on the hands (the operator does not react)")
     command.out("./twin-out/<robot>/<protocol>-operator/")
-    command.integer("--seed", "random seed of the simulated hand; each further trial adds 1", 0)
+    command.seed("random seed of the simulated hand; each further trial adds 1")
     command.integer("--trials", "number of trials, or of motions of a machine", 1)
     command.machines()
     text = (

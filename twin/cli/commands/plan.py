@@ -46,7 +46,7 @@ def arguments(command: Command) -> None:
         dest="beside",
     )
     command.number("--clearance-mm", "MM", "with --avoid: required minimum distance between bodies", _CLEARANCE)
-    command.integer("--seed", "with --avoid: seed of the random search", 0)
+    command.seed("with --avoid: seed of the random search")
     command.out("./twin-out/<robot>/<protocol>/")
 
 

@@ -24,7 +24,7 @@ def arguments(command: Command) -> None:
     command.text("--protocol", "NAME", "the protocol (default: the robot's default protocol)")
     command.text("--family", "NAMES", "comma-separated list of formula, cad, usd, units, timing (default all)")
     command.integer("--count", "number of faults", 118)
-    command.integer("--seed", "random seed", 0)
+    command.seed("random seed")
     command.out("./twin-out/<robot>/")
 
 
@@ -36,8 +36,6 @@ def run(args: argparse.Namespace) -> int:
 
     if args.count < 1:
         raise TwinError(f"--count {args.count}: give a number of faults, 1 or more")
-    if args.seed < 0:
-        raise TwinError(f"--seed {args.seed}: give a number that is not negative")
     families: tuple[Family, ...] = FAMILIES
     if args.family:
         asked = [f.strip() for f in args.family.split(",")]

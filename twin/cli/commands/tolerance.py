@@ -29,7 +29,7 @@ def arguments(command: Command) -> None:
     text = "required 95th-percentile position error (default: the requirement of the robot)"
     command.number("--require-um", "UM", text)
     command.number("--samples", "N", "number of Monte Carlo samples, at least 1000, or 0 for none", 20_000, count)
-    command.integer("--seed", "random seed", 0)
+    command.seed("random seed")
     command.out("./twin-out/<robot>/tolerance/")
 
 

@@ -68,7 +68,7 @@ class LoopSolver:
     """Closed-loop forward kinematics of a mechanism; shares no code with the reference model that checks it.
 
     Attributes:
-        equations: its loop equations.
+        equations: loop equations of the mechanism.
         blocks: blocks of equations, in the order of solution.
         q, home: active joints (n,) and unknowns in the rest poses, with closed loops.
     """

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fcntl
 import json
 import os
 from collections.abc import Mapping
@@ -22,11 +23,33 @@ class Log:
         """Open or create a log; an incomplete last line is removed.
 
         Raises:
-            OutputError: the file is the log of another campaign, or not a log.
+            OutputError: the file is the log of another campaign, or not a log; another process writes to it; or it
+                cannot be written.
         """
         self.path, self.rows = path, dict[int, dict[str, Any]]()
-        path.parent.mkdir(parents=True, exist_ok=True)
-        data = path.read_bytes() if path.is_file() else b""
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            self._file = path.open("a+b")
+        except OSError as error:
+            raise OutputError(f"cannot write to {path}: {error.strerror or error}; give another --out") from error
+        try:
+            self._resume(head)
+        except BaseException:
+            self.close()
+            raise
+
+    def _resume(self, head: Mapping[str, Any]) -> None:
+        """Lock the file, and read the lines that it has; write the first line of a new log."""
+        try:
+            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise OutputError(
+                f"another campaign is running with the log {self.path}: wait for its end, or give another --out"
+            ) from None
+        except OSError:  # a file system without locks
+            pass
+        self._file.seek(0)
+        data = self._file.read()
         whole = data[: data.rfind(b"\n") + 1]
         first, *lines = whole.decode("utf-8", "replace").splitlines() or [""]
         if whole:
@@ -35,13 +58,13 @@ class Log:
                 rows = [json.loads(line) for line in lines]
                 self.rows = {int(row["index"]): row for row in rows}
             except (ValueError, KeyError, TypeError) as error:
-                raise OutputError(f"{path} is not the log of a campaign ({error}); give another --out") from None
+                raise OutputError(f"{self.path} is not the log of a campaign ({error}); give another --out") from None
             if known != dict(head):
                 differ = ", ".join(k for k in head if not isinstance(known, dict) or known.get(k) != head[k])
-                raise OutputError(f"{path} is the log of another campaign (other {differ}); give another --out")
-        self._file = path.open("r+b" if data else "w+b")
+                raise OutputError(f"{self.path} is the log of another campaign (other {differ}); give another --out")
+        elif not _line(head).startswith(data):
+            raise OutputError(f"{self.path} is not the log of a campaign; give another --out")
         self._file.truncate(len(whole))
-        self._file.seek(len(whole))
         if not whole:
             self._write(head)
 
@@ -55,6 +78,11 @@ class Log:
         self._file.close()
 
     def _write(self, row: Mapping[str, Any]) -> None:
-        self._file.write(json.dumps(row).encode() + b"\n")
+        self._file.write(_line(row))
         self._file.flush()
         os.fsync(self._file.fileno())
+
+
+def _line(row: Mapping[str, Any]) -> bytes:
+    """Return a line of the log."""
+    return json.dumps(row).encode() + b"\n"

@@ -51,7 +51,7 @@ class Address:
             DeviceError: the text has another form, or a port is not 1 to 65535.
         """
         *host, port, states = [""] * (1 - text.count(":")) + text.rsplit(":", 2)
-        if not (port.isdigit() and states.isdigit() and all(host)):
+        if not (all(p.isascii() and p.isdigit() for p in (port, states)) and all(host)):
             raise DeviceError(
                 f"'{text}' is not the address of a machine: give HOST:PORT:STATEPORT, such as 127.0.0.1:36000:36001"
             )
@@ -80,10 +80,10 @@ class StateReader:
         self._heard = time.monotonic()
         try:
             self._socket = socket.create_connection((host, port), _CONNECT)
-        except OSError as error:
+        except (OSError, UnicodeError) as error:  # UnicodeError: a name that no host can have, such as "a..b"
             raise DeviceError(
-                f"no machine sends states at {host}:{port}: {error.strerror or error}; start it, as by "
-                f"`twin machine raven_left --state-port {port}`"
+                f"no machine sends states at {host}:{port}: {getattr(error, 'strerror', None) or error}; start it, for "
+                f"example with `twin machine raven_left --state-port {port}`"
             ) from error
         self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self._socket.settimeout(PATIENCE)

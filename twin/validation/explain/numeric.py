@@ -60,7 +60,7 @@ class Matrix(np.lib.mixins.NDArrayOperatorsMixin):
     def __getitem__(self, key: Any) -> Any:
         rows, columns = self.shape
         if not isinstance(key, tuple):
-            if columns != 1:  # as in CasADi, a single index counts down the columns
+            if columns != 1:  # as in CasADi, a single index counts column by column
                 flat = Matrix(np.swapaxes(self.a, 1, 2).reshape(len(self.a), -1, 1))
                 return flat[key, 0]
             key = (key, 0)
@@ -97,7 +97,7 @@ def _stack(args: tuple, axis: int) -> Any:
 
 
 def _elementwise(op: np.ufunc, count: int = 1) -> Callable:
-    """Return an elementwise function of `count` scalars or matrices (NumPy would use a further one as output)."""
+    """Return an elementwise function of `count` scalars or matrices (NumPy would use a further argument as output)."""
 
     def apply(*args: Any) -> Any:
         if len(args) != count:
