@@ -6,7 +6,6 @@ import argparse
 from pathlib import Path
 
 from twin.cli.parser import Command
-from twin.core.errors import TwinError
 
 EXAMPLES = """\
   twin hazards raven_left --campaign table1
@@ -40,9 +39,6 @@ def run(args: argparse.Namespace) -> int:
     from twin.api.hazards import hazards as campaign
     from twin.cli import show
 
-    for name, value, least in (("--sessions", args.sessions, 0), ("--processes", args.processes, 1)):
-        if value is not None and value < least:
-            raise TwinError(f"{name} {value}: give at least {least}")
     robot = api.load(args.robot)
     software = Software(args.mode, args.overdrive, None if args.released is None else tuple(args.released.split(",")))
     folder = show.folder(args, robot.name, "trends" if args.trends else f"{Path(args.campaign).stem}-hazards")
