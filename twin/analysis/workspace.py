@@ -231,7 +231,9 @@ class Workspace(Result):
 
     def _size(self, share: np.ndarray) -> dict[str, float | None]:
         """Return the size with its error; `share` (k,) is the fraction of orientations at each reached position."""
-        none = dict.fromkeys(("volume_dm3", "volume_error_dm3", "volume_every_orientation_dm3"))
+        none: dict[str, float | None] = dict.fromkeys(
+            ("volume_dm3", "volume_error_dm3", "volume_every_orientation_dm3")
+        )
         m = self.measure
         if m is None:
             return none
